@@ -1,0 +1,56 @@
+# The verbs of this repository. `make` alone prints them; each installs what it misses.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+VENV := .venv
+PYTEST := $(VENV)/bin/pytest
+
+.PHONY: help demo up down images test test-unit test-images test-e2e lint bench screenshots venv frontend-test clean
+
+help: ## print this list
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
+
+demo: ## the stack and three simulated robots, then URL, user and password
+	@tools/up --demo
+
+up: ## the stack alone
+	@tools/up
+
+down: ## stop the stack and the simulated robots; data stays
+	@tools/compose --demo down
+
+images: ## build all images
+	@tools/ensure_docker && tools/ensure_base_image && tools/build demo
+
+venv: $(VENV)/.complete ## the Python tools that tests and checks need
+
+$(VENV)/.complete: requirements/dev.txt tools/ensure_venv
+	@tools/ensure_venv $(VENV)
+
+test: lint test-unit frontend-test test-images test-e2e ## everything: checks, unit, images, end to end (under 25 minutes on two cores)
+
+lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint
+	@tools/lint
+
+test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH
+	@tools/ensure_test_hosts
+	@$(PYTEST) tests/unit
+
+frontend-test: ## the browser modules' own tests, in the image's Node.js
+	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
+
+test-images: venv images ## ask the daemons in the images what is in force
+	@$(PYTEST) tests/images
+
+test-e2e: venv images ## a browser and programs over a running stack of its own
+	@tools/ensure_test_hosts
+	@$(PYTEST) tests/e2e
+
+bench: venv ## latency of the whole path beside a bare ssh -R and straight rosbridge; needs make demo
+	@$(VENV)/bin/python tests/experiments/bench.py
+
+screenshots: venv ## pictures of all pages into tests/artifacts; needs make demo
+	@tools/ensure_test_hosts
+	@$(VENV)/bin/python tests/support/screenshots.py
+
+clean: ## remove what tests and tools made here (not the stack's data)
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache tests/artifacts

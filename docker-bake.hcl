@@ -1,0 +1,45 @@
+# All images in one build: `docker buildx bake`, called by tools/build.
+variable "CA_BUNDLE" {
+  # The CA bundle that pip and npm need on networks with an inspecting proxy; a secret, never a layer.
+  default = ""
+}
+variable "TAG" {
+  default = "dev"
+}
+
+group "default" {
+  targets = ["mysql", "sshd", "nginx", "server"]
+}
+group "demo" {
+  targets = ["default", "sim_robot"]
+}
+
+target "mysql" {
+  context = "images/mysql"
+  tags    = ["robotether/mysql:${TAG}"]
+}
+target "sshd" {
+  context = "images/sshd"
+  tags    = ["robotether/sshd:${TAG}"]
+}
+target "nginx" {
+  context = "images/nginx"
+  tags    = ["robotether/nginx:${TAG}"]
+}
+target "server" {
+  context    = "."
+  dockerfile = "images/server/Dockerfile"
+  tags       = ["robotether/server:${TAG}"]
+  secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
+target "sim_robot" {
+  context    = "."
+  dockerfile = "images/sim_robot/Dockerfile"
+  tags       = ["robotether/sim_robot:${TAG}"]
+  secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
+target "frontend_test" {
+  inherits = ["server"]
+  target   = "bundle"
+  tags     = ["robotether/frontend_test:dev"]
+}

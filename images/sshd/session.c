@@ -1,0 +1,213 @@
+/*
+ * What a robot's SSH connection runs on the server, and the only thing it can run.
+ *
+ * It is the login shell of the account `tunnel`, so that no shell stands behind that account at all:
+ * sshd starts it as `session -c "/usr/lib/robotether/session ROBOT_ID"`, the forced command of the key.
+ * It tells the relay which robot this is and joins the robot's stdin and stdout to that TCP connection.
+ * When either side ends it ends its own sshd, because only that releases the robot's forwarded ports:
+ * the next connection of the same robot must find them free.
+ *
+ * One small C program, not a shell with socat: a server holds two of these for every robot.
+ * docs/protocols.md, "The session", says what passes.
+ */
+#include <ctype.h>
+#include <errno.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define RELAY_HOST "relay"
+#define RELAY_PORT "8091"
+#define KEY_FILE "/run/secrets/session_key"
+#define FORCED "/usr/lib/robotether/session "
+#define BUFFER_SIZE 16384
+
+/* One direction of the join; at most one buffer is ever in flight, so a slow reader slows the writer. */
+struct flow {
+    int from;
+    int to;
+    size_t start;
+    size_t end;
+    char data[BUFFER_SIZE];
+};
+
+/* Only signals its own parent: 1 would be the container's init, after sshd has already gone. */
+static void end_connection(int status)
+{
+    pid_t parent = getppid();
+
+    if (parent > 1)
+        kill(parent, SIGTERM);
+    exit(status);
+}
+
+static void refuse(const char *sentence)
+{
+    fprintf(stderr, "robotether: %s\n", sentence);
+    end_connection(1);
+}
+
+static unsigned long robot_id_of(int argc, char **argv)
+{
+    char *rest;
+    unsigned long id;
+
+    if (argc != 3 || strcmp(argv[1], "-c") != 0 || strncmp(argv[2], FORCED, strlen(FORCED)) != 0)
+        refuse("cannot run that: this account serves robots' tunnels only");
+    if (!isdigit((unsigned char)argv[2][strlen(FORCED)]))
+        refuse("cannot start the session: the robot's number is missing in authorized_keys");
+    id = strtoul(argv[2] + strlen(FORCED), &rest, 10);
+    if (*rest != '\0')
+        refuse("cannot start the session: the robot's number in authorized_keys is no number");
+    return id;
+}
+
+static const char *wanted_kind(void)
+{
+    const char *asked = getenv("SSH_ORIGINAL_COMMAND");
+
+    if (asked != NULL && strcmp(asked, "session") == 0)
+        return "session";
+    if (asked != NULL && strcmp(asked, "media") == 0)
+        return "media";
+    refuse("cannot run that: a robot's key opens 'session' and 'media', nothing else");
+    return NULL;
+}
+
+/* The first word of SSH_CONNECTION, which goes into JSON: nothing but an address may pass. */
+static void client_address(char *into, size_t size)
+{
+    const char *connection = getenv("SSH_CONNECTION");
+    size_t used = 0;
+
+    while (connection != NULL && used + 1 < size &&
+           (isxdigit((unsigned char)connection[used]) || strchr(".:", connection[used])) &&
+           connection[used] != '\0') {
+        into[used] = connection[used];
+        used++;
+    }
+    into[used] = '\0';
+}
+
+static void session_key(char *into, size_t size)
+{
+    FILE *file = fopen(KEY_FILE, "re");
+
+    if (file == NULL || fgets(into, (int)size, file) == NULL)
+        refuse("cannot start the session: the server's session key is not readable");
+    fclose(file);
+    into[strcspn(into, "\r\n\"\\")] = '\0';
+}
+
+static int connect_relay(void)
+{
+    struct addrinfo hints = {.ai_socktype = SOCK_STREAM};
+    struct addrinfo *found, *each;
+    int on = 1, fd = -1;
+
+    if (getaddrinfo(RELAY_HOST, RELAY_PORT, &hints, &found) != 0)
+        refuse("cannot reach the relay: its name is not known; the server is starting or broken");
+    for (each = found; each != NULL; each = each->ai_next) {
+        fd = socket(each->ai_family, each->ai_socktype | SOCK_CLOEXEC, each->ai_protocol);
+        if (fd >= 0 && connect(fd, each->ai_addr, each->ai_addrlen) == 0)
+            break;
+        if (fd >= 0)
+            close(fd);
+        fd = -1;
+    }
+    freeaddrinfo(found);
+    if (fd < 0)
+        refuse("cannot reach the relay: it does not answer; the server is starting or broken");
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    return fd;
+}
+
+static void write_all(int fd, const char *text, size_t length)
+{
+    while (length > 0) {
+        ssize_t written = write(fd, text, length);
+        if (written < 0 && errno == EINTR)
+            continue;
+        if (written <= 0)
+            end_connection(1);
+        text += written;
+        length -= (size_t)written;
+    }
+}
+
+static void send_preface(int relay, unsigned long robot_id)
+{
+    char line[512], key[128], address[64];
+    int length;
+
+    session_key(key, sizeof key);
+    client_address(address, sizeof address);
+    length = snprintf(line, sizeof line,
+                      "{\"type\": \"preface\", \"kind\": \"%s\", \"robot_id\": %lu, \"address\": \"%s\", "
+                      "\"session_key\": \"%s\"}\n",
+                      wanted_kind(), robot_id, address, key);
+    write_all(relay, line, (size_t)length);
+}
+
+/* Moves what poll() said can be moved; false when the flow has ended. */
+static int pump(struct flow *flow, short from_events, short to_events)
+{
+    if (flow->end == 0 && (from_events & (POLLIN | POLLHUP | POLLERR))) {
+        ssize_t got = read(flow->from, flow->data, BUFFER_SIZE);
+        if (got == 0 || (got < 0 && errno != EINTR && errno != EAGAIN))
+            return 0;
+        if (got > 0) {
+            flow->start = 0;
+            flow->end = (size_t)got;
+            return 1;
+        }
+    }
+    if (flow->end > 0 && (to_events & (POLLOUT | POLLHUP | POLLERR))) {
+        ssize_t put = write(flow->to, flow->data + flow->start, flow->end - flow->start);
+        if (put < 0 && errno != EINTR && errno != EAGAIN)
+            return 0;
+        if (put > 0 && (flow->start += (size_t)put) == flow->end)
+            flow->start = flow->end = 0;
+    }
+    return 1;
+}
+
+static void join(int relay)
+{
+    static struct flow up, down;
+    struct pollfd set[4];
+
+    up.from = STDIN_FILENO, up.to = relay;
+    down.from = relay, down.to = STDOUT_FILENO;
+    for (;;) {
+        /* A flow waits either for input or for room, never for both; -1 takes an entry out. */
+        set[0] = (struct pollfd){.fd = up.end ? -1 : up.from, .events = POLLIN};
+        set[1] = (struct pollfd){.fd = up.end ? up.to : -1, .events = POLLOUT};
+        set[2] = (struct pollfd){.fd = down.end ? -1 : down.from, .events = POLLIN};
+        set[3] = (struct pollfd){.fd = down.end ? down.to : -1, .events = POLLOUT};
+        if (poll(set, 4, -1) < 0 && errno != EINTR)
+            return;
+        if (!pump(&up, set[0].revents, set[1].revents) || !pump(&down, set[2].revents, set[3].revents))
+            return;
+    }
+}
+
+int main(int argc, char **argv)
+{
+    unsigned long robot_id = robot_id_of(argc, argv);
+    int relay;
+
+    signal(SIGPIPE, SIG_IGN);
+    wanted_kind(); /* refuse before the relay hears of it */
+    relay = connect_relay();
+    send_preface(relay, robot_id);
+    join(relay);
+    end_connection(0);
+}
