@@ -1,0 +1,51 @@
+"""Fixtures of the end-to-end tests: Debian's Chromium, driven by Playwright, in front of the running stack."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from stack import ROOT, Stack
+
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium."""
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    """A browser context that accepts the test stack's self-signed certificate."""
+    made = browser.new_context(ignore_https_errors=True, viewport={"width": 1280, "height": 800})
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """A page logged in as admin; a console error or a failing test leaves a picture in tests/artifacts."""
+    opened = context.new_page()
+    errors: list[str] = []
+    opened.on("pageerror", lambda error: errors.append(str(error)))
+    log_in(opened, stack)
+    yield opened
+    name = re.sub(r"\W+", "_", request.node.name)
+    opened.screenshot(path=ROOT / "tests" / "artifacts" / f"{name}.png")
+    assert errors == [], f"the page raised {errors}"
+
+
+def log_in(page: Page, stack: Stack, name: str = "admin", password: str | None = None) -> None:
+    """Log in through the form as a person does."""
+    page.goto(f"{stack.url}/login")
+    page.get_by_test_id("login-name").fill(name)
+    page.get_by_test_id("login-password").fill(password or stack.admin_password)
+    page.get_by_test_id("login-submit").click()
+    page.wait_for_url(f"{stack.url}/")

@@ -1,0 +1,172 @@
+"""An operator in a real browser drives a simulated robot through the whole stack."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import pytest
+from playwright.sync_api import Page, expect
+from sim_watch import SimWatch
+from stack import Stack
+
+
+def _open_robot(page: Page, name: str) -> None:
+    page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
+    page.wait_for_url(f"**/robots/{name}")
+    expect(page.get_by_test_id("state")).to_have_attribute("data-state", "live", timeout=10_000)
+
+
+def _distance(a: dict[str, float], b: dict[str, float]) -> float:
+    return math.hypot(a["x"] - b["x"], a["y"] - b["y"])
+
+
+def _assert_stops(watch: SimWatch, released: float) -> None:
+    """Zero comes with the release, the robot stands, and then nothing is published any more."""
+    watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0, seconds=2)
+    assert time.monotonic() - released < 1.0
+    last = watch.commands()[-1]
+    assert last.msg["linear"]["x"] == 0
+    assert last.msg["angular"]["z"] == 0
+    quiet_since = time.monotonic()
+    while time.monotonic() - quiet_since < 1.0:
+        assert watch.commands(since=quiet_since + 0.5) == []
+        time.sleep(0.05)
+
+
+def test_fleet_shows_the_robots_online(page: Page) -> None:
+    """The three simulated robots are there and online after the login."""
+    for name in ("sim1", "sim2", "sim3"):
+        expect(page.get_by_test_id(f"robot-card-{name}")).to_have_attribute(
+            "data-online", "true", timeout=10_000
+        )
+
+
+def test_fleet_follows_a_robot_that_goes_and_comes(page: Page, stack: Stack) -> None:
+    """A card changes without a reload when its robot is switched off and on."""
+    card = page.get_by_test_id("robot-card-sim3")
+    expect(card).to_have_attribute("data-online", "true", timeout=10_000)
+    stack.container("sim3").stop(timeout=5)
+    try:
+        expect(card).to_have_attribute("data-online", "false", timeout=10_000)
+    finally:
+        stack.container("sim3").start()
+    expect(card).to_have_attribute("data-online", "true", timeout=30_000)
+
+
+@pytest.mark.parametrize("key", ["w", "ArrowUp"])
+def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key: str) -> None:
+    """The robot moves while the key is down, and stands after it is released."""
+    _open_robot(page, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        stack_start = dict(watch.pose)
+        page.keyboard.down(key)
+        watch.wait_pose("moving", lambda pose: _distance(pose, stack_start) > 0.2)
+        expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
+        page.keyboard.up(key)
+        _assert_stops(watch, time.monotonic())
+
+
+def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
+    """Dragging the stick up and left drives forward in a left turn; letting go stops."""
+    _open_robot(page, "sim1")
+    box = page.get_by_test_id("joystick").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    with SimWatch(stack, "sim1") as watch:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - box["width"] / 6, y - box["height"] / 3, steps=4)
+        watch.wait_pose(
+            "turning left while moving",
+            lambda pose: pose["linear_velocity"] > 0.1 and pose["angular_velocity"] > 0.1,
+        )
+        page.mouse.up()
+        _assert_stops(watch, time.monotonic())
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        "window.dispatchEvent(new Event('blur'))",
+        "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+        "Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange'))",
+    ],
+    ids=["blur", "hidden"],
+)
+def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -> None:
+    """A key held while the window loses focus or is hidden drives no longer."""
+    _open_robot(page, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        page.evaluate(event)
+        _assert_stops(watch, time.monotonic())
+        page.keyboard.up("w")
+
+
+def test_halt_stops_a_held_key(page: Page, stack: Stack) -> None:
+    """The space bar ends the motion although W is still held."""
+    _open_robot(page, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        page.keyboard.press("Space")
+        _assert_stops(watch, time.monotonic())
+        page.keyboard.up("w")
+
+
+def test_video_shows_the_robots_camera(page: Page) -> None:
+    """The picture is there, with the size of a camera frame."""
+    _open_robot(page, "sim1")
+    page.wait_for_function(
+        "() => { const i = document.querySelector('[data-testid=video]'); return i && i.naturalWidth >= 160 }",
+        timeout=10_000,
+    )
+
+
+def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
+    """When the robot's tunnel is cut the page says so, comes back without a reload, and drives again."""
+    _open_robot(page, "sim2")
+    page.evaluate("window.sameDocument = true")
+    state = page.get_by_test_id("state")
+    stack.container("sim2").restart(timeout=5)
+    expect(state).not_to_have_attribute("data-state", "live", timeout=10_000)
+    expect(state).to_have_attribute("data-state", "live", timeout=30_000)
+    assert page.evaluate("window.sameDocument") is True
+    with SimWatch(stack, "sim2") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
+        page.keyboard.up("w")
+        _assert_stops(watch, time.monotonic())
+
+
+def test_observer_sees_and_cannot_drive(page: Page, stack: Stack) -> None:
+    """A user with the level observe sees the robot live, without controls."""
+    stack.tool(
+        "tools/compose", "exec", "-T", "web", "robotether", "user", "add", "olga", "--password-stdin",
+        stdin="a long enough password",
+    )  # fmt: skip
+    stack.robotether("grant", "olga", "sim1", "observe")
+    other = page.context.browser
+    assert other is not None
+    context = other.new_context(ignore_https_errors=True)
+    try:
+        watching = context.new_page()
+        watching.goto(f"{stack.url}/login")
+        watching.get_by_test_id("login-name").fill("olga")
+        watching.get_by_test_id("login-password").fill("a long enough password")
+        watching.get_by_test_id("login-submit").click()
+        expect(watching.get_by_test_id("robot-card-sim1")).to_be_visible()
+        expect(watching.get_by_test_id("robot-card-sim2")).to_have_count(0)
+        _open_robot(watching, "sim1")
+        expect(watching.get_by_test_id("joystick")).to_have_count(0)
+        with SimWatch(stack, "sim1") as watch:
+            watching.keyboard.down("w")
+            expect(watching.get_by_test_id("rtt")).to_contain_text("ms", timeout=5_000)
+            watching.keyboard.up("w")
+            assert watch.commands() == []
+    finally:
+        context.close()

@@ -1,0 +1,203 @@
+"""A programmer's view: roslibpy and plain WebSockets with an API token, through wss."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+import time
+
+import aiohttp
+import pytest
+from programs import Program, echo, open_echo
+from stack import ROOT, Stack, insecure_tls
+
+
+@pytest.fixture(scope="module")
+def token(stack: Stack) -> str:
+    """An API token of the admin."""
+    return stack.token("programs")
+
+
+@pytest.fixture(scope="module")
+def program(stack: Stack, token: str) -> Program:
+    """A program with that token."""
+    return Program(stack, token)
+
+
+def test_roslibpy_publishes_and_hears_the_echo(stack: Stack, token: str) -> None:
+    """The documented roslibpy program runs as it stands in docs/."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "docs" / "roslibpy_client.py"), stack.url, "sim1", token],
+        env={**os.environ, "ROBOTETHER_INSECURE": "1"},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "hello from sim1" in done.stdout
+
+
+async def test_messages_pass_unchanged(program: Program) -> None:
+    """What rosbridge sends back is what was sent, whatever characters it has."""
+    text = 'quotes " and \\ and é and 日本 and \u2028' + "x" * 100_000
+    async with program.connect("sim1") as socket:
+        await open_echo(socket)
+        assert await echo(socket, text) == text
+
+
+async def test_binary_passes(program: Program) -> None:
+    """A CBOR subscription brings binary frames."""
+    async with program.connect("sim1") as socket:
+        await socket.send_json({"op": "subscribe", "topic": "/pose", "compression": "cbor"})
+        frame = await asyncio.wait_for(socket.receive(), 5)
+        assert frame.type is aiohttp.WSMsgType.BINARY
+        assert b"linear_velocity" in frame.data
+
+
+async def test_broken_json_leaves_the_connection_alive(program: Program) -> None:
+    """Rubbish gets a status error and the next message works."""
+    async with program.connect("sim1") as socket:
+        await socket.send_str('{"op": "publish", "topic": ')
+        answer = await asyncio.wait_for(socket.receive_json(), 5)
+        assert (answer["op"], answer["level"]) == ("status", "error")
+        await open_echo(socket)
+        assert await echo(socket, "still here") == "still here"
+
+
+async def test_too_large_message_ends_that_connection_only(program: Program) -> None:
+    """11 MB ends the connection that sent it with 1009, and its neighbour does not notice."""
+    async with program.connect("sim1") as other, program.connect("sim1") as socket:
+        await open_echo(other)
+        big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
+        with pytest.raises((ConnectionError, aiohttp.ClientError, AssertionError)):
+            await socket.send_str(big)
+            frame = await asyncio.wait_for(socket.receive(), 10)
+            assert frame.type not in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        assert socket.close_code in (1009, 1006)
+        assert await echo(other, "unmoved") == "unmoved"
+
+
+async def test_client_that_never_reads_is_ended_and_bounded(program: Program, stack: Stack) -> None:
+    """Ten subscriptions that nobody reads end within 20 s, and others are served meanwhile."""
+    async with program.connect("sim1") as other, program.connect("sim1", autoping=False) as socket:
+        await open_echo(other)
+        transport = socket.get_extra_info("socket")
+        assert transport is not None
+        socket._response.connection.transport.pause_reading()  # type: ignore[union-attr]  # no public way to stop
+        for topic in ("/pose", "/odom"):
+            await socket.send_json({"op": "subscribe", "topic": topic})
+        started = time.monotonic()
+        while time.monotonic() - started < 20:
+            assert await echo(other, "served") == "served"
+            await asyncio.sleep(0.5)
+    metrics = await asyncio.to_thread(
+        stack.exec, "relay", "python3", "-c",
+        "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9100/metrics').read().decode())",
+    )  # fmt: skip
+    memory = next(
+        float(line.split()[-1])
+        for line in metrics.splitlines()
+        if line.startswith("process_resident_memory_bytes")
+    )
+    assert memory < 300e6
+
+
+@pytest.mark.parametrize(
+    ("ticket", "code"),
+    [
+        ("", "ticket_missing"),
+        ("rubbish", "ticket_malformed"),
+        ("eyJpZCI6ICIxIn0.aaaaaa.bbbbbbbbbbbbbbbbbbbbbbbbbbb", "ticket_forged"),
+    ],
+)
+def test_bad_ticket_is_401_with_a_code(stack: Stack, ticket: str, code: str) -> None:
+    """No, broken and forged tickets are told apart."""
+    upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+               "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}  # fmt: skip
+    status, answer = stack.request("GET", f"/robots/sim1/ros?ticket={ticket}", headers=upgrade)
+    assert (status, answer["code"]) == (401, code)
+
+
+async def test_ticket_opens_one_connection(program: Program) -> None:
+    """The second use of a ticket is refused with its code."""
+    ticket = await asyncio.to_thread(program.ticket, "sim1")
+    async with program.connect("sim1", ticket=ticket):
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            async with program.connect("sim1", ticket=ticket):
+                pass
+        assert refused.value.status == 401
+
+
+async def test_ticket_of_another_robot_is_refused(program: Program) -> None:
+    """A ticket for sim2 does not open sim1."""
+    ticket = await asyncio.to_thread(program.ticket, "sim2")
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        async with program.connect("sim1", ticket=ticket):
+            pass
+    assert refused.value.status == 401
+
+
+async def test_page_of_another_origin_is_refused(program: Program) -> None:
+    """A browser that runs another site's page gets no connection even with a good ticket."""
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        async with program.connect("sim1", origin="https://evil.example"):
+            pass
+    assert refused.value.status == 403
+
+
+def test_unknown_robot_is_404(stack: Stack, program: Program) -> None:
+    """A ticket for a robot that does not exist is refused by name."""
+    status, answer = stack.request(
+        "POST", "/api/v1/tickets", {"robot": "nobody", "mode": "drive"}, program.headers
+    )
+    assert (status, answer["code"]) == (404, "robot_unknown")
+
+
+async def test_offline_robot_closes_with_a_reason(program: Program, stack: Stack) -> None:
+    """A robot that is switched off ends the WebSocket within a second, saying since when."""
+    sim = stack.container("sim3")
+    await asyncio.to_thread(sim.stop, timeout=5)
+    try:
+        await asyncio.to_thread(
+            stack.wait, "sim3 offline", lambda: not stack.online("sim3"), "relay"
+        )
+        started = time.monotonic()
+        async with program.connect("sim3") as socket:
+            frame = await asyncio.wait_for(socket.receive(), 5)
+            assert frame.type is aiohttp.WSMsgType.CLOSE
+            assert time.monotonic() - started < 1.5
+            assert frame.data == 4503
+            assert "sim3 is offline since" in frame.extra
+    finally:
+        await asyncio.to_thread(sim.start)
+        await asyncio.to_thread(
+            stack.wait, "sim3 online", lambda: stack.online("sim3"), "sim3", "relay"
+        )
+
+
+def test_video_needs_a_login_or_ticket(stack: Stack, program: Program) -> None:
+    """web_video_server's URLs answer 401 without one and a picture with one."""
+    path = "/robots/sim1/video/snapshot?topic=/camera/image_raw"
+    status, answer = stack.request("GET", path)
+    assert (status, answer["code"]) == (401, "login_missing")
+    ticket = program.ticket("sim1", "observe")
+    status, picture = stack.request("GET", f"{path}&ticket={ticket}")
+    assert status == 200
+    assert "JFIF" in picture[:32]
+
+
+async def test_video_streams_frames(program: Program, stack: Stack) -> None:
+    """The stream is MJPEG as web_video_server sends it, frame after frame."""
+    url = f"{stack.url}/robots/sim1/video/stream?topic=/camera/image_raw&type=mjpeg&quality=60&width=320&height=240"
+    async with (
+        aiohttp.ClientSession(headers=program.headers) as http,
+        http.get(url, ssl=insecure_tls()) as answer,
+    ):
+        assert answer.status == 200
+        assert answer.content_type == "multipart/x-mixed-replace"
+        reader = aiohttp.MultipartReader.from_response(answer)
+        for _ in range(5):
+            part = await asyncio.wait_for(reader.next(), 5)
+            assert isinstance(part, aiohttp.BodyPartReader)
+            frame = await part.read()
+            assert frame[:2] == b"\xff\xd8"

@@ -1,0 +1,104 @@
+"""Whatever is cut comes back by itself, and what need not notice does not."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+from programs import Program, echo, open_echo
+from stack import Stack
+
+
+@pytest.fixture(scope="module")
+def program(stack: Stack) -> Program:
+    """A program with an API token of the admin."""
+    return Program(stack, stack.token("recovery"))
+
+
+async def _drivable(program: Program, robot: str) -> bool:
+    try:
+        async with asyncio.timeout(5), program.connect(robot) as socket:
+            await open_echo(socket)
+            return await echo(socket, "back") == "back"
+    except (OSError, TimeoutError, AssertionError, TypeError, RuntimeError):
+        return False
+    except Exception as error:  # aiohttp's tree has no common base for "not now"
+        if type(error).__module__.startswith("aiohttp"):
+            return False
+        raise
+
+
+async def _wait_drivable(program: Program, robot: str, seconds: float = 40) -> float:
+    started = time.monotonic()
+    while not await _drivable(program, robot):
+        if time.monotonic() - started > seconds:
+            logs = await asyncio.to_thread(program.stack.logs, robot, "sshd", "relay")
+            raise AssertionError(f"{robot} is not drivable after {seconds} s\n{logs}")
+        await asyncio.sleep(0.2)
+    return time.monotonic() - started
+
+
+async def test_robot_restarted_comes_back(program: Program, stack: Stack) -> None:
+    """A robot that is switched off and on is drivable again without anybody's help."""
+    await asyncio.to_thread(stack.container("sim2").restart, timeout=5)
+    await _wait_drivable(program, "sim2")
+
+
+async def test_robot_cut_off_without_a_word_comes_back(program: Program, stack: Stack) -> None:
+    """A robot whose container is killed leaves a dead tunnel behind, which does not hold its ports."""
+    sim = stack.container("sim2")
+    await asyncio.to_thread(sim.kill)
+    await asyncio.to_thread(sim.start)
+    await _wait_drivable(program, "sim2")
+
+
+async def test_killed_session_comes_back(program: Program, stack: Stack) -> None:
+    """When the robots' sshd processes on the server are killed every robot reconnects."""
+    await asyncio.to_thread(
+        stack.exec, "sshd", "bash", "-c",
+        "for p in /proc/[0-9]*; do [[ $(tr '\\0' ' ' < $p/cmdline) == *'tunnel'* ]] && kill -9 ${p#/proc/}; done; true",
+    )  # fmt: skip
+    for robot in ("sim1", "sim2", "sim3"):
+        await _wait_drivable(program, robot)
+
+
+@pytest.mark.parametrize("service", ["relay", "sshd", "nginx", "web"])
+async def test_service_killed_comes_back(program: Program, stack: Stack, service: str) -> None:
+    """A service that dies is restarted by the engine and the robots are drivable again."""
+    container = stack.container(service)
+    # A kill by the engine counts as a stop that was wanted; the process must die by itself to be restarted.
+    await asyncio.to_thread(stack.exec, service, "bash", "-c", "kill -9 -1", user="root")
+    await asyncio.to_thread(
+        stack.wait, f"{service} restarted",
+        lambda: stack.container(service).attrs["RestartCount"] > container.attrs["RestartCount"], service,
+    )  # fmt: skip
+    await asyncio.to_thread(stack.wait_healthy, service)
+    await _wait_drivable(program, "sim1")
+
+
+async def test_whole_server_restarted_comes_back(program: Program, stack: Stack) -> None:
+    """After a restart of all services every robot is drivable again."""
+    await asyncio.to_thread(stack.compose, "restart", "--timeout", "5", timeout=180)
+    await asyncio.to_thread(stack.wait_healthy, "web")
+    await asyncio.to_thread(stack.wait_healthy, "nginx")
+    for robot in ("sim1", "sim2", "sim3"):
+        await _wait_drivable(program, robot, seconds=60)
+
+
+async def test_open_connection_goes_on_without_the_database(program: Program, stack: Stack) -> None:
+    """A stopped mysql is not noticed by tunnels and open drive connections."""
+    mysql = stack.container("mysql")
+    async with program.connect("sim1") as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(mysql.stop, timeout=20)
+        try:
+            until = time.monotonic() + 10
+            while time.monotonic() < until:
+                assert await echo(socket, "driving on") == "driving on"
+                await asyncio.sleep(0.1)
+        finally:
+            await asyncio.to_thread(mysql.start)
+            await asyncio.to_thread(stack.wait_healthy, "mysql")
+        assert await echo(socket, "and on") == "and on"
+    await _wait_drivable(program, "sim1")

@@ -1,0 +1,248 @@
+"""What the sshd image lets a robot's key do, asked of the running daemon."""
+
+from __future__ import annotations
+
+import json
+import select
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from robot_key import RobotKey
+from stack import Stack
+
+USER = "tunnel@127.0.0.1"
+
+
+@pytest.fixture(scope="module")
+def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
+    """The key of an active robot that no agent uses."""
+    robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "thief")
+    stack.robotether("robot", "add", "thief", "--mac", "02:00:00:00:61:01")
+    status, _ = robot.join("02:00:00:00:61:01")
+    assert status == 202
+    stack.robotether("robot", "approve", "thief")
+    yield robot
+    stack.robotether("robot", "disable", "thief")
+
+
+def _session_line(running: subprocess.Popen[str], seconds: float = 5) -> dict[str, object]:
+    """The first line that the relay sends on a session, which proves the whole way."""
+    assert running.stdout is not None
+    ready, _, _ = select.select([running.stdout], [], [], seconds)
+    if not ready:
+        running.kill()
+        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
+    line: dict[str, object] = json.loads(running.stdout.readline())
+    return line
+
+
+def _end(running: subprocess.Popen[str]) -> str:
+    running.terminate()
+    return running.communicate(timeout=10)[1]
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("gatewayports", "clientspecified"),
+        ("allowtcpforwarding", "remote"),
+        ("allowstreamlocalforwarding", "no"),
+        ("allowagentforwarding", "no"),
+        ("x11forwarding", "no"),
+        ("permittty", "no"),
+        ("permittunnel", "no"),
+        ("permitopen", "none"),
+        ("permituserrc", "no"),
+        ("passwordauthentication", "no"),
+        ("kbdinteractiveauthentication", "no"),
+        ("permitrootlogin", "no"),
+        ("usepam", "no"),
+        ("allowusers", "tunnel"),
+        ("authorizedkeysfile", "none"),
+        ("clientaliveinterval", "5"),
+        ("clientalivecountmax", "3"),
+        ("maxstartups", "2500:30:5000"),
+        ("persourcepenalties", "no"),
+    ],
+)
+def test_sshd_runs_with_the_setting(stack: Stack, setting: str, value: str) -> None:
+    """Sshd itself says that the setting is in force."""
+    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T")
+    assert f"{setting} {value}" in printed.splitlines()
+
+
+def test_sshd_offers_no_sftp(stack: Stack) -> None:
+    """No subsystem is configured at all."""
+    assert "subsystem" not in stack.exec("sshd", "/usr/sbin/sshd", "-T")
+
+
+def test_robot_opens_its_session(key: RobotKey) -> None:
+    """A robot's key reaches the relay, which answers with the robot's name and ports."""
+    running = key.start(USER, "session")
+    try:
+        line = _session_line(running)
+    finally:
+        _end(running)
+    ros, video = key.ports()
+    assert (line["type"], line["robot"], line["ros_port"], line["video_port"]) == (
+        "config",
+        "thief",
+        ros,
+        video,
+    )
+
+
+def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
+    """On a network that lets only 443 out the same key gets the same session."""
+    running = key.start(USER, "session", port=key.stack.https_port)
+    try:
+        assert _session_line(running)["robot"] == "thief"
+    finally:
+        _end(running)
+
+
+def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack) -> None:
+    """Both of the robot's ports listen inside the tunnel network while the connection lives."""
+    ros, video = key.ports()
+    running = key.start(
+        "-R", f"0.0.0.0:{ros}:127.0.0.1:9", "-R", f"0.0.0.0:{video}:127.0.0.1:9", USER, "session"
+    )
+    try:
+        _session_line(running)
+        for port in (ros, video):
+            stack.exec("sshd", "bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}")
+    finally:
+        _end(running)
+
+
+def test_robot_gets_no_other_robots_port(key: RobotKey) -> None:
+    """A forward on another robot's port is refused, so no robot can pose as another."""
+    ros, _ = key.ports()
+    for port in (ros + 2, ros - 2, 80, 2200):
+        done = key.ssh("-N", "-R", f"0.0.0.0:{port}:127.0.0.1:9", USER)
+        assert done.returncode == 255
+        assert "remote port forwarding failed" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "target", ["mysql:3306", "relay:8091", "relay:8080", "web:8000", "127.0.0.1:2222"]
+)
+def test_robot_reaches_no_service_through_the_server(key: RobotKey, target: str) -> None:
+    """A local forward (direct-tcpip) to anything inside is refused."""
+    done = key.ssh("-W", target, USER)
+    assert done.returncode != 0
+    assert "administratively prohibited" in done.stderr or "open failed" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["", "sh", "id", "cat /run/secrets/session_key", "session; id", "internal-sftp", "session x"],
+)
+def test_robot_gets_no_shell(key: RobotKey, command: str) -> None:
+    """Whatever the key asks to run but its two kinds of session ends with a sentence and runs nothing."""
+    done = key.ssh(USER, *([command] if command else []))
+    assert done.returncode != 0
+    assert "uid=" not in done.stdout
+    assert done.stdout == ""
+
+
+def test_robot_gets_no_sftp(key: RobotKey) -> None:
+    """The sftp subsystem is refused."""
+    done = key.ssh("-s", USER, "sftp")
+    assert done.returncode != 0
+    assert "subsystem request failed" in done.stderr
+
+
+def test_robot_gets_no_terminal(key: RobotKey) -> None:
+    """A pseudo-terminal is refused even for the session command."""
+    running = key.start("-tt", USER, "session")
+    stderr = ""
+    try:
+        _session_line(running)
+    finally:
+        stderr = _end(running)
+    assert "PTY allocation request failed" in stderr
+
+
+def test_robot_gets_no_unix_socket(key: RobotKey) -> None:
+    """A remote forward of a socket file is refused."""
+    done = key.ssh("-N", "-R", "/tmp/thief.sock:127.0.0.1:9", USER)
+    assert done.returncode == 255
+    assert "remote port forwarding failed" in done.stderr
+
+
+@pytest.mark.parametrize("account", ["root", "keylookup", "sshd"])
+def test_key_opens_no_other_account(key: RobotKey, account: str) -> None:
+    """The key is good for the account tunnel alone."""
+    done = key.ssh(f"{account}@127.0.0.1", "session")
+    assert done.returncode == 255
+    assert "Permission denied" in done.stderr
+
+
+def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None:
+    """A key that the database does not hold is refused, and one line tells of it however often it tries."""
+    stranger = RobotKey(stack, tmp_path, "stranger")
+    for _ in range(3):
+        assert "Permission denied" in stranger.ssh(USER, "session").stderr
+    rows = stack.sql(
+        f"SELECT kind, address FROM audit_events WHERE details LIKE '%{stranger.fingerprint}%'"
+    )
+    assert [row[0] for row in rows] == ["key_refused"]
+    assert rows[0][1] not in ("", "NULL")
+
+
+def test_newer_session_takes_the_ports_over(key: RobotKey, stack: Stack) -> None:
+    """The second session of a robot gets its port although the first one never let go."""
+    ros, _ = key.ports()
+    forward = ("-R", f"0.0.0.0:{ros}:127.0.0.1:9")
+    first = key.start(*forward, USER, "session")
+    later: list[subprocess.Popen[str]] = []
+    try:
+        _session_line(first)
+        later.append(key.start(USER, "session"))
+        assert _session_line(later[0])["type"] == "config"
+        assert first.wait(timeout=5) != 0
+        later.append(key.start(*forward, "-N", USER))
+        listening = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && echo open || echo closed"
+        stack.wait(
+            "the port open again",
+            lambda: "open" in stack.exec("sshd", "bash", "-c", f"({listening}) 2>/dev/null"),
+            "sshd",
+            seconds=5,
+        )
+        assert later[1].poll() is None
+    finally:
+        for running in (first, *later):
+            _end(running)
+
+
+def test_known_key_works_while_the_database_is_away(
+    key: RobotKey, stack: Stack, tmp_path: Path
+) -> None:
+    """With mysql stopped a key that worked before still opens its session, and an unknown one does not."""
+    running = key.start(USER, "session")
+    _session_line(running)
+    _end(running)
+    mysql = stack.container("mysql")
+    mysql.stop(timeout=20)
+    try:
+        running = key.start(USER, "session")
+        try:
+            assert _session_line(running, seconds=10)["robot"] == "thief"
+        finally:
+            _end(running)
+        assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
+    finally:
+        mysql.start()
+        stack.wait_healthy("mysql")
+
+
+def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
+    """Disabling a robot closes the door to its key at once, cache or not."""
+    stack.robotether("robot", "disable", "thief")
+    try:
+        assert "Permission denied" in key.ssh(USER, "session").stderr
+    finally:
+        stack.robotether("robot", "enable", "thief")

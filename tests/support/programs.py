@@ -1,0 +1,58 @@
+"""An operator's program in asyncio: tickets and rosbridge WebSockets through the running stack."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import aiohttp
+from stack import Stack, insecure_tls
+
+
+class Program:
+    """One API token and what it can open."""
+
+    def __init__(self, stack: Stack, token: str) -> None:
+        self.stack = stack
+        self.headers = {"Authorization": f"Bearer {token}"}
+
+    def ticket(self, robot: str, mode: str = "drive") -> str:
+        """A new ticket; fails the test with the server's answer when it is refused."""
+        status, answer = self.stack.request(
+            "POST", "/api/v1/tickets", {"robot": robot, "mode": mode}, self.headers
+        )
+        assert status == 201, answer
+        return str(answer["ticket"])
+
+    @asynccontextmanager
+    async def connect(
+        self, robot: str, mode: str = "drive", ticket: str | None = None, **options: Any
+    ) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+        """An open WebSocket to the robot's rosbridge."""
+        ticket = ticket or await asyncio.to_thread(self.ticket, robot, mode)
+        url = f"{self.stack.url}/robots/{robot}/ros?ticket={ticket}"
+        async with aiohttp.ClientSession() as http:
+            async with http.ws_connect(
+                url, ssl=insecure_tls(), max_msg_size=0, **options
+            ) as socket:
+                yield socket
+
+
+async def echo(
+    socket: aiohttp.ClientWebSocketResponse, text: str, topic: str = "/test_echo"
+) -> str:
+    """Publish a std_msgs/String that the same connection is subscribed to; what came back."""
+    await socket.send_json({"op": "publish", "topic": topic, "msg": {"data": text}})
+    while True:
+        message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
+        if message.get("op") == "publish" and message["topic"] == topic:
+            return str(message["msg"]["data"])
+
+
+async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test_echo") -> None:
+    """Advertise and subscribe a std_msgs/String topic."""
+    await socket.send_json({"op": "advertise", "topic": topic, "type": "std_msgs/String"})
+    await socket.send_json({"op": "subscribe", "topic": topic, "type": "std_msgs/String"})

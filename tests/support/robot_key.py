@@ -1,0 +1,101 @@
+"""A robot's key in a test's hands: joins the running stack, and runs OpenSSH's client as a robot or a thief would."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from stack import Stack
+
+
+class RobotKey:
+    """An ed25519 key pair in a folder, and what one can do with it against the stack's sshd."""
+
+    def __init__(self, stack: Stack, folder: Path, name: str) -> None:
+        self.stack = stack
+        self.name = name
+        self.file = folder / name
+        self._known_hosts = folder / "known_hosts"
+        subprocess.run(
+            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(self.file)],
+            check=True,
+        )
+
+    @property
+    def public(self) -> str:
+        """The public key as one line."""
+        return self.file.with_suffix(".pub").read_text().strip()
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA256:... as OpenSSH prints it."""
+        done = subprocess.run(
+            ["ssh-keygen", "-lf", str(self.file)], check=True, capture_output=True, text=True
+        )
+        return done.stdout.split()[1]
+
+    def join(self, mac: str) -> tuple[int, dict[str, object]]:
+        """Ask to join; status and answer."""
+        status, answer = self.stack.request(
+            "POST",
+            "/api/v1/join",
+            {
+                "mac": mac,
+                "public_key": self.public,
+                "hostname": self.name,
+                "agent_version": "0.1.0",
+            },
+        )
+        return status, answer
+
+    def ports(self) -> tuple[int, int]:
+        """The robot's rosbridge and video port on the server."""
+        [[ros, video]] = self.stack.sql(
+            f"SELECT ros_port, video_port FROM robots WHERE name = '{self.name}'"
+        )
+        return int(ros), int(video)
+
+    def command(self, *arguments: str, port: int | None = None) -> list[str]:
+        """OpenSSH's client with this key and nothing from this machine's configuration."""
+        options = [
+            "BatchMode=yes",
+            "IdentitiesOnly=yes",
+            "StrictHostKeyChecking=accept-new",
+            f"UserKnownHostsFile={self._known_hosts}",
+            "ConnectTimeout=5",
+            "ExitOnForwardFailure=yes",
+        ]
+        return [
+            "ssh",
+            "-F",
+            "none",
+            "-i",
+            str(self.file),
+            "-p",
+            str(port or self.stack.ssh_port),
+            *(part for option in options for part in ("-o", option)),
+            *arguments,
+        ]
+
+    def ssh(
+        self, *arguments: str, port: int | None = None, timeout: float = 15
+    ) -> subprocess.CompletedProcess[str]:
+        """Run the client to its end."""
+        return subprocess.run(
+            self.command(*arguments, port=port),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            stdin=subprocess.DEVNULL,
+            check=False,
+        )
+
+    def start(self, *arguments: str, port: int | None = None) -> subprocess.Popen[str]:
+        """Start the client and leave it running; the caller ends it."""
+        return subprocess.Popen(
+            self.command(*arguments, port=port),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )

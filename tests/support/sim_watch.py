@@ -1,0 +1,96 @@
+"""What a simulated robot really does, seen on its own rosbridge and not through the server.
+
+The engine lets this machine reach a container's own address, which nothing behind the server can. A thread of its own
+listens, so that a synchronous browser test can look at any time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import aiohttp
+from stack import Stack
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One message with the moment it arrived, in seconds of time.monotonic()."""
+
+    at: float
+    msg: dict[str, Any]
+
+
+class SimWatch:
+    """Subscribes to a simulator's /pose and /cmd_vel for as long as the `with` block runs."""
+
+    def __init__(self, stack: Stack, sim: str) -> None:
+        networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
+        self._url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
+        self._seen: dict[str, deque[Seen]] = {
+            "/pose": deque(maxlen=4000),
+            "/cmd_vel": deque(maxlen=4000),
+        }
+        self._ready = threading.Event()
+        self._loop = asyncio.new_event_loop()
+        self._task: asyncio.Task[None] | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        assert self._ready.wait(10), f"no /pose from {self._url} in 10 s"
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._task:
+            self._loop.call_soon_threadsafe(self._task.cancel)
+        self._thread.join(5)
+        self._loop.close()
+
+    @property
+    def pose(self) -> dict[str, float]:
+        """The newest turtlesim/Pose: x, y in m, theta in rad, velocities in m/s and rad/s."""
+        return self._seen["/pose"][-1].msg
+
+    def commands(self, since: float = 0.0) -> list[Seen]:
+        """The twists on /cmd_vel that arrived after `since`."""
+        return [seen for seen in list(self._seen["/cmd_vel"]) if seen.at > since]
+
+    def wait_pose(self, what: str, condition: Any, seconds: float = 5.0) -> float:
+        """Wait until the condition holds for the pose; the seconds it took."""
+        start = time.monotonic()
+        while not condition(self.pose):
+            assert time.monotonic() - start < seconds, (
+                f"after {seconds} s still not {what}: {self.pose}"
+            )
+            time.sleep(0.01)
+        return time.monotonic() - start
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._task = self._loop.create_task(self._listen())
+        with contextlib.suppress(asyncio.CancelledError):
+            self._loop.run_until_complete(self._task)
+
+    async def _listen(self) -> None:
+        async with aiohttp.ClientSession() as http, http.ws_connect(self._url) as socket:
+            for topic in self._seen:
+                await socket.send_json({"op": "subscribe", "topic": topic})
+            async for frame in socket:
+                message = json.loads(frame.data)
+                if message.get("op") == "publish":
+                    self._seen[message["topic"]].append(Seen(time.monotonic(), message["msg"]))
+                    if message["topic"] == "/pose":
+                        self._ready.set()

@@ -1,0 +1,198 @@
+"""The running stack that image and end-to-end tests use: a project of its own beside any demo on this machine.
+
+`Stack.up()` is `tools/up --demo` with other ports, secrets and volumes; `Stack.down()` removes all of it. The tests
+ask the daemons through `exec`, and hurt single containers through the engine's SDK (`container`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import ssl
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import docker
+from docker.models.containers import Container
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = "robotether-test"
+T = TypeVar("T")
+
+
+@dataclass
+class Stack:
+    """A compose project with its ports; the defaults keep clear of a demo on the standard ports."""
+
+    folder: Path
+    http_port: int = 18080
+    https_port: int = 18443
+    ssh_port: int = 12222
+    engine: docker.DockerClient = field(default_factory=docker.from_env)
+
+    @property
+    def url(self) -> str:
+        """The stack's own address, without a slash at the end."""
+        return f"https://localhost:{self.https_port}"
+
+    @property
+    def env_file(self) -> Path:
+        """The settings of this project."""
+        return self.folder / "test.env"
+
+    @property
+    def admin_password(self) -> str:
+        """What `tools/up` generated."""
+        return (self.folder / "secrets" / "admin_password").read_text()
+
+    def up(self) -> None:
+        """Start everything and wait until three simulated robots are online."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        example = (ROOT / "compose" / ".env.example").read_text()
+        ours = {
+            "COMPOSE_PROJECT_NAME": PROJECT,
+            "HTTP_PORT": self.http_port,
+            "HTTPS_PORT": self.https_port,
+            "SSH_PORT": self.ssh_port,
+            "SECRETS_DIR": self.folder / "secrets",
+        }
+        lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
+        lines += [f"{name}={value}" for name, value in ours.items()]
+        self.env_file.write_text("\n".join(lines) + "\n")
+        self.tool("tools/up", "--demo", timeout=1500)
+
+    def down(self) -> None:
+        """Remove containers, networks and volumes of this project."""
+        self.compose("--demo", "down", "--volumes", "--timeout", "5", timeout=120)
+
+    def tool(self, *command: str, timeout: float = 60, stdin: str | None = None) -> str:
+        """Run one of the repository's tools for this project and return what it printed."""
+        environment = {**os.environ, "ENV_FILE": os.path.relpath(self.env_file, ROOT)}
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=environment,
+            input=stdin,
+            timeout=timeout,
+            check=False,
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode != 0:
+            raise AssertionError(
+                f"{' '.join(command)} exited {done.returncode}\n{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
+            )
+        return done.stdout
+
+    def compose(self, *arguments: str, timeout: float = 60) -> str:
+        """`docker compose` for this project."""
+        return self.tool("tools/compose", *arguments, timeout=timeout)
+
+    def exec(self, service: str, *command: str, user: str | None = None) -> str:
+        """Run a command inside a service's container and return what it printed."""
+        as_user = ("--user", user) if user else ()
+        return self.compose("--demo", "exec", "-T", *as_user, service, *command)
+
+    def robotether(self, *arguments: str) -> str:
+        """The admin's command."""
+        return self.exec("web", "robotether", *arguments)
+
+    def sql(self, query: str) -> list[list[str]]:
+        """Ask the database as its root, rows of columns as text."""
+        printed = self.exec(
+            "mysql",
+            "mariadb",
+            "--batch",
+            "--skip-column-names",
+            "robotether",
+            "-e",
+            query,
+            user="root",
+        )
+        return [line.split("\t") for line in printed.splitlines()]
+
+    def container(self, service: str) -> Container:
+        """The container of a service, to stop, pause or kill."""
+        labels = [f"com.docker.compose.project={PROJECT}", f"com.docker.compose.service={service}"]
+        found = self.engine.containers.list(all=True, filters={"label": labels})
+        assert len(found) == 1, f"{len(found)} containers of service {service}"
+        return found[0]
+
+    def logs(self, *services: str, lines: int = 40) -> str:
+        """The end of the services' logs, for a test that fails."""
+        return self.compose("--demo", "logs", "--no-color", "--tail", str(lines), *services)
+
+    def wait(
+        self, what: str, condition: Callable[[], T | None], *services: str, seconds: float = 30
+    ) -> T:
+        """Wait until the condition gives something true; on a time-out show the services' logs."""
+        end = time.monotonic() + seconds
+        while True:
+            if got := condition():
+                return got
+            if time.monotonic() > end:
+                logs = self.logs(*services) if services else ""
+                raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
+            time.sleep(0.1)
+
+    def wait_healthy(self, service: str, seconds: float = 60) -> None:
+        """Wait until the engine calls the service's container healthy."""
+        self.wait(
+            f"{service} healthy",
+            lambda: (
+                self.container(service).attrs["State"].get("Health", {}).get("Status") == "healthy"
+            ),
+            service,
+            seconds=seconds,
+        )
+
+    def request(
+        self,
+        method: str,
+        path: str,
+        body: dict[str, Any] | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> tuple[int, Any]:
+        """One HTTPS request; status and the parsed JSON (or text). The certificate is self-signed."""
+        request = urllib.request.Request(
+            self.url + path,
+            method=method,
+            data=None if body is None else json.dumps(body).encode(),
+            headers={"Content-Type": "application/json", **(headers or {})},
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=10, context=insecure_tls()) as answer:
+                return answer.status, _parsed(answer.read())
+        except urllib.error.HTTPError as error:
+            with error:
+                return error.code, _parsed(error.read())
+
+    def token(self, name: str, user: str = "admin") -> str:
+        """A new API token: the last word that the command prints."""
+        return self.robotether("token", "create", "--user", user, "--name", name).split()[-1]
+
+    def online(self, robot: str) -> bool:
+        """Whether the server says that the robot's tunnel is up."""
+        rows = json.loads(self.robotether("robot", "list", "--json"))
+        return any(row["name"] == robot and row["online"] for row in rows)
+
+
+def insecure_tls() -> ssl.SSLContext:
+    """A TLS context that accepts the test stack's self-signed certificate."""
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def _parsed(body: bytes) -> Any:
+    try:
+        return json.loads(body)
+    except ValueError:
+        return body.decode(errors="replace")
