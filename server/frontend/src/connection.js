@@ -1,0 +1,166 @@
+// A rosbridge connection that stays: it gets a ticket for each attempt, tries again after a cut, and
+// gives every new link the subscriptions and publishers of the page. Started by drive.js.
+// It must never send on a new link what was meant for an old one.
+
+import { backoff } from "./backoff.js";
+import {
+  CONNECTING,
+  LINK_LOST,
+  LIVE,
+  NOT_OPENED,
+  ROSBRIDGE_SILENT,
+  afterClose,
+  afterTicketRefusal,
+} from "./states.js";
+import { TicketRefused } from "./tickets.js";
+
+const CONFIRM = { service: "/rosapi/get_time", timeoutMs: 5000 };
+const SILENCE_MS = 6000;
+const WATCH_MS = 1000;
+
+export class Connection {
+  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js.
+  constructor({ requestTicket, openLink, onState, now = () => performance.now() }) {
+    Object.assign(this, { requestTicket, openLink, onState, now });
+    this.state = CONNECTING;
+    this.delays = backoff();
+    this.attempt = 0;
+    this.link = null;
+    this.topics = new Set();
+  }
+
+  start() {
+    this.watch = setInterval(() => this.checkSilence(), WATCH_MS);
+    this.onState(this.state);
+    this.connect();
+  }
+
+  stop() {
+    clearInterval(this.watch);
+    clearTimeout(this.timer);
+    this.dropLink();
+  }
+
+  get live() {
+    return this.state.name === "live";
+  }
+
+  get backlog() {
+    return this.link ? this.link.backlog : 0;
+  }
+
+  // For news that an attempt may work now; `asked` when a person wants it, whatever the state.
+  // Without effect on a live link or during an attempt.
+  retryNow({ asked = false } = {}) {
+    if (this.live || this.connecting || !(asked || this.state.retry)) return;
+    this.delays = backoff();
+    this.connect();
+  }
+
+  // Gives the function that ends the subscription.
+  subscribe(spec, handler) {
+    const entry = this.keep((link) => link.subscribe(spec, handler));
+    return () => this.release(entry);
+  }
+
+  // Gives {publish, end}; publish drops the message unless the link is live, and says whether it went.
+  advertise(spec) {
+    const entry = this.keep((link) => link.advertise(spec));
+    return {
+      end: () => this.release(entry),
+      publish: (message) => {
+        entry.channel?.publish(message);
+        return entry.channel !== null;
+      },
+    };
+  }
+
+  // Rejects when there is no live link; never settles when the link ends before the answer.
+  async call(service, request = {}) {
+    if (!this.live) throw new Error(`cannot call ${service}: not connected`);
+    return this.link.call(service, request);
+  }
+
+  keep(attach) {
+    const entry = { attach, channel: null };
+    this.topics.add(entry);
+    if (this.live) entry.channel = attach(this.link);
+    return entry;
+  }
+
+  release(entry) {
+    this.topics.delete(entry);
+    entry.channel?.end();
+    entry.channel = null;
+  }
+
+  async connect() {
+    clearTimeout(this.timer);
+    this.connecting = true;
+    const attempt = ++this.attempt;
+    try {
+      const url = await this.requestTicket();
+      if (attempt === this.attempt) this.open(url);
+    } catch (error) {
+      if (!(error instanceof TicketRefused)) throw error;
+      if (attempt === this.attempt) this.settle(afterTicketRefusal(error));
+    }
+  }
+
+  open(url) {
+    const attempt = this.attempt;
+    const current = (act) => (value) => attempt === this.attempt && act(value);
+    this.link = this.openLink(url, {
+      onOpen: current(() => this.confirm()),
+      onMessage: current(() => (this.heardAt = this.now())),
+      onClose: current(({ code, reason }) =>
+        this.settle(afterClose({ code, reason, wasLive: this.live })),
+      ),
+    });
+    this.timer = setTimeout(() => this.settle(NOT_OPENED), CONFIRM.timeoutMs);
+  }
+
+  // The server opens the WebSocket before it knows whether the robot answers, so that it can close it
+  // with a reason. Only an answer from the robot itself makes the link live.
+  async confirm() {
+    const { link, attempt } = this;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), CONFIRM.timeoutMs);
+    await link.call(CONFIRM.service, {});
+    if (attempt === this.attempt && link === this.link) this.becomeLive();
+  }
+
+  becomeLive() {
+    clearTimeout(this.timer);
+    this.connecting = false;
+    this.delays = backoff();
+    this.heardAt = this.now();
+    for (const entry of this.topics) entry.channel = entry.attach(this.link);
+    this.show(LIVE);
+  }
+
+  // A network that goes away silently closes nothing: the answers just stop.
+  checkSilence() {
+    if (this.live && this.now() - this.heardAt > SILENCE_MS) this.settle(LINK_LOST);
+  }
+
+  settle(state) {
+    clearTimeout(this.timer);
+    this.dropLink();
+    this.connecting = false;
+    this.show(state);
+    if (state.retry) this.timer = setTimeout(() => this.connect(), this.delays.next().value);
+  }
+
+  dropLink() {
+    this.attempt += 1;
+    this.link?.close();
+    this.link = null;
+    for (const entry of this.topics) entry.channel = null;
+  }
+
+  show(state) {
+    this.state = state;
+    this.onState(state);
+  }
+}

@@ -1,0 +1,66 @@
+// A joystick for touch, pen and mouse as an input of teleop.js, on pointer events. It follows the one
+// pointer that pressed it, so that a second finger elsewhere on the screen changes nothing.
+
+const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
+
+export class Joystick {
+  constructor({ element, knob, onHold, onRelease }) {
+    Object.assign(this, { element, knob, onHold, onRelease });
+    this.pointer = null;
+    element.addEventListener("pointerdown", (event) => this.down(event));
+    element.addEventListener("pointermove", (event) => this.move(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      element.addEventListener(end, (event) => this.up(event));
+    }
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  down(event) {
+    if (this.pointer !== null || event.button !== 0) return;
+    event.preventDefault();
+    this.pointer = event.pointerId;
+    this.element.setPointerCapture(event.pointerId);
+    this.element.dataset.held = "true";
+    this.move(event);
+  }
+
+  move(event) {
+    if (event.pointerId !== this.pointer) return;
+    const { left, top, width, height } = this.element.getBoundingClientRect();
+    const radius = (width - this.knob.offsetWidth) / 2;
+    const x = event.clientX - (left + width / 2);
+    const y = event.clientY - (top + height / 2);
+    this.place(x, y, radius);
+    this.onHold(stick(x, y, radius));
+  }
+
+  up(event) {
+    if (event.pointerId !== this.pointer) return;
+    this.drop();
+    this.onRelease();
+  }
+
+  // Forgets the pointer: what it still does means nothing until it is pressed anew.
+  drop() {
+    if (this.pointer === null) return;
+    const pointer = this.pointer;
+    this.pointer = null;
+    delete this.element.dataset.held;
+    this.place(0, 0, 1);
+    if (this.element.hasPointerCapture(pointer)) this.element.releasePointerCapture(pointer);
+  }
+
+  place(x, y, radius) {
+    const scale = Math.min(1, radius / (Math.hypot(x, y) || 1));
+    this.knob.style.transform = `translate(${x * scale}px, ${y * scale}px)`;
+  }
+}
+
+// Turns an offset in pixels from the centre (y down) into {forward, turn} within the unit circle.
+export function stick(x, y, radius) {
+  const length = Math.hypot(x, y);
+  const reach = Math.min(1, length / radius);
+  if (reach <= DEAD_ZONE) return { forward: 0, turn: 0 };
+  const strength = (reach - DEAD_ZONE) / (1 - DEAD_ZONE);
+  return { forward: (-y / length) * strength, turn: (-x / length) * strength };
+}

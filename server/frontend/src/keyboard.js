@@ -1,0 +1,84 @@
+// W A S D and the arrow keys as an input of teleop.js. Keys go by their place on the keyboard, so that
+// other layouts than QWERTY drive with the same fingers.
+
+const DIRECTIONS = {
+  KeyW: { forward: 1, turn: 0 },
+  ArrowUp: { forward: 1, turn: 0 },
+  KeyS: { forward: -1, turn: 0 },
+  ArrowDown: { forward: -1, turn: 0 },
+  KeyA: { forward: 0, turn: 1 },
+  ArrowLeft: { forward: 0, turn: 1 },
+  KeyD: { forward: 0, turn: -1 },
+  ArrowRight: { forward: 0, turn: -1 },
+};
+
+const TYPING = "input:not([type=range]), textarea, select, [contenteditable]";
+const PRESSABLE = "button, a, summary";
+
+export class Keyboard {
+  constructor({ onHold, onRelease, onHalt }) {
+    Object.assign(this, { onHold, onRelease, onHalt });
+    this.pressed = new Set();
+  }
+
+  listen(target) {
+    target.addEventListener("keydown", (event) => this.down(event));
+    target.addEventListener("keyup", (event) => this.up(event));
+  }
+
+  down(event) {
+    // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
+    if (event.ctrlKey || event.metaKey || event.altKey) return this.letGo();
+    if (matches(event.target, TYPING)) return;
+    if (event.code === "Space") this.space(event);
+    else if (event.code in DIRECTIONS && !this.meantForSlider(event)) this.direction(event);
+  }
+
+  space(event) {
+    if (!matches(event.target, PRESSABLE)) event.preventDefault();
+    if (!event.repeat) this.onHalt();
+  }
+
+  direction(event) {
+    event.preventDefault();
+    if (event.repeat) return; // a key that a halt dropped stays dropped until it is pressed anew
+    this.pressed.add(event.code);
+    this.tell();
+  }
+
+  up(event) {
+    if (this.pressed.delete(event.code)) this.tell();
+  }
+
+  letGo() {
+    this.drop();
+    this.onRelease();
+  }
+
+  drop() {
+    this.pressed.clear();
+  }
+
+  meantForSlider(event) {
+    return event.code.startsWith("Arrow") && matches(event.target, "input[type=range]");
+  }
+
+  tell() {
+    if (this.pressed.size === 0) this.onRelease();
+    else this.onHold(direction(this.pressed));
+  }
+}
+
+// Opposite keys cancel; two keys for one direction count once.
+export function direction(codes) {
+  const sum = { forward: new Set(), turn: new Set() };
+  for (const code of codes) {
+    sum.forward.add(DIRECTIONS[code].forward);
+    sum.turn.add(DIRECTIONS[code].turn);
+  }
+  return { forward: total(sum.forward), turn: total(sum.turn) };
+}
+
+const total = (values) => [...values].reduce((a, b) => a + b, 0);
+
+const matches = (target, selector) => Boolean(target?.closest?.(selector));

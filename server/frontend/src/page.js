@@ -1,0 +1,21 @@
+// Small helpers around the document that both pages share.
+
+export const csrfToken = () => document.querySelector('meta[name="csrf-token"]').content;
+
+export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
+
+export const byTestId = (root, name) => root.querySelector(`[data-testid="${name}"]`);
+
+// Writes only what changed, so that live regions and layout stay quiet.
+export function setText(element, text) {
+  if (element && element.textContent !== text) element.textContent = text;
+}
+
+// The time of day, with the date before it when that is not today. Empty for no time.
+export function localTime(iso, now = new Date()) {
+  if (!iso) return "";
+  const time = new Date(iso);
+  const clock = time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
+  if (time.toDateString() === now.toDateString()) return clock;
+  return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock}`;
+}
