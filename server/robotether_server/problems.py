@@ -1,0 +1,275 @@
+"""Everything that can go wrong by design, each with the short code that log and client both see.
+
+Raised by every module of this package; turned into an RFC 9457 answer at the border of a request.
+A detail is for the person who asked, so it must never hold a secret or another user's record.
+
+Problem                       status  code
+├── SettingsError             500     settings_invalid
+├── MigrationFailed           500     migration_failed
+├── StoreProblem
+│   ├── StoreUnavailable      503     store_unavailable
+│   ├── RecordExists          409     record_exists
+│   ├── RecordMissing         404     record_missing
+│   └── RecordRefused         422     record_refused
+├── Unauthorized              401
+│   ├── LoginMissing                  login_missing
+│   ├── LoginFailed                   login_failed
+│   ├── TokenInvalid                  token_invalid
+│   └── TicketProblem
+│       ├── TicketMissing             ticket_missing
+│       ├── TicketMalformed           ticket_malformed
+│       ├── TicketForged              ticket_forged
+│       ├── TicketExpired             ticket_expired
+│       ├── TicketUsed                ticket_used
+│       └── TicketForeign             ticket_foreign
+├── Forbidden                 403
+│   ├── OriginRefused                 origin_refused
+│   ├── CsrfRefused                   csrf_refused
+│   ├── GrantMissing                  grant_missing
+│   └── RobotDisabled                 robot_disabled
+├── RobotUnknown              404     robot_unknown
+├── FieldInvalid              422     field_invalid
+├── MacInUse                  409     mac_in_use
+├── KeyInUse                  409     key_in_use
+├── Throttled                 429     throttled
+├── TooManyPending            429     too_many_pending
+├── RobotOffline              503     robot_offline
+├── VideoDown                 502     video_down
+└── HttpProblem               any     from the status: not_found, method_not_allowed, ...
+"""
+
+from http import HTTPStatus
+
+PROBLEM_JSON = "application/problem+json"
+
+
+class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it renders
+    """A failure with a code for machines and a sentence for people."""
+
+    code: str = "internal_error"
+    status: int = HTTPStatus.INTERNAL_SERVER_ERROR
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail)
+        self.detail = detail
+
+    def as_dict(self) -> dict[str, str | int]:
+        """Return the members of an RFC 9457 problem, to be sent as PROBLEM_JSON."""
+        return {
+            "type": "about:blank",
+            "title": HTTPStatus(self.status).phrase,
+            "status": int(self.status),
+            "code": self.code,
+            "detail": self.detail,
+        }
+
+
+class SettingsError(Problem):
+    """A variable of the environment is missing or has a value that is not allowed."""
+
+    code = "settings_invalid"
+
+
+class MigrationFailed(Problem):
+    """The database could not be brought to this version's schema."""
+
+    code = "migration_failed"
+
+
+class StoreProblem(Problem):
+    """The database refused or could not be asked."""
+
+
+class StoreUnavailable(StoreProblem):
+    """The database does not answer, or is too busy; asking again later may help."""
+
+    code = "store_unavailable"
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+
+
+class RecordExists(StoreProblem):
+    """A unique key would stand twice; `key` is its name."""
+
+    code = "record_exists"
+    status = HTTPStatus.CONFLICT
+
+    def __init__(self, detail: str, key: str = "") -> None:
+        super().__init__(detail)
+        self.key = key
+
+
+class RecordMissing(StoreProblem):
+    """Something that an admin named does not exist."""
+
+    code = "record_missing"
+    status = HTTPStatus.NOT_FOUND
+
+
+class RecordRefused(StoreProblem):
+    """A value does not fit its column, or a trigger refused it with a sentence."""
+
+    code = "record_refused"
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+
+
+class Unauthorized(Problem):
+    """Who asks is not known."""
+
+    status = HTTPStatus.UNAUTHORIZED
+
+
+class LoginMissing(Unauthorized):
+    """No valid login came with the request."""
+
+    code = "login_missing"
+
+
+class LoginFailed(Unauthorized):
+    """User and password do not fit; says no more than that."""
+
+    code = "login_failed"
+
+
+class TokenInvalid(Unauthorized):
+    """The API token is unknown, expired, or its user is disabled."""
+
+    code = "token_invalid"
+
+
+class TicketProblem(Unauthorized):
+    """A ticket does not open what it was shown for."""
+
+
+class TicketMissing(TicketProblem):
+    """No ticket and no login came with the request."""
+
+    code = "ticket_missing"
+
+
+class TicketMalformed(TicketProblem):
+    """The text is no ticket at all."""
+
+    code = "ticket_malformed"
+
+
+class TicketForged(TicketProblem):
+    """The signature was not made with this site's key."""
+
+    code = "ticket_forged"
+
+
+class TicketExpired(TicketProblem):
+    """The ticket is too old."""
+
+    code = "ticket_expired"
+
+
+class TicketUsed(TicketProblem):
+    """The ticket has opened a connection already."""
+
+    code = "ticket_used"
+
+
+class TicketForeign(TicketProblem):
+    """The ticket is for another robot."""
+
+    code = "ticket_foreign"
+
+
+class Forbidden(Problem):
+    """Who asks is known and may not."""
+
+    status = HTTPStatus.FORBIDDEN
+
+
+class OriginRefused(Forbidden):
+    """The page that asks comes from another site."""
+
+    code = "origin_refused"
+
+
+class CsrfRefused(Forbidden):
+    """A request that changes something came without the page's own token."""
+
+    code = "csrf_refused"
+
+
+class GrantMissing(Forbidden):
+    """The user may see the robot but not do this with it."""
+
+    code = "grant_missing"
+
+
+class RobotDisabled(Forbidden):
+    """An admin has disabled the robot."""
+
+    code = "robot_disabled"
+
+
+class RobotUnknown(Problem):
+    """There is no such robot, or none that this user may see."""
+
+    code = "robot_unknown"
+    status = HTTPStatus.NOT_FOUND
+
+
+class FieldInvalid(Problem):
+    """A field from outside is missing or has a wrong value; the detail names it."""
+
+    code = "field_invalid"
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+
+
+class MacInUse(Problem):
+    """The row of this MAC holds another key."""
+
+    code = "mac_in_use"
+    status = HTTPStatus.CONFLICT
+
+
+class KeyInUse(Problem):
+    """The key belongs to the row of another MAC."""
+
+    code = "key_in_use"
+    status = HTTPStatus.CONFLICT
+
+
+class Throttled(Problem):
+    """Too many attempts; `retry_after_s` says when the next one is heard."""
+
+    code = "throttled"
+    status = HTTPStatus.TOO_MANY_REQUESTS
+
+    def __init__(self, detail: str, retry_after_s: int) -> None:
+        super().__init__(detail)
+        self.retry_after_s = retry_after_s
+
+
+class TooManyPending(Problem):
+    """As many robots wait for approval as may."""
+
+    code = "too_many_pending"
+    status = HTTPStatus.TOO_MANY_REQUESTS
+
+
+class RobotOffline(Problem):
+    """The robot has no tunnel."""
+
+    code = "robot_offline"
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+
+
+class VideoDown(Problem):
+    """The tunnel is there; web_video_server on the robot does not answer."""
+
+    code = "video_down"
+    status = HTTPStatus.BAD_GATEWAY
+
+
+class HttpProblem(Problem):
+    """An error that HTTP itself has a status for, such as a path that does not exist."""
+
+    def __init__(self, status: int, detail: str) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.code = HTTPStatus(status).phrase.lower().replace(" ", "_").replace("-", "_")

@@ -1,0 +1,159 @@
+"""Opens transactions on MariaDB, and says what went wrong in this package's own problems.
+
+Made once by web, relay and cli. Must never log or raise a password or a statement's values.
+"""
+
+import datetime as dt
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pymysql
+from pymysql.constants import ER, FIELD_TYPE
+from pymysql.converters import conversions, convert_datetime
+from pymysql.cursors import DictCursor
+from pymysql.err import InterfaceError
+
+from robotether_server.problems import RecordExists, RecordRefused, StoreProblem, StoreUnavailable
+from robotether_server.settings import DatabaseSettings
+
+Row = dict[str, Any]
+Values = Sequence[object] | dict[str, object]
+
+CONNECT_TIMEOUT_S = 5
+ANSWER_TIMEOUT_S = 15
+
+# MariaDB's own numbers, which pymysql's table of MySQL's lacks.
+CHECK_FAILED = 4025
+SIGNALLED = 1644
+STATEMENT_TIMEOUT = 1969
+TOO_MANY_USER_CONNECTIONS = 1226
+
+_UNAVAILABLE = {
+    ER.ACCESS_DENIED_ERROR,
+    ER.CON_COUNT_ERROR,
+    ER.SERVER_SHUTDOWN,
+    ER.LOCK_WAIT_TIMEOUT,
+    ER.LOCK_DEADLOCK,
+    ER.DISK_FULL,
+    ER.RECORD_FILE_FULL,
+    STATEMENT_TIMEOUT,
+    TOO_MANY_USER_CONNECTIONS,
+}
+_REFUSED = {
+    CHECK_FAILED,
+    ER.DATA_TOO_LONG,
+    ER.BAD_NULL_ERROR,
+    ER.WARN_DATA_OUT_OF_RANGE,
+    ER.WARN_DATA_TRUNCATED,
+    ER.TRUNCATED_WRONG_VALUE_FOR_FIELD,
+    ER.NO_REFERENCED_ROW_2,
+}
+_CLIENT_ERRORS = range(2000, 3000)  # the client library's: the connection itself failed
+
+
+def _utc(text: str) -> Any:
+    moment = convert_datetime(text)
+    return moment.replace(tzinfo=dt.UTC) if isinstance(moment, dt.datetime) else moment
+
+
+_CONVERSIONS: dict[Any, Any] = {
+    **conversions,
+    FIELD_TYPE.TIMESTAMP: _utc,
+    FIELD_TYPE.DATETIME: _utc,
+}
+
+
+class Transaction:
+    """One open transaction. Moments go in and come out as aware datetimes in UTC."""
+
+    def __init__(self, cursor: DictCursor) -> None:
+        self._cursor = cursor
+
+    def rows(self, sql: str, values: Values = ()) -> list[Row]:
+        """Return every row of the answer, by column name."""
+        self._cursor.execute(sql, values)
+        return list(self._cursor.fetchall())
+
+    def row(self, sql: str, values: Values = ()) -> Row | None:
+        """Return the first row of the answer, or None."""
+        self._cursor.execute(sql, values)
+        return self._cursor.fetchone()
+
+    def change(self, sql: str, values: Values = ()) -> int:
+        """Run a statement that answers no rows; return how many rows it changed."""
+        return self._cursor.execute(sql, values)
+
+    def insert(self, sql: str, values: Values = ()) -> int:
+        """Insert one row; return its AUTO_INCREMENT id."""
+        self._cursor.execute(sql, values)
+        return self._cursor.lastrowid or 0
+
+    def change_many(self, sql: str, values: Sequence[Values]) -> int:
+        """Run a statement once for each of `values`; return how many rows changed in all."""
+        return self._cursor.executemany(sql, values) or 0
+
+
+class Database:
+    """Where the records are. Safe to share between threads: each transaction has its own connection."""
+
+    def __init__(self, settings: DatabaseSettings) -> None:
+        self._settings = settings
+
+    @contextmanager
+    def transaction(self) -> Iterator[Transaction]:
+        """Open a transaction; commit when the block ends, roll back when it raises.
+
+        Raises StoreUnavailable, RecordExists or RecordRefused; other database errors are mistakes
+        in a statement and pass as they are.
+        """
+        try:
+            connection = self._connect()
+            try:
+                with connection.cursor() as cursor:
+                    yield Transaction(cursor)
+                connection.commit()
+            finally:
+                # Closing without a commit rolls back, and cannot itself fail on a dead connection.
+                connection.close()
+        except pymysql.MySQLError as error:
+            problem = translate(error)
+            if problem is None:
+                raise
+            raise problem from error
+
+    def _connect(self) -> "pymysql.Connection[DictCursor]":
+        settings = self._settings
+        return pymysql.connect(
+            host=settings.host,
+            port=settings.port,
+            user=settings.user,
+            password=settings.password,
+            database=settings.name,
+            charset="utf8mb4",
+            cursorclass=DictCursor,
+            conv=_CONVERSIONS,
+            init_command="SET time_zone = '+00:00'",
+            connect_timeout=CONNECT_TIMEOUT_S,
+            read_timeout=ANSWER_TIMEOUT_S,
+            write_timeout=ANSWER_TIMEOUT_S,
+        )
+
+
+def translate(error: pymysql.MySQLError) -> StoreProblem | None:
+    """Return the problem that a database error means, or None when it is a mistake of ours."""
+    number = error.args[0] if error.args else 0
+    message = str(error.args[1]) if len(error.args) > 1 else str(error)
+    if number in _UNAVAILABLE or number in _CLIENT_ERRORS or isinstance(error, InterfaceError):
+        return StoreUnavailable(
+            "cannot reach the records: the database does not answer or is too busy; try again shortly"
+        )
+    if number == SIGNALLED:
+        return RecordRefused(message)
+    if number == ER.DUP_ENTRY:
+        key = re.search(r"for key '(?:\w+\.)?(\w+)'$", message)
+        return RecordExists("cannot save the record: it exists already", key[1] if key else "")
+    if number in _REFUSED:
+        return RecordRefused(f"cannot save the record: {message}")
+    return None

@@ -1,0 +1,93 @@
+"""Signs and verifies tickets: short-lived permissions to open one WebSocket to one robot.
+
+Made by web, checked by the relay, which also remembers the ids that were used. The format is in
+docs/protocols.md. Must never say more about a bad ticket than its code does.
+"""
+
+import datetime as dt
+import secrets
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+from itsdangerous import BadData, BadSignature, SignatureExpired, URLSafeTimedSerializer
+
+from robotether_server.problems import TicketExpired, TicketForged, TicketMalformed
+
+Mode = Literal["observe", "drive"]
+MODES: tuple[Mode, ...] = ("observe", "drive")
+SALT = "robotether.ticket"
+ID_BYTES = 16
+
+
+@dataclass(frozen=True)
+class Ticket:
+    """What a ticket permits, to whom, on which robot."""
+
+    id: str
+    user_id: int
+    user: str
+    robot_id: int
+    robot: str
+    mode: Mode
+
+
+def new_id() -> str:
+    """Return an id that no other ticket has."""
+    return secrets.token_hex(ID_BYTES)
+
+
+class TicketSigner:
+    """Turns tickets into text and back, with the key that web and the relay share."""
+
+    def __init__(self, key: str, ttl_s: int) -> None:
+        self.ttl_s = ttl_s
+        self._serializer = URLSafeTimedSerializer(key, salt=SALT)
+
+    def sign(self, ticket: Ticket) -> str:
+        """Return the ticket as text that is safe in a URL."""
+        text = self._serializer.dumps(asdict(ticket))
+        return text if isinstance(text, str) else text.decode("ascii")
+
+    def verify(self, text: str) -> tuple[Ticket, dt.datetime]:
+        """Return the ticket and the moment of its signature, to the second.
+
+        Raises TicketMalformed, TicketForged or TicketExpired.
+        """
+        try:
+            fields, issued_at = self._serializer.loads(
+                text, max_age=self.ttl_s, return_timestamp=True
+            )
+        except SignatureExpired as error:
+            raise TicketExpired(
+                f"cannot accept the ticket: it is older than {self.ttl_s} s; get a new one"
+            ) from error
+        except BadSignature as error:
+            raise _why_unsigned(text) from error
+        except BadData as error:
+            raise TicketMalformed("cannot read the ticket; get a new one") from error
+        return _ticket(fields), issued_at
+
+
+def _why_unsigned(text: str) -> TicketForged | TicketMalformed:
+    # Payload, moment and signature: with other than these three it is not even an attempt.
+    if text.count(".") == 2:  # noqa: PLR2004 - explained in the line above
+        return TicketForged("cannot accept the ticket: this site did not sign it; get a new one")
+    return TicketMalformed("cannot read the ticket; get a new one")
+
+
+def _ticket(fields: object) -> Ticket:
+    """Check the fields too: the same key may have signed another version's ticket."""
+    problem = TicketMalformed("cannot read the ticket: it has other fields; get a new one")
+    if not isinstance(fields, dict):
+        raise problem
+    try:
+        ticket = Ticket(**fields)
+    except TypeError as error:
+        raise problem from error
+    texts = (ticket.id, ticket.user, ticket.robot)
+    numbers = (ticket.user_id, ticket.robot_id)
+    if not all(type(text) is str for text in texts) or ticket.mode not in MODES:
+        raise problem
+    if not all(type(number) is int for number in numbers):
+        raise problem
+    return ticket
