@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import subprocess
 import sys
@@ -69,10 +70,14 @@ async def test_too_large_message_ends_that_connection_only(program: Program) -> 
     async with program.connect("sim1") as other, program.connect("sim1") as socket:
         await open_echo(other)
         big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
-        with pytest.raises((ConnectionError, aiohttp.ClientError, AssertionError)):
+        with contextlib.suppress(ConnectionError, aiohttp.ClientError):  # it may end in mid-message
             await socket.send_str(big)
-            frame = await asyncio.wait_for(socket.receive(), 10)
-            assert frame.type not in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        frame = await asyncio.wait_for(socket.receive(), 10)
+        assert frame.type in (
+            aiohttp.WSMsgType.CLOSE,
+            aiohttp.WSMsgType.CLOSED,
+            aiohttp.WSMsgType.ERROR,
+        )
         assert socket.close_code in (1009, 1006)
         assert await echo(other, "unmoved") == "unmoved"
 

@@ -68,7 +68,7 @@ async def test_service_killed_comes_back(program: Program, stack: Stack, service
     """A service that dies is restarted by the engine and the robots are drivable again."""
     container = stack.container(service)
     # A kill by the engine counts as a stop that was wanted; the process must die by itself to be restarted.
-    await asyncio.to_thread(stack.exec, service, "bash", "-c", "kill -9 -1", user="root")
+    await asyncio.to_thread(container.exec_run, ["bash", "-c", "kill -9 -1"])
     await asyncio.to_thread(
         stack.wait, f"{service} restarted",
         lambda: stack.container(service).attrs["RestartCount"] > container.attrs["RestartCount"], service,

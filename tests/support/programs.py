@@ -34,11 +34,11 @@ class Program:
         """An open WebSocket to the robot's rosbridge."""
         ticket = ticket or await asyncio.to_thread(self.ticket, robot, mode)
         url = f"{self.stack.url}/robots/{robot}/ros?ticket={ticket}"
-        async with aiohttp.ClientSession() as http:
-            async with http.ws_connect(
-                url, ssl=insecure_tls(), max_msg_size=0, **options
-            ) as socket:
-                yield socket
+        async with (
+            aiohttp.ClientSession() as http,
+            http.ws_connect(url, ssl=insecure_tls(), max_msg_size=0, **options) as socket,
+        ):
+            yield socket
 
 
 async def echo(
