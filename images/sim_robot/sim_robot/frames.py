@@ -1,0 +1,84 @@
+"""Gives the newest camera frame to whoever asks; draws only when somebody does.
+
+Used by video_server.py. All viewers who want the same size and quality share one drawing. Drawing happens
+in one thread beside the robot's loop, and never more often than the camera's rate.
+"""
+
+import asyncio
+import logging
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from sim_robot import camera
+
+log = logging.getLogger(__name__)
+
+FORMATS_KEPT = 8
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """How a viewer wants its frames: pixels, pixels, JPEG quality from 1 to 100."""
+
+    width: int = 640
+    height: int = 480
+    quality: int = 95
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture: its number, the Unix time of what it shows, and the JPEG."""
+
+    number: int
+    stamp_ns: int
+    jpeg: bytes
+
+
+class FrameFeed:
+    """The camera's frames. `look` gives the scene as it is now."""
+
+    def __init__(self, look: Callable[[], camera.Scene], fps: float) -> None:
+        self._look = look
+        self._fps = fps
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
+        self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[Frame]]] = OrderedDict()
+        self.drawn = 0
+
+    async def next_frame(self, wanted: FrameFormat, after: int = -1) -> Frame:
+        """Wait for a frame with a number above `after`: the newest one, not the next in line."""
+        loop = asyncio.get_running_loop()
+        number = max(int(loop.time() * self._fps), after + 1)
+        await asyncio.sleep(number / self._fps - loop.time())
+        # Shielded: a viewer who leaves must not take the frame from the others.
+        return await asyncio.shield(self._drawing(wanted, number))
+
+    async def close(self) -> None:
+        """Draw nothing more."""
+        drawings = [task for _, task in self._newest.values()]
+        await asyncio.gather(*drawings, return_exceptions=True)
+        self._thread.shutdown(cancel_futures=True)
+
+    def _drawing(self, wanted: FrameFormat, number: int) -> asyncio.Task[Frame]:
+        known = self._newest.get(wanted)
+        if known is not None and known[0] >= number:
+            return known[1]
+        task = asyncio.create_task(self._draw(wanted, number))
+        self._newest[wanted] = (number, task)
+        self._newest.move_to_end(wanted)
+        if len(self._newest) > FORMATS_KEPT:
+            self._newest.popitem(last=False)
+        return task
+
+    async def _draw(self, wanted: FrameFormat, number: int) -> Frame:
+        scene = self._look()
+        loop = asyncio.get_running_loop()
+        data = await loop.run_in_executor(self._thread, _picture, scene, wanted)
+        self.drawn += 1
+        return Frame(number, scene.stamp_ns, data)
+
+
+def _picture(scene: camera.Scene, wanted: FrameFormat) -> bytes:
+    image = camera.draw(scene, (wanted.width, wanted.height))
+    return camera.jpeg(image, wanted.quality)

@@ -1,0 +1,157 @@
+"""The simulated robot's port 8080: the camera under web_video_server's URLs.
+
+Started by simulator.py. Each viewer gets the newest frame when it has taken the last one, so a slow one
+skips frames and nothing queues.
+"""
+
+import html
+import logging
+import socket
+from collections.abc import Mapping
+from urllib.parse import quote
+
+from aiohttp import web
+
+from sim_robot.frames import Frame, FrameFeed, FrameFormat
+from sim_robot.listener import Listener
+from sim_robot.problems import RequestProblem
+
+log = logging.getLogger(__name__)
+
+TOPIC = "/camera/image_raw"
+BOUNDARY = "boundarydonotcross"
+SIZE_LIMIT_PX = 2048
+UNSENT_LIMIT_BYTES = 16_384
+_HEADERS = {
+    "Connection": "close",
+    "Server": "web_video_server",
+    "Cache-Control": "no-cache, no-store, must-revalidate, pre-check=0, post-check=0, max-age=0",
+    "Pragma": "no-cache",
+    "Access-Control-Allow-Origin": "*",
+}
+
+
+class VideoServer:
+    """The HTTP server of one robot's camera."""
+
+    def __init__(self, feed: FrameFeed) -> None:
+        self._feed = feed
+        app = web.Application()
+        app.router.add_get("/", self._list)
+        app.router.add_get("/stream_viewer", self._viewer)
+        app.router.add_get("/stream", self._stream, allow_head=False)
+        app.router.add_get("/snapshot", self._snapshot, allow_head=False)
+        self.listener = Listener("video", app)
+
+    async def _list(self, _request: web.Request) -> web.Response:
+        topic = quote(TOPIC)
+        body = (
+            f'<li><a href="/stream_viewer?topic={topic}">{TOPIC}</a>'
+            f' (<a href="/stream?topic={topic}">Stream</a>)'
+            f' (<a href="/snapshot?topic={topic}">Snapshot</a>)</li>'
+        )
+        return _page("ROS Image Topic List", f"<h1>Available ROS Image Topics:</h1><ul>{body}</ul>")
+
+    async def _viewer(self, request: web.Request) -> web.Response:
+        _check_type(request.query)
+        title = html.escape(request.query.get("topic", ""))
+        source = html.escape("/stream?" + request.query_string)
+        return _page(title, f'<h1>{title}</h1><img src="{source}">')
+
+    async def _snapshot(self, request: web.Request) -> web.StreamResponse:
+        wanted = _wanted(request.query)
+        if not _is_camera(request.query):
+            return _cut_off(request)
+        frame = await self._feed.next_frame(wanted)
+        headers = _HEADERS | {"X-Timestamp": _timestamp(frame)}
+        return web.Response(body=frame.jpeg, content_type="image/jpeg", headers=headers)
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        _check_type(request.query)
+        wanted = _wanted(request.query)
+        content_type = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+        response = web.StreamResponse(headers=_HEADERS | {"Content-Type": content_type})
+        response.force_close()
+        _keep_little_unsent(request)
+        await response.prepare(request)
+        try:
+            await response.write(f"--{BOUNDARY}\r\n".encode())
+            # Without such a topic the real one sends no frame and ends the stream soon.
+            if _is_camera(request.query):
+                await self._send_frames(response, wanted)
+        except ConnectionError:
+            log.debug("a viewer from %s left", request.remote)
+        return response
+
+    async def _send_frames(self, response: web.StreamResponse, wanted: FrameFormat) -> None:
+        number = -1
+        while True:
+            frame = await self._feed.next_frame(wanted, after=number)
+            number = frame.number
+            await response.write(_part(frame))
+
+
+def _part(frame: Frame) -> bytes:
+    head = (
+        "Content-type: image/jpeg\r\n"
+        f"X-Timestamp: {_timestamp(frame)}\r\n"
+        f"Content-Length: {len(frame.jpeg)}\r\n\r\n"
+    )
+    return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
+
+
+def _timestamp(frame: Frame) -> str:
+    return f"{frame.stamp_ns // 1000 / 1e6:.6f}"
+
+
+def _page(title: str, body: str) -> web.Response:
+    text = f"<html><head><title>{title}</title></head><body>{body}</body></html>"
+    return web.Response(text=text, content_type="text/html", headers=_HEADERS)
+
+
+def _is_camera(query: Mapping[str, str]) -> bool:
+    return query.get("topic", "").removeprefix("/") == TOPIC.removeprefix("/")
+
+
+def _check_type(query: Mapping[str, str]) -> None:
+    # ros_compressed falls back to mjpeg where there is no compressed topic, as the real one does.
+    if query.get("type", "mjpeg") not in ("mjpeg", "ros_compressed"):
+        raise web.HTTPNotFound(text="Not Found")
+
+
+def _wanted(query: Mapping[str, str]) -> FrameFormat:
+    try:
+        return FrameFormat(
+            width=_number(query, "width", FrameFormat.width, SIZE_LIMIT_PX),
+            height=_number(query, "height", FrameFormat.height, SIZE_LIMIT_PX),
+            quality=_number(query, "quality", FrameFormat.quality, 100),
+        )
+    except RequestProblem as problem:
+        raise web.HTTPBadRequest(text=str(problem)) from problem
+
+
+def _number(query: Mapping[str, str], name: str, default: int, high: int) -> int:
+    text = query.get(name, str(default))
+    if not (text.isascii() and text.isdecimal()) or not 1 <= int(text[:9]) <= high:
+        raise RequestProblem(
+            f"cannot show the camera: {name} is {text!r:.40}, allowed is a whole number from 1 to {high}"
+        )
+    return int(text)
+
+
+def _cut_off(request: web.Request) -> web.Response:
+    """End the connection without an answer, as the real one does for a snapshot of no topic."""
+    if request.transport is not None:
+        request.transport.abort()
+    return web.Response(status=404)
+
+
+def _keep_little_unsent(request: web.Request) -> None:
+    """Let the kernel and the transport hold little, so that what a viewer gets is new."""
+    transport = request.transport
+    if transport is None:
+        return
+    transport.set_write_buffer_limits(high=0)
+    connection = transport.get_extra_info("socket")
+    if connection is not None:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_LIMIT_BYTES)
