@@ -14,14 +14,16 @@ import {
 } from "./states.js";
 import { TicketRefused } from "./tickets.js";
 
-const CONFIRM = { service: "/rosapi/get_time", timeoutMs: 5000 };
+const OPEN_MS = 5000;
+const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself
 const SILENCE_MS = 6000;
 const WATCH_MS = 1000;
 
 export class Connection {
-  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js.
-  constructor({ requestTicket, openLink, onState, now = () => performance.now() }) {
-    Object.assign(this, { requestTicket, openLink, onState, now });
+  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
+  // robot what the page must know of it, on every new link before that one counts as live.
+  constructor({ requestTicket, openLink, prepare, onState, now = () => performance.now() }) {
+    Object.assign(this, { requestTicket, openLink, prepare, onState, now });
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
@@ -117,7 +119,7 @@ export class Connection {
         this.settle(afterClose({ code, reason, wasLive: this.live })),
       ),
     });
-    this.timer = setTimeout(() => this.settle(NOT_OPENED), CONFIRM.timeoutMs);
+    this.timer = setTimeout(() => this.settle(NOT_OPENED), OPEN_MS);
   }
 
   // The server opens the WebSocket before it knows whether the robot answers, so that it can close it
@@ -125,8 +127,8 @@ export class Connection {
   async confirm() {
     const { link, attempt } = this;
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), CONFIRM.timeoutMs);
-    await link.call(CONFIRM.service, {});
+    this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
+    await this.prepare((service, request) => link.call(service, request));
     if (attempt === this.attempt && link === this.link) this.becomeLive();
   }
 

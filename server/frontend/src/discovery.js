@@ -5,16 +5,17 @@ import { imageTopics, speedTopic, twistType } from "./messages.js";
 const AGAIN_MS = 5000;
 
 export class Discovery {
-  // `call(service, request)` as of connection.js; `onFound` gets {twistType, speed, cameras}.
-  constructor({ call, driveTopic, onFound }) {
-    Object.assign(this, { call, driveTopic, onFound });
+  // `onFound` gets {twistType, speed, cameras}.
+  constructor({ driveTopic, onFound }) {
+    Object.assign(this, { driveTopic, onFound });
+    this.round = 0;
   }
 
-  async run() {
-    clearTimeout(this.timer);
-    const round = (this.round = (this.round || 0) + 1);
-    const topics = await this.topics();
-    const driveType = await this.driveType();
+  // `call(service, request)` as of connection.js. Resolves when the robot has answered.
+  async run(call) {
+    this.stop();
+    const round = this.round;
+    const [topics, driveType] = await Promise.all([allTopics(call), this.driveType(call)]);
     if (round !== this.round) return;
     const found = {
       twistType: twistType(driveType, topics.map(({ type }) => type)),
@@ -23,27 +24,27 @@ export class Discovery {
     };
     this.onFound(found);
     if (!found.speed || found.cameras.length === 0) {
-      this.timer = setTimeout(() => this.run(), AGAIN_MS);
+      this.timer = setTimeout(() => this.run(call), AGAIN_MS);
     }
   }
 
   stop() {
     clearTimeout(this.timer);
-    this.round = (this.round || 0) + 1;
+    this.round += 1;
   }
 
-  async topics() {
-    const { topics = [], types = [] } = await this.ask("/rosapi/topics", {});
-    return topics.map((name, i) => ({ name, type: types[i] || "" }));
+  async driveType(call) {
+    return (await ask(call, "/rosapi/topic_type", { topic: this.driveTopic })).type || "";
   }
+}
 
-  async driveType() {
-    return (await this.ask("/rosapi/topic_type", { topic: this.driveTopic })).type || "";
-  }
+async function allTopics(call) {
+  const { topics = [], types = [] } = await ask(call, "/rosapi/topics", {});
+  return topics.map((name, i) => ({ name, type: types[i] || "" }));
+}
 
-  // A robot without rosapi is no error: the page then goes by the usual names.
-  async ask(service, request) {
-    const { ok, values } = await this.call(service, request).catch(() => ({ ok: false }));
-    return (ok && values) || {};
-  }
+// A robot without rosapi is no error: the page then goes by the usual names.
+async function ask(call, service, request) {
+  const { ok, values } = await call(service, request);
+  return (ok && values) || {};
 }

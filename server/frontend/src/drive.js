@@ -23,18 +23,21 @@ const driving = level !== "observe";
 const driveTopic = settings.drive_topic || "/cmd_vel";
 const facts = { driving, drivers: [], since: "" };
 
+const discovery = new Discovery({ driveTopic, onFound: useTopics });
 const connection = new Connection({
   requestTicket: () => requestTicket(robot, driving ? "drive" : "observe"),
   openLink,
+  prepare: (call) => discovery.run(call),
   onState: showState,
 });
-const call = (service, request) => connection.call(service, request);
 
 const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }) });
 const readings = new Readings(root);
 const view = new View(root, { robot, settings });
-const rtt = new RttMeter({ call, onReading: (reading) => readings.rtt(reading) });
-const discovery = new Discovery({ call, driveTopic, onFound: useTopics });
+const rtt = new RttMeter({
+  call: (service, request) => connection.call(service, request),
+  onReading: (reading) => readings.rtt(reading),
+});
 const readback = new Readback({
   subscribe: (spec, handler) => connection.subscribe(spec, handler),
   onSpeed: (speed) => readings.speed(speed),
@@ -54,10 +57,9 @@ function controlOptions() {
 function showState(state) {
   banner.show(state, facts);
   const live = state.name === "live";
-  arm(live && drive.publisher !== null);
+  arm(live);
   if (live) {
     rtt.start();
-    discovery.run();
     view.retryNow();
   } else {
     rtt.stop();
@@ -78,7 +80,6 @@ function useDriveType(type) {
     drive.type = type;
     drive.publisher = connection.advertise({ name: driveTopic, type });
   }
-  arm(connection.live);
 }
 
 function useNews(news) {

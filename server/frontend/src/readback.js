@@ -12,14 +12,13 @@ export class Readback {
     this.topic = null;
   }
 
-  // `topic` is {name, type}, or undefined when the robot offers none.
+  // `topic` is {name, type}. Following the same one again changes nothing.
   follow(topic) {
-    if (topic?.name === this.topic?.name && topic?.type === this.topic?.type) return;
+    if (topic.name === this.topic?.name && topic.type === this.topic?.type) return;
     this.end?.();
-    this.end = undefined;
     this.topic = topic;
     this.forget();
-    if (topic) this.listen(topic);
+    this.listen(topic);
   }
 
   listen({ name, type }) {

@@ -11,8 +11,8 @@ export class Readings {
   }
 
   speed(measured) {
-    this.write("speed-linear", measured ? decimals(measured.forward) : texts.none);
-    this.write("speed-angular", measured ? decimals(measured.turn) : texts.none);
+    this.value("speed-linear", measured ? decimals(measured.forward) : texts.none);
+    this.value("speed-angular", measured ? decimals(measured.turn) : texts.none);
   }
 
   wanted({ forward, turn }) {
@@ -22,8 +22,13 @@ export class Readings {
 
   rtt(reading) {
     const old = reading && reading.ageMs > OLD_MS;
-    this.write("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
+    this.value("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
     setText(part(this.root, "rtt-age"), old ? texts.old(Math.round(reading.ageMs / 1000)) : "");
+  }
+
+  // The unit beside the value stands in the template.
+  value(testId, text) {
+    setText(part(byTestId(this.root, testId), "value"), text);
   }
 
   write(testId, text) {

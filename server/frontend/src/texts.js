@@ -15,18 +15,18 @@ export const connection = {
   offline: {
     title: "Robot offline",
     detail: ({ since, reason }) =>
-      `${offlineSince(since, reason)}This page connects by itself when the robot is back.`,
+      `${offlineSince(since, reason)}Connects by itself when it is back.`,
     action: "Try now",
   },
   rosbridge_down: {
     title: "ROS not answering",
     detail: () =>
-      "The robot is online, but its rosbridge does not answer. Check that rosbridge runs on the robot; this page keeps trying.",
+      "The robot is online, its rosbridge is not. Start rosbridge there; this page keeps trying.",
     action: "Try now",
   },
   link_lost: {
     title: "Link lost",
-    detail: () => "The robot gets no more commands from here. Resuming by itself.",
+    detail: () => "No command reaches the robot. Resuming by itself.",
     action: "Try now",
   },
   server_unreachable: {
