@@ -20,7 +20,7 @@ Point = tuple[float, float]
 GROUND, GRID, GRID_STRONG, WALL = "#f4f1e8", "#ddd8c8", "#c4bda6", "#6b6450"
 PATH, BODY, NOSE, TEXT, TEXT_GROUND = "#2f6fb0", "#c8502e", "#ffffff", "#20201c", "#fffdf6"
 ROBOT_RADIUS_M, ROBOT_RADIUS_MIN_PX = 0.4, 9
-GRID_LINES_MAX, GRID_STRONG_EVERY = 40, 5
+GRID_LINES_MAX, GRID_STRONG_EVERY, LABEL_PX = 40, 5, 11
 BACKGROUNDS = 8
 
 
@@ -85,6 +85,9 @@ def _background(view: View) -> Image.Image:
         colour = GRID if line % GRID_STRONG_EVERY else GRID_STRONG
         canvas.line(view.pixels([(at_m, 0), (at_m, end_m)]), colour)
         canvas.line(view.pixels([(0, at_m), (end_m, at_m)]), colour)
+        if line % GRID_STRONG_EVERY == 0:
+            ((x, y),) = view.pixels([(at_m, 0)])
+            canvas.text((x + LABEL_PX // 3, y - LABEL_PX * 1.4), f"{at_m} m", WALL, _font(LABEL_PX))
     canvas.rectangle(view.pixels([(0, end_m), (end_m, 0)]), outline=WALL, width=2)
     return image
 
