@@ -1,3 +1,4 @@
+-- transactional: false
 -- What each account may do; images/mysql makes the accounts and gives migrate its rights.
 
 GRANT SELECT, INSERT, UPDATE, DELETE ON users TO 'web'@'%';

@@ -5,7 +5,7 @@ Made once by web, relay and cli. Must never log or raise a password or a stateme
 
 import datetime as dt
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ from robotether_server.problems import RecordExists, RecordRefused, StoreProblem
 from robotether_server.settings import DatabaseSettings
 
 Row = dict[str, Any]
-Values = Sequence[object] | dict[str, object]
+Values = Sequence[object] | Mapping[str, object]
 
 CONNECT_TIMEOUT_S = 5
 ANSWER_TIMEOUT_S = 15
@@ -66,37 +66,46 @@ _CONVERSIONS: dict[Any, Any] = {
 
 
 class Transaction:
-    """One open transaction. Moments go in and come out as aware datetimes in UTC."""
+    """One open transaction. Moments go in and come out as aware datetimes in UTC.
+
+    Every method raises StoreUnavailable, RecordExists or RecordRefused; other database errors are
+    mistakes in a statement and pass as they are.
+    """
 
     def __init__(self, cursor: DictCursor) -> None:
         self._cursor = cursor
 
     def rows(self, sql: str, values: Values = ()) -> list[Row]:
         """Return every row of the answer, by column name."""
-        self._cursor.execute(sql, values)
-        return list(self._cursor.fetchall())
+        with _translated():
+            self._cursor.execute(sql, values)
+            return list(self._cursor.fetchall())
 
     def row(self, sql: str, values: Values = ()) -> Row | None:
         """Return the first row of the answer, or None."""
-        self._cursor.execute(sql, values)
-        return self._cursor.fetchone()
+        with _translated():
+            self._cursor.execute(sql, values)
+            return self._cursor.fetchone()
 
     def change(self, sql: str, values: Values = ()) -> int:
         """Run a statement that answers no rows; return how many rows it changed."""
-        return self._cursor.execute(sql, values)
-
-    def insert(self, sql: str, values: Values = ()) -> int:
-        """Insert one row; return its AUTO_INCREMENT id."""
-        self._cursor.execute(sql, values)
-        return self._cursor.lastrowid or 0
+        with _translated():
+            return self._cursor.execute(sql, values)
 
     def change_many(self, sql: str, values: Sequence[Values]) -> int:
         """Run a statement once for each of `values`; return how many rows changed in all."""
-        return self._cursor.executemany(sql, values) or 0
+        with _translated():
+            return self._cursor.executemany(sql, values) or 0
+
+    def insert(self, sql: str, values: Values = ()) -> int:
+        """Insert one row; return its AUTO_INCREMENT id."""
+        with _translated():
+            self._cursor.execute(sql, values)
+            return self._cursor.lastrowid or 0
 
 
 class Database:
-    """Where the records are. Safe to share between threads: each transaction has its own connection."""
+    """Where the records are. Safe to share between threads: a transaction has its own connection."""
 
     def __init__(self, settings: DatabaseSettings) -> None:
         self._settings = settings
@@ -105,23 +114,18 @@ class Database:
     def transaction(self) -> Iterator[Transaction]:
         """Open a transaction; commit when the block ends, roll back when it raises.
 
-        Raises StoreUnavailable, RecordExists or RecordRefused; other database errors are mistakes
-        in a statement and pass as they are.
+        Raises what Transaction's methods raise.
         """
-        try:
+        with _translated():
             connection = self._connect()
-            try:
-                with connection.cursor() as cursor:
-                    yield Transaction(cursor)
+        try:
+            with connection.cursor() as cursor:
+                yield Transaction(cursor)
+            with _translated():
                 connection.commit()
-            finally:
-                # Closing without a commit rolls back, and cannot itself fail on a dead connection.
-                connection.close()
-        except pymysql.MySQLError as error:
-            problem = translate(error)
-            if problem is None:
-                raise
-            raise problem from error
+        finally:
+            # Closing without a commit rolls back, and cannot itself fail on a dead connection.
+            connection.close()
 
     def _connect(self) -> "pymysql.Connection[DictCursor]":
         settings = self._settings
@@ -139,6 +143,17 @@ class Database:
             read_timeout=ANSWER_TIMEOUT_S,
             write_timeout=ANSWER_TIMEOUT_S,
         )
+
+
+@contextmanager
+def _translated() -> Iterator[None]:
+    try:
+        yield
+    except pymysql.MySQLError as error:
+        problem = translate(error)
+        if problem is None:
+            raise
+        raise problem from error
 
 
 def translate(error: pymysql.MySQLError) -> StoreProblem | None:

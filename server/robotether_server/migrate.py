@@ -1,0 +1,82 @@
+"""Brings the database to this version's schema, then to the range of ports that is set.
+
+Started by `robotether migrate` as account migrate, once at each start of the stack. Safe to run
+again, to run twice at once, and after a run that was cut short. Must never drop records.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import quote
+
+import pymysql
+import yoyo
+from yoyo.exceptions import BadMigration
+
+from robotether_server.problems import MigrationFailed, StoreUnavailable
+from robotether_server.settings import DatabaseSettings, MigrateSettings
+from robotether_server.store import Database, ports
+
+logger = logging.getLogger(__name__)
+
+LOCK_WAIT_S = 10
+
+
+def migrate(settings: MigrateSettings) -> list[str]:
+    """Apply what is missing; return the names of the migrations applied now.
+
+    Raises StoreUnavailable or MigrationFailed.
+    """
+    database = Database(settings.database)
+    with _only_one(database):
+        applied = _apply(settings)
+        with database.transaction() as tx:
+            ports.set_range(tx, settings.port_range_first, settings.port_range_last)
+    return applied
+
+
+@contextmanager
+def _only_one(database: Database) -> Iterator[None]:
+    """Keep other migrations out: the server frees this lock itself when its holder dies.
+
+    yoyo's own lock is a row, which a killed migration would leave behind for good.
+    """
+    with database.transaction() as tx:
+        row = tx.row("SELECT GET_LOCK('robotether.migrate', %s) AS held", (LOCK_WAIT_S,))
+        if not row or row["held"] != 1:
+            raise StoreUnavailable(
+                f"cannot migrate: another migration has been at work for {LOCK_WAIT_S} s; "
+                "wait for it to end"
+            )
+        yield
+
+
+def _apply(settings: MigrateSettings) -> list[str]:
+    migrations = yoyo.read_migrations(str(settings.migrations_dir))
+    if not migrations:
+        raise MigrationFailed(
+            f"cannot migrate: MIGRATIONS_DIR={str(settings.migrations_dir)!r} has no migrations"
+        )
+    with yoyo.get_backend(_uri(settings.database)) as backend:
+        # We hold the real lock, so a row here is left from a migration that was killed.
+        backend.break_lock()
+        missing = list(backend.to_apply(migrations))
+        for migration in missing:
+            _apply_one(backend, migration)
+        return [str(migration.id) for migration in missing]
+
+
+def _apply_one(backend: Any, migration: Any) -> None:
+    try:
+        backend.apply_one(migration)
+    except (BadMigration, pymysql.MySQLError) as error:
+        raise MigrationFailed(
+            f"cannot apply migration {migration.id}: {error}; nothing after it was applied"
+        ) from error
+    logger.info("applied migration %s", migration.id)
+
+
+def _uri(settings: DatabaseSettings) -> str:
+    user, password = quote(settings.user, safe=""), quote(settings.password, safe="")
+    return f"mysql://{user}:{password}@{settings.host}:{settings.port}/{settings.name}"

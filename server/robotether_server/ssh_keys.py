@@ -1,0 +1,81 @@
+"""Reads one OpenSSH public key line, as a robot presents it when it joins.
+
+Used by web. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it lets
+nothing through but a key type and its base64: no options, no comment, no second line.
+"""
+
+import base64
+import binascii
+import hashlib
+import struct
+from dataclasses import dataclass
+
+from robotether_server.problems import FieldInvalid
+
+LONGEST_LINE = 2048
+SMALLEST_RSA_BITS = 3072
+ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
+TYPES = ("ssh-ed25519", *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES), "ssh-rsa")
+ED25519_BYTES = 32
+
+
+@dataclass(frozen=True)
+class PublicKey:
+    """A key: `line` is `TYPE BASE64`, `fingerprint` as `ssh-keygen -l` prints it."""
+
+    line: str
+    fingerprint: str
+
+
+def parse(text: str) -> PublicKey:
+    """Return the key of one line; raise FieldInvalid when it is no key that robots may use."""
+    words = text.strip().split(" ")
+    if len(text) > LONGEST_LINE or not text.isprintable() or not words[0] or len(words) < 2:  # noqa: PLR2004 - type and key
+        raise _invalid("it must be one line: type, key and perhaps a comment")
+    kind, encoded = words[:2]
+    if kind not in TYPES:
+        raise _invalid(f"its type is not one of {', '.join(TYPES)} (options are not allowed)")
+    try:
+        blob = base64.b64decode(encoded, validate=True)
+        fields = _fields(blob)
+    except (binascii.Error, struct.error, ValueError) as error:
+        raise _invalid("its base64 is damaged") from error
+    _check_fields(kind, fields)
+    digest = base64.b64encode(hashlib.sha256(blob).digest()).decode().rstrip("=")
+    return PublicKey(f"{kind} {base64.b64encode(blob).decode()}", f"SHA256:{digest}")
+
+
+def _fields(blob: bytes) -> list[bytes]:
+    """Split SSH's wire format (RFC 4251): fields of a four-byte length and that many bytes."""
+    fields = []
+    at = 0
+    while at < len(blob):
+        (length,) = struct.unpack_from(">I", blob, at)
+        field = blob[at + 4 : at + 4 + length]
+        if len(field) != length:
+            raise ValueError("cut short")
+        fields.append(field)
+        at += 4 + length
+    return fields
+
+
+def _check_fields(kind: str, fields: list[bytes]) -> None:
+    if not fields or fields[0] != kind.encode():
+        raise _invalid("the key inside is of another type than the line says")
+    match kind, fields[1:]:
+        case "ssh-ed25519", [point] if len(point) == ED25519_BYTES:
+            return
+        case "ssh-rsa", [_, modulus]:
+            bits = int.from_bytes(modulus, "big").bit_length()
+            if bits < SMALLEST_RSA_BITS:
+                raise _invalid(
+                    f"an RSA key needs {SMALLEST_RSA_BITS} bits or more, this has {bits}"
+                )
+            return
+        case _, [curve, _] if kind == f"ecdsa-sha2-{curve.decode('ascii', 'replace')}":
+            return
+    raise _invalid("its base64 is damaged")
+
+
+def _invalid(why: str) -> FieldInvalid:
+    return FieldInvalid(f"cannot use public_key: {why}; an ssh-ed25519 key is best")

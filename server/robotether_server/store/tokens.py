@@ -1,0 +1,67 @@
+"""API tokens: what programs of a user log in with. Written by the cli.
+
+The relay reads them through the view relay_tokens.
+"""
+
+import datetime as dt
+from dataclasses import dataclass
+
+from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.store import digests, users
+from robotether_server.store.database import Transaction
+from robotether_server.store.users import User
+
+PREFIX = "rt_"
+
+
+@dataclass(frozen=True)
+class Token:
+    """What may be told about a token; its text is known only to who asked for it."""
+
+    user: str
+    name: str
+    created_at: dt.datetime
+    expires_at: dt.datetime | None
+
+
+def create(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:
+    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
+    text = digests.new_text(PREFIX)
+    try:
+        tx.insert(
+            "INSERT INTO api_tokens (user_id, name, token_hash, expires_at) VALUES (%s, %s, %s, %s)",
+            (user.id, name, digests.digest(text), expires_at),
+        )
+    except RecordExists as error:
+        raise RecordExists(
+            f"cannot create token {name}: user {user.name} has one of that name; "
+            "delete it or choose another name"
+        ) from error
+    return text
+
+
+def find_user(tx: Transaction, text: str) -> User | None:
+    """Return the enabled user whose valid token this is."""
+    row = tx.row(
+        users.SELECT + "JOIN api_tokens t ON t.user_id = u.id WHERE t.token_hash = %s "
+        "AND (t.expires_at IS NULL OR t.expires_at > CURRENT_TIMESTAMP(6)) AND NOT u.disabled",
+        (digests.digest(text),),
+    )
+    return users.from_row(row) if row else None
+
+
+def list_all(tx: Transaction) -> list[Token]:
+    """Return every token, by user and name."""
+    rows = tx.rows(
+        "SELECT u.name AS user_name, t.name, t.created_at, t.expires_at "
+        "FROM api_tokens t JOIN users u ON u.id = t.user_id ORDER BY u.name, t.name"
+    )
+    return [
+        Token(row["user_name"], row["name"], row["created_at"], row["expires_at"]) for row in rows
+    ]
+
+
+def delete(tx: Transaction, user: User, name: str) -> None:
+    """Delete a token; raise RecordMissing when the user has none of that name."""
+    if not tx.change("DELETE FROM api_tokens WHERE user_id = %s AND name = %s", (user.id, name)):
+        raise RecordMissing(f"cannot delete token {name}: user {user.name} has no such token")

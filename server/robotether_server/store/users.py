@@ -1,0 +1,70 @@
+"""Users: who may log in. Written by the cli; read by web."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.store.database import Row, Transaction
+
+Role = Literal["admin", "user"]
+ROLES: tuple[Role, ...] = ("admin", "user")
+
+SELECT = "SELECT u.id, u.name, u.role, u.disabled, u.password_hash FROM users u "
+
+
+@dataclass(frozen=True)
+class User:
+    """One user; the password is an argon2 hash."""
+
+    id: int
+    name: str
+    role: Role
+    disabled: bool
+    password_hash: str = field(repr=False)
+
+    @property
+    def is_admin(self) -> bool:
+        """Admins manage every robot."""
+        return self.role == "admin"
+
+
+def from_row(row: Row) -> User:
+    """Make a user of a row of SELECT."""
+    return User(
+        id=row["id"],
+        name=row["name"],
+        role=row["role"],
+        disabled=bool(row["disabled"]),
+        password_hash=row["password_hash"],
+    )
+
+
+def find(tx: Transaction, name: str) -> User | None:
+    """Return the user of that name, disabled or not."""
+    row = tx.row(SELECT + "WHERE u.name = %s", (name,))
+    return from_row(row) if row else None
+
+
+def get(tx: Transaction, name: str) -> User:
+    """Return the user of that name; raise RecordMissing."""
+    user = find(tx, name)
+    if user is None:
+        raise RecordMissing(f"cannot find user {name}: no such user; add one with: user add {name}")
+    return user
+
+
+def add(tx: Transaction, name: str, password_hash: str, role: Role) -> int:
+    """Add a user; return the id. Raises RecordExists or RecordRefused."""
+    try:
+        return tx.insert(
+            "INSERT INTO users (name, password_hash, role) VALUES (%s, %s, %s)",
+            (name, password_hash, role),
+        )
+    except RecordExists as error:
+        raise RecordExists(f"cannot add user {name}: the name is taken") from error
+
+
+def set_password(tx: Transaction, user_id: int, password_hash: str) -> None:
+    """Replace the password and end every login made with the old one."""
+    tx.change("UPDATE users SET password_hash = %s WHERE id = %s", (password_hash, user_id))
+    tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))
