@@ -1,0 +1,54 @@
+"""When to try again: the delays, and the one decision between retry and giving up.
+
+Used by the supervisor for each connection. Never sleeps and never reads a clock; it only answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from random import Random
+
+from robotether_agent.problems import Problem, Retry
+
+FIRST_S = 0.5
+LAST_S = 15.0
+ASK_AGAIN_S = (5.0, 15.0)
+SLOWLY_S = (15.0, 30.0)
+# A connection that stood this long was a good one: what follows is a new trouble, not the old one.
+STABLE_S = 10.0
+
+
+def delays(rng: Random) -> Iterator[float]:
+    """Yield seconds without end: each drawn from 0.5 s up to a ceiling that doubles from 1 s to 15 s.
+
+    The full jitter spreads a fleet that lost its server in the same moment.
+    """
+    ceiling = 2 * FIRST_S
+    while True:
+        yield rng.uniform(FIRST_S, ceiling)
+        ceiling = min(LAST_S, 2 * ceiling)
+
+
+def retry_or_give_up(problem: Problem, soon: Iterator[float], rng: Random) -> float | None:
+    """Return the seconds to wait before the next try after `problem`, or None to give up."""
+    if problem.retry is Retry.NEVER:
+        return None
+    if problem.retry is Retry.ASK_AGAIN:
+        return rng.uniform(*ASK_AGAIN_S)
+    if problem.retry is Retry.SLOWLY:
+        return rng.uniform(*SLOWLY_S)
+    return next(soon)
+
+
+class Backoff:
+    """The delays of one connection, which start anew after it stood for a while."""
+
+    def __init__(self, rng: Random) -> None:
+        self._rng = rng
+        self._soon = delays(rng)
+
+    def after(self, problem: Problem, *, stood_s: float) -> float | None:
+        """Return the seconds to wait after `problem` ended a connection that stood `stood_s`."""
+        if stood_s >= STABLE_S:
+            self._soon = delays(self._rng)
+        return retry_or_give_up(problem, self._soon, self._rng)

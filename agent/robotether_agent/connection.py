@@ -1,0 +1,84 @@
+"""One connection of a kind, from its SSH client to its forward: session (control) or media (video).
+
+Run by the agent, one of each kind, so that control never waits behind video. A connection ends with the
+problem that ended it; it never tries again by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+from robotether_agent import __version__
+from robotether_agent.health import Health
+from robotether_agent.session import Config, Session
+from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
+from robotether_agent.tasks import first_of
+from robotether_agent.tunnel import Tunnel
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Role:
+    """What a connection of one kind is for."""
+
+    kind: Kind
+    # The forward that a configuration asks for on this connection.
+    forward: Callable[[Config], Forward]
+    # Told when the forward stands, for the first time and after each change.
+    on_up: Callable[[Target, Config, Session], None]
+    # Reported to the server, on the session only.
+    health: Health | None = None
+
+
+async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
+    """Connect, keep the forward, and serve the session until a Problem is raised."""
+    tunnel = await Tunnel.open(target, files, role.kind)
+    try:
+        session = Session(tunnel.lines_in, tunnel.lines_out)
+        await first_of(
+            session.run(),
+            _keep_forward(tunnel, session, role, target),
+            *([] if role.health is None else [_report(session, role.health)]),
+        )
+        raise await tunnel.why_ended(was_connected=session.config is not None)
+    finally:
+        await tunnel.close()
+
+
+async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Target) -> None:
+    """Make the live connection's forward follow the configuration."""
+    config: Config | None = None
+    open_now: Forward | None = None
+    while True:
+        config = await session.new_config(config)
+        wanted = role.forward(config)
+        if wanted != open_now:
+            if open_now is not None:
+                await tunnel.cancel(open_now)
+            await tunnel.add(wanted)
+            log.info(
+                "robot %s: port %d of the server leads to %s:%d",
+                config.robot,
+                wanted.listen_port,
+                wanted.host,
+                wanted.port,
+            )
+            open_now = wanted
+        role.on_up(target, config, session)
+
+
+async def _report(session: Session, health: Health) -> None:
+    """Tell the server who this is, and how the robot's services are at each change."""
+    session.send({"type": "hello", "hostname": socket.gethostname(), "agent_version": __version__})
+    await session.new_config(None)
+    report = health.report
+    while True:
+        session.send(
+            {"type": "health", "ros": report.ros, "video": report.video, "detail": report.detail}
+        )
+        report = await health.changed(report)

@@ -1,0 +1,117 @@
+"""Typed getters for every field that comes from outside (join answers, session lines, own JSON files).
+
+Each names the field in its error, so that a wrong answer can be understood from one log line.
+Never hands on a value that was not checked.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import cast
+
+JsonObject = Mapping[str, object]
+
+
+class FieldError(ValueError):
+    """A field is missing or has the wrong type or range; callers translate it into a Problem."""
+
+
+def parse_object(data: bytes | str, what: str) -> JsonObject:
+    """Return the JSON object in `data`; `what` names it in errors."""
+    try:
+        value = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise FieldError(f"{what} is not JSON: {error}") from error
+    return _object(value, what)
+
+
+def get_object(obj: JsonObject, name: str) -> JsonObject:
+    """Return the JSON object at `name`."""
+    return _object(_present(obj, name), name)
+
+
+def get_text(obj: JsonObject, name: str, *, default: str | None = None, limit: int = 500) -> str:
+    """Return the text at `name` for people: shortened, and without control characters for the log."""
+    if name not in obj and default is not None:
+        return default
+    return printable(_str(_present(obj, name), name), limit)
+
+
+def get_match(obj: JsonObject, name: str, pattern: re.Pattern[str], allowed: str) -> str:
+    """Return the text at `name`, which must match `pattern` as a whole; `allowed` tells people how."""
+    text = _str(_present(obj, name), name)
+    if not pattern.fullmatch(text):
+        raise FieldError(f"field {name} must be {allowed}, not {printable(text, 80)!r}")
+    return text
+
+
+def get_int(obj: JsonObject, name: str, low: int, high: int) -> int:
+    """Return the whole number at `name`, from `low` to `high`."""
+    return _int(_present(obj, name), name, low, high)
+
+
+def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
+    """Return the finite number at `name`, from `low` to `high`."""
+    value = _present(obj, name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise FieldError(f"field {name} must be a number, not {_shown(value)}")
+    if not low <= value <= high:
+        raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {value:g}")
+    return float(value)
+
+
+def get_texts(obj: JsonObject, name: str, *, limit: int = 8) -> list[str]:
+    """Return the list of texts at `name`: at least one, at most `limit`."""
+    return [_str(value, f"{name}[{at}]") for at, value in enumerate(_list(obj, name, limit))]
+
+
+def get_ports(obj: JsonObject, name: str, *, limit: int = 8) -> tuple[int, ...]:
+    """Return the list of TCP ports at `name`: at least one, at most `limit`."""
+    values = _list(obj, name, limit)
+    return tuple(_int(value, f"{name}[{at}]", 1, 65535) for at, value in enumerate(values))
+
+
+def printable(text: str, limit: int = 500) -> str:
+    """Return `text` safe for a log line: one line, no control characters, at most `limit` long."""
+    clean = "".join(char if char.isprintable() else " " for char in text[: limit + 1]).strip()
+    return clean if len(text) <= limit else clean[: limit - 3] + "..."
+
+
+def _present(obj: JsonObject, name: str) -> object:
+    if name not in obj:
+        raise FieldError(f"field {name} is missing")
+    return obj[name]
+
+
+def _object(value: object, what: str) -> JsonObject:
+    if not isinstance(value, dict):
+        raise FieldError(f"{what} must be a JSON object, not {_shown(value)}")
+    return cast("JsonObject", value)
+
+
+def _list(obj: JsonObject, name: str, limit: int) -> list[object]:
+    value = _present(obj, name)
+    if not isinstance(value, list) or not 1 <= len(value) <= limit:
+        raise FieldError(f"field {name} must be a list of 1 to {limit}, not {_shown(value)}")
+    return value
+
+
+def _str(value: object, name: str) -> str:
+    if not isinstance(value, str):
+        raise FieldError(f"field {name} must be text, not {_shown(value)}")
+    return value
+
+
+def _int(value: object, name: str, low: int, high: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise FieldError(
+            f"field {name} must be a whole number from {low} to {high}, not {_shown(value)}"
+        )
+    return value
+
+
+def _shown(value: object) -> str:
+    return printable(repr(value), 80)

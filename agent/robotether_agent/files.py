@@ -1,0 +1,84 @@
+"""Reads and writes the agent's own small files, whole or not at all."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from robotether_agent.problems import AlreadyRunning, StateUnusable
+
+
+def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
+    """Make the directory `path`, which the setting `key` names, unless it is there."""
+    try:
+        path.mkdir(mode=mode, parents=True, exist_ok=True)
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot make the directory {path}: {error.strerror}",
+            advice=f"make it for the agent's user, or set {key} to a place that it may write",
+        ) from error
+
+
+def write_atomic(path: Path, data: str, mode: int) -> None:
+    """Write `data` to `path` so that a reader or a power cut sees the old file or the new one."""
+    try:
+        _write(path, data, mode)
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot write {path}: {error.strerror}",
+            advice=f"let the agent's user (uid {os.getuid()}) write in {path.parent}, "
+            "and see that the disk is neither full nor read-only",
+        ) from error
+
+
+def read_text(path: Path) -> str | None:
+    """Return the text of `path`, or None when there is no such file."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise StateUnusable(
+            f"cannot read {path}: {error}",
+            advice=f"let the agent's user (uid {os.getuid()}) read it, or remove it if it is broken",
+        ) from error
+
+
+@contextmanager
+def only_one(path: Path) -> Iterator[None]:
+    """Hold the lock file `path`, or raise AlreadyRunning; the kernel frees it with the process."""
+    try:
+        file = path.open("a")
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot open the lock {path}: {error.strerror}",
+            advice=f"let the agent's user (uid {os.getuid()}) write in {path.parent}",
+        ) from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise AlreadyRunning(
+                f"cannot start: another agent holds {path}",
+                advice="stop it first, or give this one its own run_dir and state_dir",
+            ) from error
+        yield
+
+
+def _write(path: Path, data: str, mode: int) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            os.fchmod(file.fileno(), mode)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,175 @@
+"""Asks the server to let this robot in: POST /api/v1/join.
+
+Called by the enroller. Trusts the pinned certificate, the given CA file or the system's CAs, and nothing
+else; follows no redirect, so that a captive portal cannot answer in the server's place.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import ssl
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from http import HTTPStatus
+
+import aiohttp
+
+from robotether_agent.enrolment import NAME, SshAccess, parse_host_keys, parse_ssh
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_match,
+    get_object,
+    get_text,
+    parse_object,
+    printable,
+)
+from robotether_agent.known_hosts import HostKey
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    NotEnrolled,
+    Problem,
+    Retry,
+    ServerUnreachable,
+    SettingsInvalid,
+    TlsUntrusted,
+)
+from robotether_agent.settings import Settings
+
+TIMEOUT_S = 15.0
+ANSWER_LIMIT = 64 * 1024
+CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
+
+ADVICE = {
+    "robot_disabled": "enable the robot on the server's page",
+    "mac_in_use": "another robot's key holds this MAC: if this robot got a new disk, an admin lets the new key in",
+    "field_invalid": "correct the setting that this field comes from",
+    "too_many_pending": "approve or remove the robots that wait on the server",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class JoinRequest:
+    """What the robot says about itself; `public_key` is one line `ssh-ed25519 AAAA...`."""
+
+    mac: str
+    public_key: str
+    hostname: str
+    agent_version: str
+    token: str | None = None
+
+    def body(self) -> dict[str, str]:
+        """Return the JSON object of the request."""
+        body = {
+            "mac": self.mac,
+            "public_key": self.public_key,
+            "hostname": self.hostname,
+            "agent_version": self.agent_version,
+        }
+        return body if self.token is None else {**body, "token": self.token}
+
+
+@dataclass(frozen=True)
+class Joined:
+    """An active robot's answer."""
+
+    robot: str
+    ssh: SshAccess
+    host_keys: list[HostKey]
+
+
+async def join(settings: Settings, request: JoinRequest) -> Joined:
+    """Return the answer for an active robot; any other answer is raised as its problem."""
+    try:
+        status, body = await asyncio.wait_for(_post(settings, request), TIMEOUT_S)
+    except asyncio.TimeoutError as error:
+        why = f"no answer in {TIMEOUT_S:g} s"
+        raise _unreachable(settings, why) from error
+    except aiohttp.ServerFingerprintMismatch as error:
+        raise TlsUntrusted(
+            f"cannot trust {settings.server}: its certificate has the SHA-256 {error.got.hex(':')}, not the pinned one",
+            advice="compare it with the one that the server printed, and correct tls_fingerprint",
+        ) from error
+    except aiohttp.ClientConnectorCertificateError as error:
+        raise _untrusted(settings, error.certificate_error) from error
+    except (aiohttp.ClientError, OSError, ValueError) as error:
+        raise _unreachable(settings, printable(str(error) or type(error).__name__)) from error
+    return read_answer(settings.server, status, body)
+
+
+def read_answer(server: str, status: int, body: bytes) -> Joined:
+    """Return what an HTTP answer says, or raise the problem that it tells."""
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        raise ServerUnreachable(f"cannot join {server}: it answers with HTTP status {status}")
+    try:
+        answer = parse_object(body, "the answer")
+        if status == HTTPStatus.OK:
+            return _joined(answer)
+        code = get_match(answer, "code", CODE, "a short code")
+        detail = get_text(answer, "detail")
+    except FieldError as error:
+        raise AnswerInvalid(
+            f"cannot join {server}: HTTP status {status}, and {error}",
+            advice="see that server names a Robotether server, and that no captive portal is in between",
+        ) from error
+    raise _refusal(server, status, code, detail)
+
+
+def _joined(answer: JsonObject) -> Joined:
+    get_match(answer, "state", re.compile("active"), "active")
+    ssh = get_object(answer, "ssh")
+    robot = get_match(answer, "robot", NAME, "a robot's name")
+    return Joined(robot, parse_ssh(ssh), parse_host_keys(ssh))
+
+
+def _refusal(server: str, status: int, code: str, detail: str) -> Problem:
+    if status == HTTPStatus.ACCEPTED:
+        return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice="")
+    retry = Retry.ASK_AGAIN if status == HTTPStatus.TOO_MANY_REQUESTS else Retry.SLOWLY
+    advice = ADVICE.get(code, "ask the server's administrator")
+    return JoinRefused(f"cannot join {server}: {detail}", code=code, retry=retry, advice=advice)
+
+
+async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
+    url = f"https://{settings.server}/api/v1/join"
+    async with (
+        aiohttp.ClientSession() as http,
+        http.post(
+            url, json=request.body(), ssl=_trust(settings), allow_redirects=False
+        ) as response,
+    ):
+        body = bytearray()
+        async for chunk in response.content.iter_chunked(4096):
+            body += chunk
+            if len(body) > ANSWER_LIMIT:
+                raise ValueError(f"its answer is longer than {ANSWER_LIMIT} bytes")
+        return response.status, bytes(body)
+
+
+def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
+    if settings.tls_fingerprint is not None:
+        return aiohttp.Fingerprint(settings.tls_fingerprint)
+    try:
+        return ssl.create_default_context(cafile=settings.ca_file)
+    except (OSError, ssl.SSLError) as error:
+        raise SettingsInvalid(
+            f"cannot use ca_file = {str(settings.ca_file)!r}: {error}",
+            advice="allowed is a readable file of certificates in PEM",
+        ) from error
+
+
+def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
+    now = f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"
+    return TlsUntrusted(
+        f"cannot trust the certificate of {settings.server}: {printable(str(error))}",
+        advice=f"set tls_fingerprint or ca_file, and see that this robot's clock is right (it says {now})",
+    )
+
+
+def _unreachable(settings: Settings, why: str) -> ServerUnreachable:
+    return ServerUnreachable(
+        f"cannot reach https://{settings.server}: {why}",
+        advice="check this robot's network and the setting server",
+    )

@@ -1,0 +1,237 @@
+"""Everything that can go wrong for the agent, as one tree; every module raises only these.
+
+Each problem has a short code that reaches the log and the status unchanged, knows whether trying again
+can help, and says in one sentence what was impossible and why, and in another what a person can do.
+
+    Problem
+    |- SettingsInvalid       settings_invalid     give up (exit 78)
+    |- AlreadyRunning        already_running      give up (exit 75)
+    |- StateUnusable         state_unusable       slowly
+    |- SshMissing            ssh_missing          slowly
+    |- KeyUnusable           key_unusable         slowly
+    |- InterfaceMissing      interface_missing    soon
+    |- NotEnrolled           not_enrolled         ask again
+    |- JoinRefused           the server's code    slowly
+    |- AnswerInvalid         answer_invalid       slowly
+    |- TlsUntrusted          tls_untrusted        slowly
+    |- ServerUnreachable     server_unreachable   soon
+    |- HostKeyChanged        host_key_changed     give up (exit 76)
+    |- KeyRefused            key_refused          slowly
+    |- SshIncompatible       ssh_incompatible     slowly
+    |- LinkProblem
+    |  |- LinkLost           link_lost            soon
+    |  |- ServerSilent       server_silent        soon
+    |  |- ProtocolBroken     protocol_error       soon
+    |  |- SessionRefused     session_refused      soon
+    |  |- PortTaken          port_taken           soon
+    |  |- ForwardFailed      forward_failed       soon
+    |  `- SessionEnded       the server's code    soon or slowly
+    |- RosbridgeDown         rosbridge_down       told, the tunnel stays
+    `- VideoDown             video_down           told, the tunnel stays
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import ClassVar
+
+
+class Retry(Enum):
+    """What to do after a problem; robotether_agent.backoff turns it into seconds."""
+
+    SOON = "soon"
+    ASK_AGAIN = "ask again"
+    SLOWLY = "slowly"
+    NEVER = "never"
+
+
+class Problem(Exception):  # noqa: N818 - the word that status, log and server use for it
+    """A sentence "cannot DO WHAT: why", with a code and an advice."""
+
+    default_code: ClassVar[str] = "problem"
+    default_retry: ClassVar[Retry] = Retry.SOON
+    default_advice: ClassVar[str] = ""
+    exit_code: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        advice: str | None = None,
+        code: str | None = None,
+        retry: Retry | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.advice = self.default_advice if advice is None else advice
+        self.code = self.default_code if code is None else code
+        self.retry = self.default_retry if retry is None else retry
+
+    def __str__(self) -> str:
+        sentence = f"{self.message}; {self.advice}" if self.advice else self.message
+        return f"{sentence} [{self.code}]"
+
+
+class SettingsInvalid(Problem):
+    """A key of agent.toml or an environment variable has a value that is not allowed."""
+
+    default_code = "settings_invalid"
+    default_retry = Retry.NEVER
+    exit_code = 78
+
+
+class AlreadyRunning(Problem):
+    """Another agent holds the lock of the same run directory."""
+
+    default_code = "already_running"
+    default_retry = Retry.NEVER
+    exit_code = 75
+
+
+class StateUnusable(Problem):
+    """A file that must be kept cannot be written or read."""
+
+    default_code = "state_unusable"
+    default_retry = Retry.SLOWLY
+
+
+class SshMissing(Problem):
+    """OpenSSH's client or ssh-keygen is not installed."""
+
+    default_code = "ssh_missing"
+    default_retry = Retry.SLOWLY
+    default_advice = "install the package openssh-client"
+
+
+class KeyUnusable(Problem):
+    """The robot's own key exists but OpenSSH cannot use it."""
+
+    default_code = "key_unusable"
+    default_retry = Retry.SLOWLY
+
+
+class InterfaceMissing(Problem):
+    """No network interface can give the robot its MAC address (yet)."""
+
+    default_code = "interface_missing"
+    default_retry = Retry.SOON
+
+
+class NotEnrolled(Problem):
+    """The server knows the robot, but nobody has approved its key yet."""
+
+    default_code = "not_enrolled"
+    default_retry = Retry.ASK_AGAIN
+
+
+class JoinRefused(Problem):
+    """The server answered the join with a reason why not; its code is kept."""
+
+    default_code = "join_refused"
+    default_retry = Retry.SLOWLY
+
+
+class AnswerInvalid(Problem):
+    """Something answered that is no Robotether server, such as a captive portal."""
+
+    default_code = "answer_invalid"
+    default_retry = Retry.SLOWLY
+
+
+class TlsUntrusted(Problem):
+    """The server's certificate is not the pinned one, or no known authority signed it."""
+
+    default_code = "tls_untrusted"
+    # Not NEVER: a robot without a battery-backed clock trusts the certificate once it knows the time.
+    default_retry = Retry.SLOWLY
+
+
+class ServerUnreachable(Problem):
+    """No network, no name service, or nothing that listens."""
+
+    default_code = "server_unreachable"
+    default_retry = Retry.SOON
+
+
+class HostKeyChanged(Problem):
+    """The SSH server is not the one that was pinned at the first join: perhaps an attack."""
+
+    default_code = "host_key_changed"
+    default_retry = Retry.NEVER
+    exit_code = 76
+
+
+class KeyRefused(Problem):
+    """The SSH server does not accept the robot's key."""
+
+    default_code = "key_refused"
+    default_retry = Retry.SLOWLY
+    default_advice = (
+        "approve or enable the robot on the server, or remove its row so that it can join"
+    )
+
+
+class SshIncompatible(Problem):
+    """Both OpenSSH ends share no algorithm, or the client does not know one of our options."""
+
+    default_code = "ssh_incompatible"
+    default_retry = Retry.SLOWLY
+    default_advice = "update the package openssh-client (8.2 or newer)"
+
+
+class LinkProblem(Problem):
+    """The connection stood or was about to stand, and this ended it."""
+
+
+class LinkLost(LinkProblem):
+    """The SSH connection went away."""
+
+    default_code = "link_lost"
+
+
+class ServerSilent(LinkProblem):
+    """Nothing was heard, or nothing was taken, for the agreed time."""
+
+    default_code = "server_silent"
+
+
+class ProtocolBroken(LinkProblem):
+    """The server sent a line that the protocol does not know."""
+
+    default_code = "protocol_error"
+
+
+class SessionRefused(LinkProblem):
+    """The session command on the server ended before it sent a configuration."""
+
+    default_code = "session_refused"
+
+
+class PortTaken(LinkProblem):
+    """The server does not open the robot's port for this connection."""
+
+    default_code = "port_taken"
+
+
+class ForwardFailed(LinkProblem):
+    """The running SSH client did not take a forward for another reason."""
+
+    default_code = "forward_failed"
+
+
+class SessionEnded(LinkProblem):
+    """The server said goodbye; its code is kept."""
+
+    default_code = "session_ended"
+
+
+class RosbridgeDown(Problem):
+    """rosbridge on the robot does not answer; never ends a connection."""
+
+    default_code = "rosbridge_down"
+
+
+class VideoDown(Problem):
+    """web_video_server on the robot does not answer; never ends a connection."""
+
+    default_code = "video_down"

@@ -1,0 +1,172 @@
+"""The session's protocol over the lines of one SSH connection (docs/protocols.md, "The session").
+
+Run by robotether_agent.connection. Never trusts a field unseen, never waits for the server without a
+bound, and never holds more than 64 KiB in either direction.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import re
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from robotether_agent.enrolment import NAME
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_int,
+    get_match,
+    get_number,
+    get_text,
+    parse_object,
+)
+from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.tasks import first_of
+
+# Until the server has told its own times: logging in, key look-up, and the end of an older session.
+FIRST_TIMEOUT_S = 20.0
+UNSENT_LIMIT = 64 * 1024
+PINGS_KEPT = 16
+CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
+
+BYE_ADVICE = {
+    "superseded": "if this repeats, two robots use one key: remove the key and enrolment of the copied one",
+    "robot_disabled": "enable the robot on the server's page",
+    "robot_unknown": "the robot was removed on the server; it must be enrolled again",
+}
+SLOW_BYES = frozenset(BYE_ADVICE)
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the server wants; it may send another one at any time."""
+
+    robot: str
+    ros_port: int
+    video_port: int
+    heartbeat_s: float
+    timeout_s: float
+
+
+class Session:
+    """Both ways of one session; `rtt_ms` is the newest round trip, `config` the newest configuration."""
+
+    def __init__(
+        self,
+        lines_in: asyncio.StreamReader,
+        lines_out: asyncio.StreamWriter,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.config: Config | None = None
+        self.rtt_ms: float | None = None
+        self._in = lines_in
+        self._out = lines_out
+        self._clock = clock
+        self._configured = asyncio.Event()
+        self._pings: deque[tuple[int, float]] = deque(maxlen=PINGS_KEPT)
+        self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
+            "config": self._on_config,
+            "ping": self._on_ping,
+            "pong": self._on_pong,
+            "bye": self._on_bye,
+        }
+
+    async def run(self) -> None:
+        """Serve until the stream ends; raise why if the server or a time-out ended it."""
+        await first_of(self._listen(), self._beat())
+
+    async def new_config(self, known: Config | None) -> Config:
+        """Return the newest configuration as soon as it is another one than `known`."""
+        while self.config is None or self.config == known:
+            self._configured.clear()
+            await self._configured.wait()
+        return self.config
+
+    def send(self, message: Mapping[str, object]) -> None:
+        """Send one message; a server that takes none for long ends the session."""
+        if self._out.transport.get_write_buffer_size() > UNSENT_LIMIT:
+            raise ServerSilent("lost the session: the server takes nothing any more")
+        self._out.write(json.dumps(message, separators=(",", ":")).encode() + b"\n")
+
+    @property
+    def _timeout_s(self) -> float:
+        return FIRST_TIMEOUT_S if self.config is None else self.config.timeout_s
+
+    async def _listen(self) -> None:
+        while line := await self._line():
+            self._handle(line)
+
+    async def _line(self) -> bytes:
+        """Return the next line, or nothing at the stream's end."""
+        try:
+            return await asyncio.wait_for(self._in.readuntil(b"\n"), self._timeout_s)
+        except asyncio.IncompleteReadError:
+            return b""
+        except asyncio.LimitOverrunError as error:
+            raise ProtocolBroken("lost the session: the server sent a line over 64 KiB") from error
+        except asyncio.TimeoutError as error:
+            why = f"the server was silent for {self._timeout_s:g} s"
+            raise ServerSilent(f"lost the session: {why}") from error
+
+    def _handle(self, line: bytes) -> None:
+        try:
+            message = parse_object(line, "the line")
+            kind = get_text(message, "type")
+            handler = self._handlers.get(kind)
+            if handler is None:
+                log.debug("ignoring a message of the unknown type %r", kind)
+                return
+            handler(message)
+        except FieldError as error:
+            raise ProtocolBroken(
+                f"lost the session: the server sent a broken line: {error}"
+            ) from error
+
+    def _on_config(self, message: JsonObject) -> None:
+        self.config = Config(
+            robot=get_match(message, "robot", NAME, "a robot's name"),
+            ros_port=get_int(message, "ros_port", 1, 65535),
+            video_port=get_int(message, "video_port", 1, 65535),
+            heartbeat_s=get_number(message, "heartbeat_s", 0.05, 60),
+            timeout_s=get_number(message, "timeout_s", 0.1, 600),
+        )
+        self._configured.set()
+
+    def _on_ping(self, message: JsonObject) -> None:
+        self.send({"type": "pong", "seq": get_int(message, "seq", 0, 2**53)})
+
+    def _on_pong(self, message: JsonObject) -> None:
+        seq = get_int(message, "seq", 0, 2**53)
+        # The time comes from our own list, not from the echo, which the server could have changed.
+        sent = next((at for number, at in self._pings if number == seq), None)
+        if sent is not None:
+            self.rtt_ms = (self._clock() - sent) * 1000
+
+    def _on_bye(self, message: JsonObject) -> None:
+        code = get_match(message, "code", CODE, "a short code")
+        detail = get_text(message, "detail", default="without a reason")
+        raise SessionEnded(
+            f"the server ended the connection: {detail}",
+            code=code,
+            retry=Retry.SLOWLY if code in SLOW_BYES else Retry.SOON,
+            advice=BYE_ADVICE.get(code, ""),
+        )
+
+    async def _beat(self) -> None:
+        config = await self.new_config(None)
+        seq = 0
+        while True:
+            seq += 1
+            now = self._clock()
+            self._pings.append((seq, now))
+            self.send({"type": "ping", "seq": seq, "t_ms": round(now * 1000, 3)})
+            config = self.config or config
+            await asyncio.sleep(config.heartbeat_s)

@@ -1,0 +1,154 @@
+"""The parsers of single settings: from a TOML value or an environment text to a checked value.
+
+Used by robotether_agent.settings only. Each raises RefusedValueError with what is allowed, and nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from robotether_agent.identity import MacError, normalise_mac
+
+HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
+IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
+INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
+# OpenSSH expands % and ${} in its file options and splits some at blanks.
+PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
+# A Unix socket's path has at most 107 bytes, and OpenSSH adds 17 to the control socket's while it binds.
+RUN_DIR_LIMIT = 107 - 17 - len("/session.ctl")
+LAST_PORT = 65535
+PORTS_LIMIT = 8
+LOG_LEVELS = ("debug", "info", "warning", "error")
+
+
+class RefusedValueError(ValueError):
+    """The value is not allowed; the message says what is."""
+
+
+def text(value: object) -> str:
+    """Return a non-empty text."""
+    if not isinstance(value, str) or not value.strip():
+        raise RefusedValueError("a text that is not empty")
+    return value.strip()
+
+
+def host(value: object) -> str:
+    """Return a host name or address."""
+    name = text(value)
+    if not (HOST.fullmatch(name) or (":" in name and IPV6.fullmatch(name))):
+        raise RefusedValueError("a host name or an address")
+    return name
+
+
+def server(value: object) -> str:
+    """Return HOST or HOST:PORT, with an IPv6 address in brackets."""
+    name = text(value)
+    try:
+        split = urlsplit(f"//{name}")
+        port = split.port
+    except ValueError as error:
+        raise RefusedValueError("HOST or HOST:PORT (of https)") from error
+    if split.hostname is None or split.netloc != name or "@" in name or port == 0:
+        raise RefusedValueError("HOST or HOST:PORT (of https), without https:// and path")
+    host(split.hostname)
+    return name
+
+
+def fingerprint(value: object) -> bytes:
+    """Return the 32 bytes of a SHA-256 in hexadecimal, with or without colons."""
+    digits = text(value).removeprefix("sha256:").replace(":", "")
+    if not re.fullmatch(r"[0-9A-Fa-f]{64}", digits):
+        raise RefusedValueError("the SHA-256 of the server's certificate: 64 hexadecimal digits")
+    return bytes.fromhex(digits)
+
+
+def port(value: object) -> int:
+    """Return a TCP port."""
+    number = int(value) if isinstance(value, str) and value.strip().isdecimal() else value
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= LAST_PORT:
+        raise RefusedValueError("a port from 1 to 65535")
+    return number
+
+
+def ports(value: object) -> tuple[int, ...]:
+    """Return one or more TCP ports, in the order in which they are tried."""
+    items = value.split(",") if isinstance(value, str) else value
+    if not isinstance(items, list) or not 1 <= len(items) <= PORTS_LIMIT:
+        raise RefusedValueError("1 to 8 ports, such as [2222, 443] (in the environment: 2222,443)")
+    return tuple(port(item) for item in items)
+
+
+def flag(value: object) -> bool:
+    """Return true or false."""
+    known = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, str) and value.strip().lower() in known:
+        return known[value.strip().lower()]
+    raise RefusedValueError("true or false")
+
+
+def mac(value: object) -> str:
+    """Return a MAC address; whether a local one is allowed is another setting's matter."""
+    try:
+        return normalise_mac(text(value), allow_local=True)
+    except MacError as error:
+        raise RefusedValueError(f"the MAC address of one interface ({error})") from error
+
+
+def interface(value: object) -> str:
+    """Return the name of a network interface."""
+    name = text(value)
+    if not INTERFACE.fullmatch(name) or name in {".", ".."}:
+        raise RefusedValueError("the name of a network interface, such as eth0")
+    return name
+
+
+def rosbridge_url(value: object) -> str:
+    """Return a ws:// URL without a path."""
+    return _local_url(value, "ws", 9090)
+
+
+def video_url(value: object) -> str:
+    """Return an http:// URL without a path."""
+    return _local_url(value, "http", 8080)
+
+
+def path(value: object) -> Path:
+    """Return an absolute path that needs no quoting."""
+    name = text(value)
+    if not PLAIN_PATH.fullmatch(name):
+        raise RefusedValueError("an absolute path of letters, digits and ._/+@:,=-")
+    return Path(name)
+
+
+def run_dir(value: object) -> Path:
+    """Return an absolute path that is short enough for the control sockets in it."""
+    name = path(value)
+    if len(str(name)) > RUN_DIR_LIMIT:
+        raise RefusedValueError(f"an absolute path of at most {RUN_DIR_LIMIT} characters")
+    return name
+
+
+def log_level(value: object) -> str:
+    """Return one of the log levels."""
+    name = text(value).lower()
+    if name not in LOG_LEVELS:
+        raise RefusedValueError(", ".join(LOG_LEVELS))
+    return name
+
+
+def _local_url(value: object, scheme: str, default_port: int) -> str:
+    example = f"{scheme}://HOST:PORT without a path, such as {scheme}://127.0.0.1:{default_port}"
+    try:
+        split = urlsplit(text(value))
+        number = default_port if split.port is None else split.port
+    except ValueError as error:
+        raise RefusedValueError(example) from error
+    bare = split.path in {"", "/"} and not (split.query or split.fragment or split.username)
+    if split.scheme != scheme or not split.hostname or not bare or number == 0:
+        raise RefusedValueError(example)
+    name = host(split.hostname)
+    return f"{scheme}://{f'[{name}]' if ':' in name else name}:{number}"

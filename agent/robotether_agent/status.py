@@ -1,0 +1,167 @@
+"""What the agent is doing, as a JSON file in the run directory, and as text for a person.
+
+Written by the agent, read by `robotether-agent status`. The file is replaced whole, every 2 s and at each
+change, so that its age tells whether the agent lives. Holds no secret: everybody may read it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+from robotether_agent import __version__
+from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
+from robotether_agent.files import read_text, write_atomic
+from robotether_agent.problems import Problem
+
+FILE = "status.json"
+# Three missed refreshes: the agent has ended or hangs.
+STALE_S = 8.0
+CONNECTED = "connected"
+
+MEANINGS = {
+    "starting": "starting",
+    "connecting": "connecting",
+    CONNECTED: "connected",
+    "pending": "waits for approval on the server",
+    "waiting": "not connected, tries again by itself",
+    "stopped": "stopped",
+}
+
+
+@dataclass(frozen=True)
+class Status:
+    """The agent at one moment; times are seconds since 1970, `rtt_ms` -1 is unknown."""
+
+    state: str = "starting"
+    since: float = 0.0
+    server: str = ""
+    robot: str = ""
+    rtt_ms: float = -1.0
+    ros: str = "unknown"
+    ros_detail: str = ""
+    video: str = "unknown"
+    video_detail: str = ""
+    video_tunnel: str = "closed"
+    problem_code: str = ""
+    problem: str = ""
+    advice: str = ""
+    problem_at: float = 0.0
+    written_at: float = 0.0
+    pid: float = 0
+    agent_version: str = __version__
+
+
+class StatusBoard:
+    """Keeps the file in step with the agent."""
+
+    def __init__(
+        self,
+        run_dir: Path,
+        server: str,
+        *,
+        on_state: Callable[[str], None],
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.status = Status(server=server, since=clock(), pid=os.getpid())
+        self._file = run_dir / FILE
+        self._on_state = on_state
+        self._clock = clock
+
+    def set(self, **changes: str | float) -> None:
+        """Change fields, and write the file."""
+        before, now = self.status, self._clock()
+        self.status = replace(before, **changes)  # type: ignore[arg-type]  # fields of two types
+        if self.status.state != before.state:
+            self.status = replace(self.status, since=now)
+        if headline(self.status) != headline(before):
+            self._on_state(headline(self.status))
+        self.refresh()
+
+    def tell(self, problem: Problem, state: str) -> None:
+        """Note the last problem, and the state that it leads to."""
+        self.set(
+            state=state,
+            problem_code=problem.code,
+            problem=problem.message,
+            advice=problem.advice,
+            problem_at=self._clock(),
+        )
+
+    def refresh(self) -> None:
+        """Write the file, which also says that the agent lives."""
+        self.status = replace(self.status, written_at=self._clock())
+        write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644)
+
+
+def headline(status: Status) -> str:
+    """Return the status in one line, as systemd shows it."""
+    text = MEANINGS.get(status.state, status.state)
+    if status.state == CONNECTED:
+        services = f"rosbridge {status.ros}, video {status.video}"
+        return f"{text} to {status.server} as {status.robot}; {services}"
+    return f"{text}: {status.problem} [{status.problem_code}]" if status.problem else text
+
+
+def read_status(run_dir: Path) -> Status | None:
+    """Return what the agent wrote last, or None when it never ran since the boot."""
+    text = read_text(run_dir / FILE)
+    if text is None:
+        return None
+    try:
+        return _parse(parse_object(text, FILE))
+    except FieldError:
+        return None
+
+
+def is_alive(status: Status, now: float) -> bool:
+    """Tell whether the agent that wrote `status` still runs."""
+    return status.state != "stopped" and abs(now - status.written_at) < STALE_S
+
+
+def render(status: Status, now: float) -> str:
+    """Return `status` for a person."""
+    state = MEANINGS.get(status.state, status.state)
+    if not is_alive(status, now) and status.state != "stopped":
+        state = f"not running (last sign of life {_when(status.written_at)})"
+    rows = [
+        ("state", f"{state} since {_when(status.since)}"),
+        ("robot", status.robot or "(no name yet)"),
+        ("server", status.server),
+    ]
+    if status.state == CONNECTED and is_alive(status, now):
+        rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"
+        rows += [("round trip", rtt), ("video tunnel", status.video_tunnel)]
+    rows += [
+        ("rosbridge", _service(status.ros, status.ros_detail)),
+        ("video", _service(status.video, status.video_detail)),
+    ]
+    if status.problem:
+        rows.append(("last problem", f"{status.problem} [{status.problem_code}]"))
+        rows.append(("", f"at {_when(status.problem_at)}"))
+    if status.problem and status.advice:
+        rows.append(("what to do", status.advice))
+    return "\n".join(f"{name:<13} {value}".rstrip() for name, value in rows)
+
+
+def _service(state: str, detail: str) -> str:
+    return f"{state}: {detail}" if detail else state
+
+
+def _when(seconds: float) -> str:
+    return f"{datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _parse(obj: JsonObject) -> Status:
+    values: dict[str, str | float] = {}
+    for item in fields(Status):
+        if isinstance(item.default, str):
+            values[item.name] = get_text(obj, item.name, limit=2000)
+        else:
+            values[item.name] = get_number(obj, item.name, -1, 1e12)
+    return Status(**values)  # type: ignore[arg-type]  # each was checked against its field's default

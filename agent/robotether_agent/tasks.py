@@ -1,0 +1,32 @@
+"""Runs coroutines side by side so that none outlives the others; used wherever the agent has tasks."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Coroutine, Sequence
+from typing import Any
+
+log = logging.getLogger(__name__)
+
+
+async def first_of(*work: Coroutine[Any, Any, None]) -> None:
+    """Run all of `work` until one ends, end the others, and raise what the ended one raised.
+
+    If several end in the same moment, the one named first counts.
+    """
+    tasks = [asyncio.ensure_future(coroutine) for coroutine in work]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        ended = next(task for task in tasks if task.done())
+    finally:
+        await _end(tasks)
+    ended.result()
+
+
+async def _end(tasks: Sequence[asyncio.Future[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, BaseException) and not isinstance(result, asyncio.CancelledError):
+            log.debug("a task ended with %r", result)

@@ -1,0 +1,163 @@
+"""One SSH connection to the server: OpenSSH's own client as a child process.
+
+Its stdin and stdout carry the session's lines; its control socket takes remote forwards while it runs.
+Opened by robotether_agent.connection. Never leaves a child or a control socket behind, whatever fails.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+from asyncio.subprocess import DEVNULL, PIPE, Process
+from pathlib import Path
+from typing import Literal
+
+from robotether_agent.problems import ForwardFailed, Problem, SshMissing
+from robotether_agent.ssh_command import (
+    Forward,
+    Kind,
+    SshFiles,
+    Target,
+    child_environment,
+    connect_command,
+    control_command,
+)
+from robotether_agent.ssh_errors import why_ended, why_no_forward, why_not_connected
+
+LINE_LIMIT = 64 * 1024
+STDERR_KEPT = 8 * 1024
+CONTROL_TIMEOUT_S = 10.0
+# A server that is gone must not hold up a stop: systemd waits, and so does the next connection.
+END_TIMEOUT_S = 1.5
+
+log = logging.getLogger(__name__)
+
+
+class Tunnel:
+    """A running SSH client; `lines_in` and `lines_out` are the session's two directions."""
+
+    def __init__(self, process: Process, target: Target, files: SshFiles) -> None:
+        if process.stdin is None or process.stdout is None or process.stderr is None:
+            raise ValueError("the SSH client must run with three pipes")
+        self.lines_in = process.stdout
+        self.lines_out = process.stdin
+        self._process = process
+        self._target = target
+        self._files = files
+        self._stderr = b""
+        self._listener = asyncio.ensure_future(self._listen(process.stderr))
+
+    @classmethod
+    async def open(cls, target: Target, files: SshFiles, kind: Kind) -> Tunnel:
+        """Start a client; whether it connects shows when it sends lines or ends."""
+        if _exists(files.control):
+            await _remove_stale(files.control)
+        return cls(await _start(connect_command(target, files, kind), stdin=PIPE), target, files)
+
+    async def add(self, forward: Forward) -> None:
+        """Open `forward` on the live connection."""
+        await self._control("forward", forward)
+
+    async def cancel(self, forward: Forward) -> None:
+        """Close `forward` on the live connection."""
+        await self._control("cancel", forward)
+
+    async def why_ended(self, *, was_connected: bool) -> Problem:
+        """Wait shortly for the client's end and its last words, and return what they mean."""
+        await asyncio.wait({self._listener}, timeout=END_TIMEOUT_S)
+        try:
+            status = await asyncio.wait_for(self._process.wait(), END_TIMEOUT_S)
+        except asyncio.TimeoutError:
+            status = None
+        words = self._stderr.decode(errors="replace").splitlines()
+        if was_connected or status is None:
+            return why_ended(words, status, self._target)
+        return why_not_connected(words, status, self._target, self._files)
+
+    async def close(self) -> None:
+        """End the client within a bounded time, and remove what it leaves."""
+        try:
+            await _end(self._process)
+        finally:
+            self._listener.cancel()
+            _remove(self._files.control)
+
+    async def _control(self, action: Literal["forward", "cancel"], forward: Forward) -> None:
+        command = control_command(self._files.control, action, forward)
+        status, words = await _run(command)
+        if status is None:
+            raise ForwardFailed(
+                f"cannot {action} {forward.spec}: no answer in {CONTROL_TIMEOUT_S:g} s"
+            )
+        if status != 0:
+            raise why_no_forward(words, forward, action)
+
+    async def _listen(self, stderr: asyncio.StreamReader) -> None:
+        while chunk := await stderr.read(4096):
+            log.debug("ssh %s: %s", self._target, chunk.decode(errors="replace").rstrip())
+            self._stderr = (self._stderr + chunk)[-STDERR_KEPT:]
+
+
+async def _remove_stale(control: Path) -> None:
+    """End a client that an agent left which was killed, and remove its control socket."""
+    await _run(control_command(control, "exit"), timeout_s=END_TIMEOUT_S)
+    _remove(control)
+
+
+def _exists(control: Path) -> bool:
+    return control.exists()
+
+
+def _remove(control: Path) -> None:
+    control.unlink(missing_ok=True)
+
+
+async def _start(command: list[str], stdin: int) -> Process:
+    try:
+        return await asyncio.create_subprocess_exec(
+            *command,
+            stdin=stdin,
+            stdout=PIPE,
+            stderr=PIPE,
+            limit=LINE_LIMIT,
+            env=child_environment(),
+            # A Ctrl-C in the terminal is for the agent, which then ends its clients in order.
+            start_new_session=True,
+        )
+    except FileNotFoundError as error:
+        raise SshMissing("cannot connect: there is no OpenSSH client (ssh)") from error
+
+
+async def _run(
+    command: list[str], timeout_s: float = CONTROL_TIMEOUT_S
+) -> tuple[int | None, list[str]]:
+    """Return a short command's status and stderr; a status of None is a time-out."""
+    process = await _start(command, stdin=DEVNULL)
+    try:
+        _, words = await asyncio.wait_for(process.communicate(), timeout_s)
+    except asyncio.TimeoutError:
+        return None, []
+    finally:
+        await _end(process)
+    return process.returncode, words.decode(errors="replace").splitlines()
+
+
+async def _end(process: Process) -> None:
+    """Ask `process` to end, and kill it if it does not, or if the wait is cut short."""
+    try:
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            if process.returncode is None:
+                _signal(process, number)
+                await asyncio.wait({asyncio.ensure_future(process.wait())}, timeout=END_TIMEOUT_S)
+    finally:
+        if process.returncode is None:
+            _signal(process, signal.SIGKILL)
+
+
+def _signal(process: Process, number: signal.Signals) -> None:
+    try:
+        os.killpg(process.pid, number)
+    except ProcessLookupError:
+        log.debug("ssh %d has ended already", process.pid)
