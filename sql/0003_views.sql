@@ -58,7 +58,7 @@ BEGIN
       FROM audit_events WHERE kind = 'key_refused' AND at > moment - INTERVAL 1 HOUR;
     IF IFNULL(known, 0) = 0 AND IFNULL(recent, 0) < 60 THEN
       INSERT INTO audit_events (actor, kind, address, details)
-        VALUES ('sshd', 'key_refused', address, JSON_OBJECT('fingerprint', fingerprint));
+        VALUES ('sshd', 'key_refused', NULLIF(address, ''), JSON_OBJECT('fingerprint', fingerprint));
     END IF;
     DO RELEASE_LOCK('robotether.refused_key');
   END IF;
