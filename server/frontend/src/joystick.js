@@ -62,5 +62,5 @@ export function stick(x, y, radius) {
   const reach = Math.min(1, length / radius);
   if (reach <= DEAD_ZONE) return { forward: 0, turn: 0 };
   const strength = (reach - DEAD_ZONE) / (1 - DEAD_ZONE);
-  return { forward: (-y / length) * strength, turn: (-x / length) * strength };
+  return { forward: ((0 - y) / length) * strength, turn: ((0 - x) / length) * strength };
 }

@@ -1,0 +1,72 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { Joystick, stick } from "../src/joystick.js";
+
+let told, element, joystick;
+
+beforeEach(() => {
+  told = [];
+  const captured = new Set();
+  element = {
+    dataset: {},
+    handlers: {},
+    addEventListener(name, handler) {
+      this.handlers[name] = handler;
+    },
+    setPointerCapture: (id) => captured.add(id),
+    hasPointerCapture: (id) => captured.has(id),
+    releasePointerCapture: (id) => captured.delete(id),
+    getBoundingClientRect: () => ({ left: 0, top: 0, width: 240, height: 240 }),
+  };
+  joystick = new Joystick({
+    element,
+    knob: { offsetWidth: 40, style: {} },
+    onHold: (input) => told.push(input),
+    onRelease: () => told.push("released"),
+  });
+});
+
+function pointer(name, pointerId, clientX, clientY) {
+  element.handlers[name]({ pointerId, clientX, clientY, button: 0, preventDefault() {} });
+}
+
+test("up is forward and left is a left turn, full at the rim and no more beyond it", () => {
+  assert.deepEqual(stick(0, -100, 100), { forward: 1, turn: 0 });
+  assert.equal(stick(-100, 0, 100).turn, 1);
+  assert.equal(stick(0, 300, 100).forward, -1);
+  const corner = stick(300, -300, 100);
+  assert.ok(Math.abs(Math.hypot(corner.forward, corner.turn) - 1) < 1e-9);
+});
+
+test("a resting thumb near the centre moves nothing, and strength grows from there without a step", () => {
+  assert.deepEqual(stick(0, -8, 100), { forward: 0, turn: 0 });
+  assert.ok(stick(0, -9, 100).forward < 0.02);
+});
+
+test("dragging is told, and letting go is told once", () => {
+  pointer("pointerdown", 1, 120, 120);
+  pointer("pointermove", 1, 120, 20);
+  pointer("pointerup", 1, 120, 20);
+  pointer("lostpointercapture", 1, 120, 20);
+  assert.deepEqual(told, [{ forward: 0, turn: 0 }, { forward: 1, turn: 0 }, "released"]);
+});
+
+test("a second finger changes nothing", () => {
+  pointer("pointerdown", 1, 120, 20);
+  pointer("pointerdown", 2, 220, 120);
+  pointer("pointermove", 2, 20, 120);
+  pointer("pointerup", 2, 20, 120);
+  assert.equal(told.length, 1);
+  pointer("pointercancel", 1, 120, 20);
+  assert.equal(told.at(-1), "released");
+});
+
+test("after a drop the same drag drives no longer until it is pressed anew", () => {
+  pointer("pointerdown", 1, 120, 20);
+  joystick.drop();
+  pointer("pointermove", 1, 120, 20);
+  assert.equal(told.length, 1);
+  pointer("pointerdown", 1, 120, 20);
+  assert.equal(told.length, 2);
+});

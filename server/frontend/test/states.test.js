@@ -1,0 +1,62 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { NAMES, afterClose, afterTicketRefusal } from "../src/states.js";
+import { connection as texts } from "../src/texts.js";
+
+const shown = (code, wasLive = false) => {
+  const { name, retry } = afterClose({ code, wasLive });
+  return `${name} ${retry ? "retry" : "final"}`;
+};
+
+test("each close code of the contract has its own state", () => {
+  assert.equal(shown(4001), "not_allowed final");
+  assert.equal(shown(4002), "superseded final");
+  assert.equal(shown(4503), "offline retry");
+  assert.equal(shown(4504), "rosbridge_down retry");
+  assert.equal(shown(4505), "link_lost retry");
+  assert.equal(shown(4408), "link_lost retry");
+  assert.equal(shown(4413), "link_lost retry");
+  assert.equal(shown(1009), "link_lost retry");
+  assert.equal(shown(1001), "server_unreachable retry");
+});
+
+test("a cut without a code is a lost link when it was live, else an unreachable server", () => {
+  assert.equal(shown(1006, true), "link_lost retry");
+  assert.equal(shown(1006, false), "server_unreachable retry");
+});
+
+test("an offline robot keeps the reason that the server gave", () => {
+  const state = afterClose({ code: 4503, reason: "robot sim1 is offline since 12:03 UTC" });
+  const detail = texts.offline.detail({ since: "", reason: state.reason });
+  assert.match(detail, /offline since 12:03 UTC/);
+});
+
+test("a refused ticket ends the attempts only where another attempt cannot help", () => {
+  const verdict = (status, code) => {
+    const { name, retry, login } = afterTicketRefusal({ status, code });
+    return { name, retry, login: Boolean(login) };
+  };
+  assert.deepEqual(verdict(401, "login_missing"), { name: "not_allowed", retry: false, login: true });
+  assert.deepEqual(verdict(403, "grant_missing"), { name: "not_allowed", retry: false, login: false });
+  assert.deepEqual(verdict(404, "robot_unknown"), { name: "not_allowed", retry: false, login: false });
+  assert.deepEqual(verdict(400, ""), { name: "not_allowed", retry: false, login: false });
+  for (const status of [0, 429, 500, 502, 503]) {
+    assert.deepEqual(verdict(status, ""), { name: "server_unreachable", retry: true, login: false });
+  }
+});
+
+test("every state has a title and a sentence", () => {
+  const facts = { driving: false, drivers: ["ann"], since: "12:03", reason: "" };
+  for (const name of NAMES) {
+    assert.ok(texts[name].title, name);
+    assert.ok(texts[name].detail(facts), name);
+  }
+});
+
+test("an observer reads who drives", () => {
+  const detail = (drivers) => texts.live.detail({ driving: false, drivers });
+  assert.match(detail([]), /Nobody is driving/);
+  assert.match(detail(["ann"]), /ann is driving/);
+  assert.match(detail(["ann", "bob"]), /ann and bob are driving/);
+});
