@@ -186,8 +186,8 @@ def page(lines: list[str]) -> str:
     head = f"""# Measurements
 
 Written by `make bench` on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores,
-everything on this one machine, Linux {platform.release().split("-")[0]}, Python {platform.python_version()}. Compare within
-a table, not between runs.
+everything on this one machine, Linux {platform.release().split("-")[0]}, Python {platform.python_version()}.
+Compare within a table, not between runs.
 
 ## Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz
 
