@@ -141,6 +141,11 @@ export class Connection {
     this.show(LIVE);
   }
 
+  // For news that the network is gone: the browser may keep a dead link open for minutes.
+  cut() {
+    if (this.live) this.settle(LINK_LOST);
+  }
+
   // A network that goes away silently closes nothing: the answers just stop.
   checkSilence() {
     if (this.live && this.now() - this.heardAt > SILENCE_MS) this.settle(LINK_LOST);

@@ -19,7 +19,7 @@ export function setUpControls(root, { settings, publish, mayQueue, onWanted }) {
   const teleop = new Teleop({ publish, mayQueue, onWanted, limits, onDrop });
   inputs.push(setUpKeyboard(teleop), setUpJoystick(teleop, stick));
   byTestId(root, "halt").addEventListener("click", () => teleop.halt());
-  haltWhenUnwatched(teleop);
+  letGoWhenUnwatched(teleop);
   return (armed) => {
     teleop.arm(armed);
     stick.dataset.armed = String(armed);
@@ -45,10 +45,10 @@ function setUpJoystick(teleop, element) {
   });
 }
 
-function haltWhenUnwatched(teleop) {
-  window.addEventListener("blur", () => teleop.halt());
-  window.addEventListener("pagehide", () => teleop.halt());
-  document.addEventListener("visibilitychange", () => document.hidden && teleop.halt());
+function letGoWhenUnwatched(teleop) {
+  window.addEventListener("blur", () => teleop.letGo());
+  window.addEventListener("pagehide", () => teleop.letGo());
+  document.addEventListener("visibilitychange", () => document.hidden && teleop.letGo());
 }
 
 // The sliders go up to the robot's own limits and start there.

@@ -102,6 +102,7 @@ const feed = new Feed({
   onRobot: (news) => news.name === robot && useNews(news),
 });
 
+window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => connection.stop());
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());

@@ -34,11 +34,16 @@ export class Teleop {
     if (this.held.delete(input) && this.held.size === 0) this.zero();
   }
 
-  // Ends any motion input at once. Also zeroes when nothing is held: another program may drive.
+  // Ends any motion input at once. Zeroes also when nothing is held here.
   halt() {
     this.held.clear();
     this.onDrop();
     if (this.armed) this.zero();
+  }
+
+  // For a page that nobody may be looking at. Silent when nothing is held, since somebody else may drive.
+  letGo() {
+    if (this.held.size > 0) this.halt();
   }
 
   get wanted() {

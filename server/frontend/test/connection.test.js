@@ -144,6 +144,14 @@ test("silence on a live link is a lost link", async () => {
   assert.equal(links[0].closed, true);
 });
 
+test("news that the network is gone ends a live link at once", async () => {
+  connection.start();
+  await goLive();
+  connection.cut();
+  assert.equal(states.at(-1), "link_lost");
+  assert.equal(links[0].closed, true);
+});
+
 test("events of a link that was given up change nothing", async () => {
   connection.start();
   await goLive();

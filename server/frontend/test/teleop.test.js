@@ -72,6 +72,15 @@ test("halt zeroes at once, drops what is held, and tells the inputs", () => {
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
+test("a page that nobody looks at zeroes what is held, and is silent when nothing is", () => {
+  teleop.letGo();
+  assert.deepEqual(sent, []);
+  teleop.hold("joystick", FORWARD);
+  teleop.letGo();
+  assert.deepEqual(sent.at(-1), STILL);
+  assert.equal(drops, 1);
+});
+
 test("a hold during the zeros of the last release drives again", () => {
   teleop.hold("keyboard", FORWARD);
   teleop.release("keyboard");
