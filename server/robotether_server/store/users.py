@@ -68,3 +68,15 @@ def set_password(tx: Transaction, user_id: int, password_hash: str) -> None:
     """Replace the password and end every login made with the old one."""
     tx.change("UPDATE users SET password_hash = %s WHERE id = %s", (password_hash, user_id))
     tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))
+
+
+def list_all(tx: Transaction) -> list[User]:
+    """Return every user, by name."""
+    return [from_row(row) for row in tx.rows(SELECT + "ORDER BY u.name")]
+
+
+def set_disabled(tx: Transaction, user_id: int, *, disabled: bool) -> None:
+    """Keep a user out, or let the user in again; logins end with the first."""
+    tx.change("UPDATE users SET disabled = %s WHERE id = %s", (disabled, user_id))
+    if disabled:
+        tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))

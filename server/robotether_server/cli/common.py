@@ -1,0 +1,45 @@
+"""What the commands share: the database, how they sign the audit log, and tables."""
+
+import os
+from collections.abc import Callable, Sequence
+from time import monotonic, sleep
+from typing import TypeVar
+
+import click
+
+from robotether_server import settings
+from robotether_server.problems import Problem
+from robotether_server.store import Database
+from robotether_server.store.audit import Source
+
+T = TypeVar("T")
+
+SOURCE = Source("cli")
+POLL_S = 0.5
+
+
+class NotDone(Problem):
+    """A command that understood its arguments cannot do what they ask."""
+
+    code = "not_done"
+
+
+def open_database() -> Database:
+    """Return the database that the environment names."""
+    return Database(settings.load_database(os.environ))
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows under their heads in columns."""
+    widths = [max(len(cell) for cell in column) for column in zip(heads, *rows, strict=True)]
+    for row in (heads, *rows):
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        click.echo("  ".join(cells).rstrip())
+
+
+def wait_for(condition: Callable[[], T | None], seconds: float) -> T | None:
+    """Ask the database again and again until it gives something, for at most that long."""
+    end = monotonic() + seconds
+    while (found := condition()) is None and monotonic() < end:
+        sleep(POLL_S)
+    return found

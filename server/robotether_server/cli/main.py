@@ -1,0 +1,73 @@
+"""The command itself: its list of commands, the starts of web and migrate, and the border of errors."""
+
+import logging
+import os
+import sys
+
+import click
+
+from robotether_server import __version__, migrate, settings
+from robotether_server.cli.robots import robot
+from robotether_server.cli.tokens import token
+from robotether_server.cli.users import grant, revoke, user
+from robotether_server.problems import Problem
+
+# One process, because the database does the work; gthread, because a thread may wait for it.
+GUNICORN = (
+    "--bind=0.0.0.0:8000",
+    "--workers=1",
+    "--worker-class=gthread",
+    "--threads=8",
+    "--timeout=30",
+    "--graceful-timeout=10",
+    "--keep-alive=65",
+    "--worker-tmp-dir=/tmp",
+    "--no-control-socket",
+)
+APPLICATION = "robotether_server.web.wsgi:make_app()"
+
+
+@click.group()
+@click.version_option(__version__)
+def cli() -> None:
+    """Administer Robotether."""
+
+
+@cli.command("show-settings")
+def show_settings() -> None:
+    """Print what is in force, secrets masked."""
+    for name, shown in settings.in_force(os.environ).items():
+        click.echo(f"{name}={shown}")
+
+
+@cli.command("migrate")
+def run_migrate() -> None:
+    """Bring the database to this version's schema and the range of ports that is set."""
+    loaded = settings.load_migrate(os.environ)
+    applied = migrate.migrate(loaded)
+    click.echo(f"applied: {', '.join(applied) or 'nothing was missing'}")
+    click.echo(f"ports for robots: {loaded.port_range_first} to {loaded.port_range_last}")
+
+
+@cli.command("web")
+def run_web() -> None:
+    """Serve pages and API on port 8000."""
+    loaded = settings.load_web(os.environ)
+    arguments = [*GUNICORN, f"--log-level={loaded.log_level}", APPLICATION]
+    # In place of this process, so that the engine's signals reach gunicorn itself.
+    os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments])  # noqa: S606 - no shell is the point
+
+
+for command in (user, robot, token, grant, revoke):
+    cli.add_command(command)
+
+
+def main() -> None:
+    """Run one command; a problem is one sentence and exit status 1."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        cli(prog_name="robotether")
+    except Problem as problem:
+        cause = f" ({problem.__cause__})" if problem.__cause__ else ""
+        click.echo(f"robotether: {problem.detail}{cause}", err=True)
+        sys.exit(1)

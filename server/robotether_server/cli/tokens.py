@@ -1,0 +1,62 @@
+"""robotether token ...: what programs log in with."""
+
+import datetime as dt
+
+import click
+
+from robotether_server.cli.common import SOURCE, open_database, print_table
+from robotether_server.store import audit, tokens, users
+from robotether_server.store.audit import Event
+
+LONGEST_DAYS = 3650
+
+USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
+NAME = click.option("--name", required=True, help="What it is for; unique for this user.")
+
+
+@click.group()
+def token() -> None:
+    """Create, list and delete API tokens."""
+
+
+@token.command()
+@USER
+@NAME
+@click.option("--days", type=click.IntRange(1, LONGEST_DAYS), help="Ends after so many days.")
+def create(user_name: str, name: str, days: int | None) -> None:
+    """Create a token and print it, this one time, as the last word."""
+    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
+    with open_database().transaction() as tx:
+        text = tokens.create(tx, users.get(tx, user_name), name, expires_at)
+        details: dict[str, object] = {"user": user_name, "token": name, "days": days}
+        audit.record(tx, SOURCE, Event("token_created", details=details))
+    click.echo(f"token {name} of user {user_name}, shown only now: {text}")
+
+
+@token.command("list")
+def list_tokens() -> None:
+    """List the tokens, without their texts."""
+    with open_database().transaction() as tx:
+        found = tokens.list_all(tx)
+    rows = [
+        (
+            one.user,
+            one.name,
+            f"{one.created_at:%Y-%m-%d}",
+            f"{one.expires_at:%Y-%m-%d %H:%M}" if one.expires_at else "never",
+        )
+        for one in found
+    ]
+    print_table(("USER", "NAME", "CREATED", "ENDS"), rows)
+
+
+@token.command()
+@USER
+@NAME
+def delete(user_name: str, name: str) -> None:
+    """Delete a token; what it opened ends."""
+    with open_database().transaction() as tx:
+        tokens.delete(tx, users.get(tx, user_name), name)
+        details: dict[str, object] = {"user": user_name, "token": name}
+        audit.record(tx, SOURCE, Event("token_deleted", details=details))
+    click.echo(f"deleted token {name} of user {user_name}")

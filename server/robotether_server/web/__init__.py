@@ -1,0 +1,9 @@
+"""The pages and the REST API: a Flask application behind nginx, run by gunicorn.
+
+The only writer of users' logins and of what robots tell when they join. Must never talk to the
+relay: what web permits, it signs into a ticket.
+"""
+
+from robotether_server.web.app import create_app
+
+__all__ = ["create_app"]

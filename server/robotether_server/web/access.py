@@ -1,0 +1,63 @@
+"""Finds out who asks: a browser with a login, or a program with an API token.
+
+Used by every handler that needs a user. Reveals nothing about logins and tokens that do not hold.
+"""
+
+from flask import Request
+from werkzeug.wrappers import Response
+
+from robotether_server.problems import LoginMissing, TokenInvalid
+from robotether_server.store import Transaction, logins, tokens
+from robotether_server.store.users import User
+from robotether_server.web.parts import csrf, parts
+
+COOKIE = "robotether_login"
+SCHEME = "bearer "
+
+
+def page_user(tx: Transaction, request: Request) -> User | None:
+    """Return the user whose login came with the request, if it holds."""
+    text = request.cookies.get(COOKIE)
+    return logins.find_user(tx, text) if text else None
+
+
+def api_user(tx: Transaction, request: Request) -> User:
+    """Return the user of a Bearer token or else of a login; raise LoginMissing or TokenInvalid.
+
+    A token that does not hold is refused even when a login would do: the program that sent it
+    should hear of it. A login's changes need the page's own token in X-CSRFToken, as any other
+    site could send the cookie along.
+    """
+    header = request.headers.get("Authorization")
+    if header is not None:
+        return token_user(tx, _bearer(header))
+    user = page_user(tx, request)
+    if user is None:
+        raise LoginMissing("cannot tell who asks: log in, or send an API token as Bearer")
+    csrf.protect()
+    return user
+
+
+def token_user(tx: Transaction, text: str) -> User:
+    """Return the user of an API token; raise TokenInvalid."""
+    user = tokens.find_user(tx, text)
+    if user is None:
+        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+    return user
+
+
+def _bearer(header: str) -> str:
+    if header[: len(SCHEME)].lower() != SCHEME:
+        raise TokenInvalid("cannot accept the header Authorization: it must be 'Bearer rt_...'")
+    return header[len(SCHEME) :].strip()
+
+
+def set_login(response: Response, text: str) -> None:
+    """Give the browser its login."""
+    lifetime = parts().login_lifetime
+    response.set_cookie(COOKIE, text, max_age=lifetime, secure=True, httponly=True, samesite="Lax")
+
+
+def clear_login(response: Response) -> None:
+    """Make the browser forget its login."""
+    response.delete_cookie(COOKIE, secure=True, httponly=True, samesite="Lax")

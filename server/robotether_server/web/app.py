@@ -1,0 +1,47 @@
+"""Builds the Flask application from its settings; started by wsgi.py, and by tests."""
+
+import datetime as dt
+
+from flask import Flask
+from werkzeug.middleware.proxy_fix import ProxyFix
+
+from robotether_server.settings import WebSettings
+from robotether_server.store import Database
+from robotether_server.tickets import TicketSigner
+from robotether_server.web import api, errors, headers, pages
+from robotether_server.web.parts import Parts, csrf
+
+LARGEST_REQUEST_BYTES = 64 * 1024
+
+
+def create_app(settings: WebSettings) -> Flask:
+    """Return the application; it opens no connection before the first request."""
+    app = Flask("robotether_server.web")
+    app.config.update(
+        SECRET_KEY=settings.secret_key,
+        MAX_CONTENT_LENGTH=LARGEST_REQUEST_BYTES,
+        SESSION_COOKIE_NAME="robotether_forms",
+        SESSION_COOKIE_SECURE=True,
+        SESSION_COOKIE_HTTPONLY=True,
+        SESSION_COOKIE_SAMESITE="Lax",
+        # A drive page may stay open for longer than any fixed time.
+        WTF_CSRF_TIME_LIMIT=None,
+        # Some browsers are told to send no Referer; the token and SameSite do not need it.
+        WTF_CSRF_SSL_STRICT=False,
+    )
+    # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no
+    # X-Forwarded-Host, so believing one would let clients choose it.
+    app.wsgi_app = ProxyFix(app.wsgi_app, x_for=1, x_proto=1, x_host=0)  # type: ignore[method-assign] # Flask's documented way
+    app.extensions["robotether"] = Parts(
+        database=Database(settings.database),
+        signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+        join=settings.join,
+        login_lifetime=dt.timedelta(hours=settings.login_ttl_h),
+    )
+    csrf.init_app(app)
+    csrf.exempt(api.blueprint)
+    errors.register(app)
+    headers.register(app)
+    app.register_blueprint(pages.blueprint)
+    app.register_blueprint(api.blueprint)
+    return app

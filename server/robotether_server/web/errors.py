@@ -1,0 +1,81 @@
+"""Turns problems into answers: JSON (RFC 9457) under /api, a page elsewhere.
+
+The border of a request: what nobody foresaw is logged here with its traceback, and told as 500.
+"""
+
+import logging
+from http import HTTPStatus
+
+from flask import Flask, Response, json, make_response, render_template, request
+from flask_wtf.csrf import CSRFError  # type: ignore[import-untyped] # it has no types
+from werkzeug.exceptions import HTTPException
+
+from robotether_server.problems import (
+    PROBLEM_JSON,
+    CsrfRefused,
+    HttpProblem,
+    Problem,
+    StoreUnavailable,
+    Throttled,
+)
+
+logger = logging.getLogger(__name__)
+
+
+def register(app: Flask) -> None:
+    """Answer every kind of failure of the application."""
+    app.register_error_handler(Problem, answer)
+    app.register_error_handler(CSRFError, _answer_csrf)
+    app.register_error_handler(HTTPException, _answer_http)
+    app.register_error_handler(Exception, _answer_unforeseen)
+
+
+def answer(problem: Problem) -> Response:
+    """Return the answer that tells a problem."""
+    if isinstance(problem, StoreUnavailable):
+        logger.error("%s: %s", problem.detail, problem.__cause__)
+    response = _as_json(problem) if request.path.startswith("/api/") else _as_page(problem)
+    response.status_code = problem.status
+    if isinstance(problem, Throttled):
+        response.headers["Retry-After"] = str(problem.retry_after_s)
+    return response
+
+
+def _as_json(problem: Problem) -> Response:
+    return Response(json.dumps(problem.as_dict()), content_type=PROBLEM_JSON)
+
+
+def _as_page(problem: Problem) -> Response:
+    return make_response(
+        render_template(
+            "problem.html",
+            status=int(problem.status),
+            title=problem.as_dict()["title"],
+            detail=problem.detail,
+        )
+    )
+
+
+def _answer_csrf(error: CSRFError) -> Response:
+    return answer(
+        CsrfRefused(
+            f"cannot accept the form: {error.description} Load the page again, and send it once more."
+        )
+    )
+
+
+def _answer_http(error: HTTPException) -> Response:
+    # Redirects are HTTPExceptions too.
+    if error.code is None or error.code < HTTPStatus.BAD_REQUEST:
+        return Response(error.get_body(), error.code, error.get_headers())
+    response = answer(HttpProblem(error.code, error.description or "no more is known"))
+    for name, value in error.get_headers():
+        if name.lower() not in {"content-type", "content-length"}:
+            response.headers[name] = value
+    return response
+
+
+def _answer_unforeseen(error: Exception) -> Response:
+    logger.error("cannot answer %s %s", request.method, request.path, exc_info=error)
+    status = HTTPStatus.INTERNAL_SERVER_ERROR
+    return answer(HttpProblem(status, "cannot answer: a mistake in the server; its log says more"))

@@ -1,0 +1,138 @@
+"""The pages that people see: log in, the fleet, one robot to drive.
+
+A visitor without a login is sent to the log-in page and back.
+"""
+
+import datetime as dt
+from http import HTTPStatus
+from urllib.parse import quote
+
+from flask import (
+    Blueprint,
+    Response,
+    current_app,
+    make_response,
+    redirect,
+    render_template,
+    request,
+    session,
+)
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.problems import LoginFailed, RobotUnknown, Throttled
+from robotether_server.store import robots
+from robotether_server.store.audit import LONGEST_ACTOR, Source
+from robotether_server.store.robots import SeenRobot
+from robotether_server.web import access, logging_in
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("pages", __name__)
+
+
+@blueprint.get("/healthz")
+def healthz() -> str:
+    """Tell that this process answers; says nothing of the database, which is checked by itself."""
+    return "ok\n"
+
+
+@blueprint.get("/favicon.ico")
+def favicon() -> Response:
+    """Send the icon to browsers that ask before they have read a page."""
+    return current_app.send_static_file("icons/robotether.svg")
+
+
+@blueprint.get("/login")
+def show_login() -> AnyResponse:
+    """Show the form, or go on when the visitor has a login."""
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+    if user is not None:
+        return redirect(_next_page())
+    return make_response(render_template("login.html", error=None))
+
+
+@blueprint.post("/login")
+def log_in() -> AnyResponse:
+    """Log in and go on to the page that was asked for."""
+    name = request.form.get("name", "").strip()[:LONGEST_ACTOR]
+    source = Source(name, request.remote_addr)
+    password = request.form.get("password", "")
+    try:
+        text = logging_in.log_in(parts().database, source, password, parts().login_lifetime)
+    except (LoginFailed, Throttled) as problem:
+        response = make_response(render_template("login.html", error=problem.detail))
+        response.status_code = problem.status
+        if isinstance(problem, Throttled):
+            response.headers["Retry-After"] = str(problem.retry_after_s)
+        return response
+    # Form tokens of the time before the login end with it.
+    session.clear()
+    onward = redirect(_next_page(), HTTPStatus.SEE_OTHER)
+    access.set_login(onward, text)
+    return onward
+
+
+@blueprint.post("/logout")
+def log_out() -> AnyResponse:
+    """End the login, here and in the database."""
+    text = request.cookies.get(access.COOKIE, "")
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+    if user is not None:
+        logging_in.log_out(parts().database, Source(user.name, request.remote_addr), text)
+    session.clear()
+    onward = redirect("/login", HTTPStatus.SEE_OTHER)
+    access.clear_login(onward)
+    return onward
+
+
+@blueprint.get("/")
+def show_fleet() -> AnyResponse:
+    """Show the robots that the user may see; the page goes on with /api/v1/events."""
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+        if user is None:
+            return _to_login()
+        seen = robots.list_seen(tx, user)
+    page = render_template("fleet.html", user=user, robots=[_card(robot) for robot in seen])
+    return make_response(page)
+
+
+@blueprint.get("/robots/<name>")
+def show_robot(name: str) -> AnyResponse:
+    """Show the page from which one robot is driven or watched."""
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+        if user is None:
+            return _to_login()
+        seen = robots.find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
+    robot = {"name": name, "level": seen.level, "settings": seen.robot.settings}
+    return make_response(render_template("drive.html", user=user, robot=robot))
+
+
+def moment_text(moment: dt.datetime | None) -> str | None:
+    """Return a moment as 2026-01-01T12:03:00Z."""
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ") if moment else None
+
+
+def _card(seen: SeenRobot) -> dict[str, object]:
+    return {
+        "name": seen.robot.name,
+        "state": seen.robot.state,
+        "online": seen.online,
+        "since": moment_text(seen.since),
+        "level": seen.level,
+    }
+
+
+def _to_login() -> AnyResponse:
+    return redirect(f"/login?next={quote(request.path)}")
+
+
+def _next_page() -> str:
+    """Return where to go on: only a path of this site, or the page could send people anywhere."""
+    path = request.values.get("next", "")
+    is_ours = path.startswith("/") and path.isprintable() and "\\" not in path
+    return path if is_ours and not path.startswith("//") else "/"

@@ -1,0 +1,29 @@
+"""What every request handler of one application shares."""
+
+import datetime as dt
+from dataclasses import dataclass
+
+from flask import current_app
+from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
+
+from robotether_server.settings import JoinSettings
+from robotether_server.store import Database
+from robotether_server.tickets import TicketSigner
+
+csrf = CSRFProtect()
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Made once by create_app."""
+
+    database: Database
+    signer: TicketSigner
+    join: JoinSettings
+    login_lifetime: dt.timedelta
+
+
+def parts() -> Parts:
+    """Return the parts of the application that handles this request."""
+    found: Parts = current_app.extensions["robotether"]
+    return found
