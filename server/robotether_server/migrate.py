@@ -8,11 +8,13 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
-from urllib.parse import quote
 
 import pymysql
 import yoyo
+from yoyo.backends.core.mysql import MySQLBackend
+from yoyo.connections import DatabaseURI
 from yoyo.exceptions import BadMigration
+from yoyo.migrations import default_migration_table
 
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
@@ -21,6 +23,7 @@ from robotether_server.store import Database, ports
 logger = logging.getLogger(__name__)
 
 LOCK_WAIT_S = 10
+CONNECT_TIMEOUT_S = 5
 
 
 def migrate(settings: MigrateSettings) -> list[str]:
@@ -58,8 +61,9 @@ def _apply(settings: MigrateSettings) -> list[str]:
         raise MigrationFailed(
             f"cannot migrate: MIGRATIONS_DIR={str(settings.migrations_dir)!r} has no migrations"
         )
-    with yoyo.get_backend(_uri(settings.database)) as backend:
-        # We hold the real lock, so a row here is left from a migration that was killed.
+    with _Backend(_address(settings.database), default_migration_table) as backend:
+        backend.init_database()
+        # This run holds the real lock, so a row here is left from a migration that was killed.
         backend.break_lock()
         missing = list(backend.to_apply(migrations))
         for migration in missing:
@@ -77,6 +81,28 @@ def _apply_one(backend: Any, migration: Any) -> None:
     logger.info("applied migration %s", migration.id)
 
 
-def _uri(settings: DatabaseSettings) -> str:
-    user, password = quote(settings.user, safe=""), quote(settings.password, safe="")
-    return f"mysql://{user}:{password}@{settings.host}:{settings.port}/{settings.name}"
+def _address(settings: DatabaseSettings) -> DatabaseURI:
+    return DatabaseURI(
+        "mysql",
+        settings.user,
+        settings.password,
+        settings.host,
+        settings.port,
+        settings.name,
+        {},
+    )
+
+
+class _Backend(MySQLBackend):  # type: ignore[misc] # yoyo has no types
+    """yoyo's own, less the arguments that pymysql calls deprecated, and with a time limit."""
+
+    def connect(self, dburi: DatabaseURI) -> "pymysql.Connection[pymysql.cursors.Cursor]":
+        return pymysql.connect(
+            host=dburi.hostname,
+            port=dburi.port,
+            user=dburi.username,
+            password=dburi.password,
+            database=dburi.database,
+            charset="utf8mb4",
+            connect_timeout=CONNECT_TIMEOUT_S,
+        )

@@ -10,7 +10,7 @@ from robotether_server import __version__, migrate, settings
 from robotether_server.cli.robots import robot
 from robotether_server.cli.tokens import token
 from robotether_server.cli.users import grant, revoke, user
-from robotether_server.problems import Problem
+from robotether_server.problems import Problem, StoreUnavailable
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
 GUNICORN = (
@@ -68,6 +68,7 @@ def main() -> None:
     try:
         cli(prog_name="robotether")
     except Problem as problem:
-        cause = f" ({problem.__cause__})" if problem.__cause__ else ""
+        # The sentence is for visitors of the site too; an admin may know which host and why.
+        cause = f" ({problem.__cause__})" if isinstance(problem, StoreUnavailable) else ""
         click.echo(f"robotether: {problem.detail}{cause}", err=True)
         sys.exit(1)

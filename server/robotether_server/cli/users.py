@@ -1,5 +1,7 @@
 """robotether user ...: who may log in; and robotether grant, revoke: to which robots."""
 
+import sys
+
 import click
 
 from robotether_server import passwords
@@ -109,4 +111,4 @@ def revoke(user_name: str, robot_name: str) -> None:
 
 
 def _password_of_stdin() -> str:
-    return click.get_text_stream("stdin").readline().rstrip("\r\n")
+    return sys.stdin.readline().rstrip("\r\n")

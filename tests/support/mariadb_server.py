@@ -1,0 +1,134 @@
+"""A real MariaDB for tests: our own image in a throw-away container on a free port of 127.0.0.1."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import docker
+from docker.errors import ImageNotFound
+from docker.models.containers import Container
+
+from robotether_server.settings import DatabaseSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGE_DIR = ROOT / "images" / "mysql"
+ACCOUNTS = ("web", "relay", "keylookup", "migrate")
+HEALTHY_WITHIN_S = 90
+POLL_S = 0.1
+
+
+@dataclass(frozen=True)
+class MariaDb:
+    """A running server: where it listens, and its accounts' passwords."""
+
+    container: Container
+    port: int
+    passwords: dict[str, str] = field(repr=False)
+
+    def settings(self, account: str) -> DatabaseSettings:
+        """How that account reaches the database."""
+        return DatabaseSettings(
+            "127.0.0.1", self.port, "robotether", account, self.passwords[account]
+        )
+
+    def as_root(self, sql: str) -> str:
+        """Run SQL as the server's own admin, inside; return what the client prints."""
+        command = ["mariadb", "--batch", "--skip-column-names", "--execute", sql, "robotether"]
+        code, output = self.container.exec_run(command)
+        assert code == 0, output.decode()
+        return output.decode()
+
+
+def image() -> str:
+    """The tag of the image of these sources, which is built when it is missing."""
+    digest = hashlib.sha256()
+    for path in sorted(IMAGE_DIR.iterdir()):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    tag = f"robotether-test/mysql:{digest.hexdigest()[:16]}"
+    with engine() as docker_engine:
+        try:
+            docker_engine.images.get(tag)
+        except ImageNotFound:
+            _build(tag)
+    return tag
+
+
+@contextmanager
+def engine() -> Iterator[docker.DockerClient]:
+    """The local Docker engine; its sockets are closed at the end."""
+    client = docker.from_env()
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[MariaDb]:
+    """A server with its own secrets and empty volume, as unprivileged as in compose.yaml."""
+    passwords = {account: secrets.token_urlsafe(24) for account in ACCOUNTS}
+    write_secrets(folder, passwords)
+    with engine() as docker_engine:
+        container = start(docker_engine, folder)
+        try:
+            wait_healthy(container)
+            port = container.attrs["NetworkSettings"]["Ports"]["3306/tcp"][0]["HostPort"]
+            yield MariaDb(container, int(port), passwords)
+        finally:
+            container.remove(force=True, v=True)
+
+
+def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
+    """Write the secret files as the entrypoint expects them."""
+    folder.chmod(0o755)  # the container's user is another one
+    for account, password in passwords.items():
+        file = folder / f"mysql_{account}_password"
+        file.write_text(password)
+        file.chmod(0o644)
+
+
+def start(docker_engine: docker.DockerClient, folder: Path, volume: str | None = None) -> Container:
+    """Start the image with the secrets of a folder; the caller removes the container."""
+    volumes = {str(folder): {"bind": "/run/secrets", "mode": "ro"}}
+    if volume:
+        volumes[volume] = {"bind": "/var/lib/mysql", "mode": "rw"}
+    return docker_engine.containers.run(
+        image(),
+        name=f"robotether-test-mysql-{os.getpid()}-{secrets.token_hex(4)}",
+        detach=True,
+        read_only=True,
+        cap_drop=["ALL"],
+        security_opt=["no-new-privileges:true"],
+        mem_limit="512m",
+        tmpfs={"/run/mysqld": "", "/tmp": ""},
+        volumes=volumes,
+        ports={"3306/tcp": ("127.0.0.1", None)},
+    )
+
+
+def wait_healthy(container: Container) -> None:
+    """Wait until the image's own health check passes; on a time-out tell the container's log."""
+    end = time.monotonic() + HEALTHY_WITHIN_S
+    while True:
+        container.reload()
+        if container.attrs["State"].get("Health", {}).get("Status") == "healthy":
+            return
+        if container.status == "exited" or time.monotonic() > end:
+            log = container.logs(tail=60).decode(errors="replace")
+            raise AssertionError(f"MariaDB is {container.status} and not healthy:\n{log}")
+        time.sleep(POLL_S)
+
+
+def _build(tag: str) -> None:
+    """Build with BuildKit, which the engine's SDK does not speak."""
+    command = ["docker", "buildx", "build", "--load", "--tag", tag, str(IMAGE_DIR)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, f"cannot build {IMAGE_DIR}:\n{done.stderr[-4000:]}"

@@ -1,0 +1,59 @@
+"""Fixtures for tests that need the real database: one server a run, clean tables a test."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mariadb_server
+import pytest
+from mariadb_server import MariaDb
+
+from robotether_server.migrate import migrate
+from robotether_server.settings import MigrateSettings
+from robotether_server.store import Database, ports
+
+SQL_DIR = mariadb_server.ROOT / "sql"
+FIRST_PORT = 20000
+LAST_PORT = 20199
+TABLES = (
+    "audit_events",
+    "robot_sessions",
+    "logins",
+    "api_tokens",
+    "grants",
+    "robots",
+    "users",
+    "port_pairs",
+)
+
+
+@pytest.fixture(scope="session")
+def mariadb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MariaDb]:
+    """A MariaDB server of this run alone, migrated."""
+    with mariadb_server.running(tmp_path_factory.mktemp("secrets")) as server:
+        migrate(MigrateSettings(server.settings("migrate"), SQL_DIR, FIRST_PORT, LAST_PORT))
+        yield server
+
+
+@pytest.fixture
+def admin_database(mariadb: MariaDb) -> Database:
+    """The database as account migrate, which may read and change every table; emptied."""
+    database = Database(mariadb.settings("migrate"))
+    with database.transaction() as tx:
+        for table in TABLES:
+            tx.change("DELETE FROM " + table)
+        ports.set_range(tx, FIRST_PORT, LAST_PORT)
+    return database
+
+
+@pytest.fixture
+def database(mariadb: MariaDb, admin_database: Database) -> Database:
+    """The emptied database as account web, as the product itself uses it."""
+    return Database(mariadb.settings("web"))
+
+
+@pytest.fixture
+def sql_dir() -> Path:
+    """The folder of the migrations."""
+    return SQL_DIR
