@@ -5,6 +5,7 @@ the table below. Names: `geometry_msgs/Twist` in ROS 1, `geometry_msgs/msg/Twist
 rosbridge takes the short form too. In here the short form is the key.
 """
 
+import base64
 import math
 import struct
 from collections.abc import Callable, Mapping
@@ -175,11 +176,23 @@ class _Conformer:
 
     def _array(self, field_type: str, value: object, path: str) -> Any:
         item_type, _, length = field_type[:-1].partition("[")
-        if item_type == "uint8" and isinstance(value, str):
-            return value  # base64, as rosbridge writes it; nobody in here looks into it
+        if item_type == "uint8":
+            return self._bytes(value, path)
         if not isinstance(value, list) or (length and len(value) != int(length)):
             raise self._mismatch(path, field_type, value)
         return [self._field(item_type, item, f"{path}[{i}]") for i, item in enumerate(value)]
+
+    def _bytes(self, value: object, path: str) -> str:
+        """Take base64 or a list of numbers and keep base64, which is how rosbridge writes bytes."""
+        try:
+            data = base64.b64decode(value, validate=True) if isinstance(value, str) else None
+            if isinstance(value, list):
+                data = bytes(value)
+        except (ValueError, TypeError) as error:
+            raise self._mismatch(path, "base64 or bytes", value) from error
+        if data is None:
+            raise self._mismatch(path, "base64 or bytes", value)
+        return base64.b64encode(data).decode()
 
     def _time(self, value: object, path: str) -> Values:
         if value == "now":
@@ -202,6 +215,8 @@ class _Conformer:
             return message
         if field_type.endswith("]"):
             item_type, _, length = field_type[:-1].partition("[")
+            if item_type == "uint8":
+                return ""
             return [self._default(name, item_type) for _ in range(int(length or 0))]
         if field_type == "time":
             # A header that came without a stamp gets one, as rosbridge does.

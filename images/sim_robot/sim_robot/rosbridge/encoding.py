@@ -4,6 +4,7 @@ Used by client.py for each message that goes to a client; the result is kept wit
 clients mostly get the same one.
 """
 
+import base64
 import json
 import struct
 from typing import Any
@@ -66,7 +67,9 @@ def _cbor_values(types: MessageTypes, key: str, values: Values) -> Values:
 
 def _cbor_field(types: MessageTypes, field_type: str, value: Any) -> Any:
     item_type, bracket, _ = field_type.partition("[")
-    if bracket and isinstance(value, list):
+    if bracket and item_type == "uint8":
+        return base64.b64decode(value)
+    if bracket:
         return _cbor_array(types, item_type, value)
     if types.is_message(field_type):
         return _cbor_values(types, field_type, value)
@@ -74,8 +77,6 @@ def _cbor_field(types: MessageTypes, field_type: str, value: Any) -> Any:
 
 
 def _cbor_array(types: MessageTypes, item_type: str, items: list[Any]) -> Any:
-    if item_type == "uint8":
-        return bytes(items)
     if item_type in _TYPED_ARRAYS:
         tag, code = _TYPED_ARRAYS[item_type]
         return cbor2.CBORTag(tag, struct.pack(f"<{len(items)}{code}", *items))

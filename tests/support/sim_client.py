@@ -1,0 +1,92 @@
+"""Clients of the simulated robot for its tests: one without a socket, one over a real WebSocket."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+import aiohttp
+from sim_robot.graph import Graph, make_graph
+from sim_robot.rosbridge import rosapi
+from sim_robot.rosbridge.client import Client
+from sim_robot.rosbridge.dispatch import handle
+from sim_robot.settings import Settings
+
+WAIT_S = 5.0
+SETTINGS = Settings(name="test", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
+
+
+class DirectClient:
+    """A rosbridge client whose messages go straight to the dispatcher; needs a running loop."""
+
+    def __init__(self, graph: Graph | None = None) -> None:
+        self.graph = graph or make_graph(2)
+        rosapi.offer(self.graph)
+        self.client = Client(self.graph, "client under test")
+
+    async def send(self, **operation: Any) -> list[dict[str, Any]]:
+        """Send one operation and take everything that waits for the client."""
+        return await self.send_text(json.dumps(operation))
+
+    async def send_text(self, text: str | bytes) -> list[dict[str, Any]]:
+        """Send anything at all."""
+        handle(self.client, text)
+        return await self.received()
+
+    async def received(self) -> list[dict[str, Any]]:
+        """Take what waits for the client."""
+        return [json.loads(await self.client.outbox.get()) for _ in range(len(self.client.outbox))]
+
+
+class SocketClient:
+    """A rosbridge client over a WebSocket; every wait is bounded."""
+
+    def __init__(self, port: int) -> None:
+        self._url = f"ws://127.0.0.1:{port}/"
+        self._http = aiohttp.ClientSession()
+        self.socket: aiohttp.ClientWebSocketResponse
+
+    async def __aenter__(self) -> Self:
+        self.socket = await self._http.ws_connect(self._url, max_msg_size=0)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self._http.close()
+
+    async def send(self, **operation: Any) -> None:
+        """Send one operation."""
+        await self.socket.send_str(json.dumps(operation))
+
+    async def receive(self) -> dict[str, Any]:
+        """Wait for the next message."""
+        message: dict[str, Any] = await self.socket.receive_json(timeout=WAIT_S)
+        return message
+
+    async def ask(self, **operation: Any) -> dict[str, Any]:
+        """Send one operation and wait for the next message that is no topic's."""
+        await self.send(**operation)
+        while (message := await self.receive())["op"] == "publish":
+            pass
+        return message
+
+    async def ready(self) -> None:
+        """Wait until the server has done everything that was sent so far."""
+        answer = await self.ask(op="call_service", service="/rosapi/get_time", id="ready")
+        assert answer["id"] == "ready", answer
+
+
+async def until(what: str, condition: Callable[[], bool], seconds: float = WAIT_S) -> None:
+    """Wait until the condition holds, or fail and say what was awaited."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"after {seconds} s still not: {what}"
+        await asyncio.sleep(0.005)

@@ -1,0 +1,22 @@
+"""Fixtures of the simulated robot's tests."""
+
+from collections.abc import AsyncIterator
+
+import pytest
+from sim_client import SETTINGS, DirectClient
+from sim_robot.simulator import Simulator
+
+
+@pytest.fixture
+async def client() -> AsyncIterator[DirectClient]:
+    """A rosbridge client on an empty graph that has rosapi."""
+    made = DirectClient()
+    yield made
+    made.client.close()
+
+
+@pytest.fixture
+async def simulator() -> AsyncIterator[Simulator]:
+    """A whole simulated robot on free ports."""
+    async with Simulator(SETTINGS) as running:
+        yield running

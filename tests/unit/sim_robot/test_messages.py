@@ -1,0 +1,101 @@
+"""Messages are checked and filled up as rosbridge does."""
+
+import math
+from typing import Any
+
+import pytest
+from sim_robot.messages import MessageTypes, finite_or_none, float32
+from sim_robot.problems import MessageMismatch, TypeUnknown
+
+NOW_NS = 12_000_000_034
+
+
+def test_ros_2_knows_both_spellings() -> None:
+    """geometry_msgs/Twist and geometry_msgs/msg/Twist are one type, and ROS 2 writes the long one."""
+    types = MessageTypes(2)
+    assert types.key_of("geometry_msgs/Twist") == types.key_of("geometry_msgs/msg/Twist")
+    assert types.name_of("geometry_msgs/Twist") == "geometry_msgs/msg/Twist"
+
+
+def test_ros_1_knows_the_short_spelling_only() -> None:
+    """A ROS 1 robot refuses the ROS 2 name."""
+    types = MessageTypes(1)
+    assert types.name_of(types.key_of("geometry_msgs/Twist")) == "geometry_msgs/Twist"
+    with pytest.raises(TypeUnknown, match="geometry_msgs/msg/Twist"):
+        types.key_of("geometry_msgs/msg/Twist")
+
+
+@pytest.mark.parametrize(
+    "name", ["", "Twist", "geometry_msgs/Twister", "a/b/c/d", "nav_msgs//Odometry"]
+)
+def test_unknown_type_is_refused(name: str) -> None:
+    """A name that is no type raises TypeUnknown."""
+    with pytest.raises(TypeUnknown):
+        MessageTypes(2).key_of(name)
+
+
+def test_missing_fields_get_defaults() -> None:
+    """A part of a Twist becomes a whole one."""
+    twist = MessageTypes(2).conform("geometry_msgs/Twist", {"linear": {"x": 1}}, NOW_NS)
+    nothing = {"x": 0.0, "y": 0.0, "z": 0.0}
+    assert twist == {"linear": nothing | {"x": 1.0}, "angular": nothing}
+
+
+@pytest.mark.parametrize(
+    ("version", "stamp"),
+    [(1, {"secs": 12, "nsecs": 34}), (2, {"sec": 12, "nanosec": 34})],
+)
+def test_header_gets_the_time(version: int, stamp: dict[str, int]) -> None:
+    """A missing header or stamp is the current time, in the words of the ROS version."""
+    types = MessageTypes(version)
+    for given in ({}, {"header": {"frame_id": "map"}}):
+        message = types.conform("geometry_msgs/TwistStamped", given, NOW_NS)
+        assert message["header"]["stamp"] == stamp
+        assert ("seq" in message["header"]) == (version == 1)
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "where"),
+    [
+        ("geometry_msgs/Twist", {"linear": {"q": 1}}, "linear.q"),
+        ("geometry_msgs/Twist", {"linear": 5}, "linear"),
+        ("geometry_msgs/Twist", {"linear": {"x": "1"}}, "linear.x"),
+        ("geometry_msgs/Twist", {"linear": {"x": True}}, "linear.x"),
+        ("geometry_msgs/Twist", {"linear": {"x": None}}, "linear.x"),
+        ("geometry_msgs/PoseWithCovariance", {"covariance": [0.0]}, "covariance"),
+        ("geometry_msgs/PoseWithCovariance", {"covariance": ["a"] * 36}, "covariance[0]"),
+        ("std_msgs/UInt8", {"data": 256}, "data"),
+        ("std_msgs/Int8", {"data": 1.5}, "data"),
+        ("std_msgs/String", {"data": 5}, "data"),
+        ("std_msgs/Bool", {"data": 1}, "data"),
+        ("sensor_msgs/CompressedImage", {"data": "?"}, "data"),
+        ("sensor_msgs/CompressedImage", {"data": [256]}, "data"),
+        ("sensor_msgs/CompressedImage", {"data": 1.5}, "data"),
+        ("std_msgs/Header", {"stamp": 5}, "stamp"),
+        ("std_msgs/Header", {"stamp": {"sec": "x"}}, "stamp"),
+    ],
+)
+def test_mismatch_names_the_field(key: str, values: Any, where: str) -> None:
+    """What does not fit is refused with the path of the field."""
+    with pytest.raises(MessageMismatch) as caught:
+        MessageTypes(2).conform(key, values, NOW_NS)
+    assert where in str(caught.value)
+
+
+def test_bytes_may_be_base64_or_numbers() -> None:
+    """uint8[] takes both forms that clients send and keeps base64, which rosbridge sends."""
+    types = MessageTypes(2)
+    for data in ("AAEC", [0, 1, 2]):
+        message = types.conform("sensor_msgs/CompressedImage", {"data": data}, NOW_NS)
+        assert message["data"] == "AAEC"
+
+
+def test_float32_rounds_as_a_real_field() -> None:
+    """A float32 field holds less than Python's float, and no more than infinity."""
+    assert float32(0.1) == 0.10000000149011612
+    assert float32(-1e300) == -math.inf
+
+
+def test_not_finite_becomes_null() -> None:
+    """JSON has no NaN, so null goes out, as from the real one."""
+    assert finite_or_none({"a": [math.nan, 1.0], "b": math.inf}) == {"a": [None, 1.0], "b": None}

@@ -1,0 +1,48 @@
+"""The loop keeps its rate."""
+
+import asyncio
+import contextlib
+import logging
+import time
+
+import pytest
+from sim_client import until
+from sim_robot.rate import FixedRate
+
+
+async def run_until(rate: FixedRate, calls: int) -> float:
+    """Run until that many calls were made; the seconds that it took."""
+    task = asyncio.create_task(rate.run())
+    start = time.monotonic()
+    await until(f"{calls} calls", lambda: rate.calls >= calls)
+    took = time.monotonic() - start
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+    return took
+
+
+async def test_rate_does_not_drift_with_work() -> None:
+    """100 calls of 2 ms work every 5 ms take 0.5 s, not 0.7 s."""
+    rate = FixedRate(0.005, lambda: time.sleep(0.002))
+    took = await run_until(rate, 100)
+    assert 0.49 <= took < 0.62
+
+
+async def test_short_delay_is_made_up() -> None:
+    """After one call that takes 0.1 s the missed ones follow, and none is skipped."""
+    pauses = [0.1]
+    rate = FixedRate(0.005, lambda: time.sleep(pauses.pop() if pauses else 0))
+    took = await run_until(rate, 60)
+    assert rate.skipped == 0
+    assert took < 0.42
+
+
+async def test_long_delay_is_skipped_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    """After a stall of 0.5 s the loop does not race through the missed calls, and says so."""
+    pauses = [0.5]
+    rate = FixedRate(0.005, lambda: time.sleep(pauses.pop() if pauses else 0))
+    with caplog.at_level(logging.WARNING):
+        await run_until(rate, 10)
+    assert 90 <= rate.skipped <= 110
+    assert "cannot hold 200.0 Hz" in caplog.text

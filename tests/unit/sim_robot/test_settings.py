@@ -1,0 +1,62 @@
+"""The environment is read once; a wrong value stops the start."""
+
+import re
+from pathlib import Path
+
+import pytest
+import sim_robot
+from sim_robot.problems import SettingsProblem
+from sim_robot.settings import Settings, from_environment, variable_names
+
+
+def test_defaults_are_those_of_the_real_servers() -> None:
+    """Nothing set: ports 9090 and 8080, ROS 2."""
+    settings = from_environment({"PATH": "/bin", "SIM_NAME": "sim1"})
+    assert settings == Settings(name="sim1")
+    assert (settings.rosbridge_port, settings.video_port, settings.ros_version) == (9090, 8080, 2)
+
+
+def test_every_variable_is_read() -> None:
+    """Each variable changes its field."""
+    settings = from_environment({
+        "SIM_NAME": "r2", "SIM_WORLD_SIZE_M": "11.5", "SIM_ROS_VERSION": "1", "SIM_BIND_ADDRESS": "127.0.0.1",
+        "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5", "SIM_LOG_LEVEL": "debug",
+    })  # fmt: skip
+    assert settings == Settings("r2", 11.5, 1, "127.0.0.1", 1, 2, 5.0, "debug")
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "allowed"),
+    [
+        ("SIM_WORLD_SIZE_M", "big", "2 to 1000"),
+        ("SIM_WORLD_SIZE_M", "nan", "2 to 1000"),
+        ("SIM_WORLD_SIZE_M", "1", "2 to 1000"),
+        ("SIM_ROS_VERSION", "3", "1 or 2"),
+        ("SIM_ROSBRIDGE_PORT", "http", "1 to 65535"),
+        ("SIM_VIDEO_PORT", "65536", "1 to 65535"),
+        ("SIM_VIDEO_PORT", "-1", "1 to 65535"),
+        ("SIM_CAMERA_FPS", "30", "1 to 15"),
+        ("SIM_LOG_LEVEL", "loud", "debug or info"),
+    ],
+)
+def test_wrong_value_names_variable_value_and_allowed(
+    variable: str, value: str, allowed: str
+) -> None:
+    """The error says all three."""
+    with pytest.raises(SettingsProblem) as caught:
+        from_environment({variable: value})
+    for part in (variable, repr(value), allowed):
+        assert part in str(caught.value)
+
+
+def test_typo_is_an_error() -> None:
+    """A SIM_ variable that nothing reads stops the start."""
+    with pytest.raises(SettingsProblem, match="SIM_VIDEOPORT"):
+        from_environment({"SIM_VIDEOPORT": "1"})
+
+
+def test_readme_lists_every_variable() -> None:
+    """The README's table and the settings name the same variables."""
+    readme = Path(sim_robot.__file__).parents[1] / "README.md"
+    rows = re.findall(r"^\| `(SIM_\w+)`", readme.read_text(), re.MULTILINE)
+    assert rows == list(variable_names())

@@ -1,0 +1,183 @@
+"""The camera under web_video_server's URLs, read as a viewer does."""
+
+import asyncio
+import io
+import re
+import time
+from collections.abc import AsyncIterator
+
+import aiohttp
+import pytest
+from PIL import Image
+from sim_client import WAIT_S, until
+from sim_robot.simulator import Simulator
+
+TOPIC = "/camera/image_raw"
+
+
+@pytest.fixture
+async def http(simulator: Simulator) -> AsyncIterator[aiohttp.ClientSession]:
+    """An HTTP client of the robot's video server."""
+    base = f"http://127.0.0.1:{simulator.video.listener.port}"
+    timeout = aiohttp.ClientTimeout(total=20)
+    async with aiohttp.ClientSession(base, timeout=timeout) as session:
+        yield session
+
+
+async def read_part(content: aiohttp.StreamReader) -> tuple[dict[str, str], bytes]:
+    """Read one part of a stream after its boundary: headers and body."""
+    headers = {}
+    while line := (await asyncio.wait_for(content.readline(), WAIT_S)).decode().strip():
+        name, _, value = line.partition(": ")
+        headers[name] = value
+    body = await content.readexactly(int(headers["Content-Length"]))
+    assert await content.readline() == b"\r\n"
+    assert await content.readline() == b"--boundarydonotcross\r\n"
+    return headers, body
+
+
+async def test_snapshot_is_a_jpeg_of_the_size_asked_for(http: aiohttp.ClientSession) -> None:
+    """width, height and quality act; the default is 640 x 480."""
+    sizes = {}
+    for query in ("", "&width=320&height=200", "&quality=10"):
+        async with http.get(f"/snapshot?topic={TOPIC}{query}") as answer:
+            assert (answer.status, answer.content_type) == (200, "image/jpeg")
+            assert abs(float(answer.headers["X-Timestamp"]) - time.time()) < 2
+            data = await answer.read()
+            sizes[query] = (Image.open(io.BytesIO(data)).size, len(data))
+    assert sizes[""][0] == sizes["&quality=10"][0] == (640, 480)
+    assert sizes["&width=320&height=200"][0] == (320, 200)
+    assert sizes["&quality=10"][1] < sizes[""][1] / 2
+
+
+async def test_stream_is_multipart_jpeg(http: aiohttp.ClientSession) -> None:
+    """Parts have the headers of web_video_server, and time goes on in them."""
+    async with http.get(
+        f"/stream?topic={TOPIC}&type=mjpeg&quality=60&width=160&height=120"
+    ) as answer:
+        assert (
+            answer.headers["Content-Type"]
+            == "multipart/x-mixed-replace;boundary=boundarydonotcross"
+        )
+        assert answer.headers["Connection"] == "close"
+        assert await answer.content.readline() == b"--boundarydonotcross\r\n"
+        stamps = []
+        for _ in range(5):
+            headers, body = await read_part(answer.content)
+            assert headers["Content-type"] == "image/jpeg"
+            assert Image.open(io.BytesIO(body)).size == (160, 120)
+            assert re.fullmatch(r"\d+\.\d{6}", headers["X-Timestamp"])
+            stamps.append(float(headers["X-Timestamp"]))
+    assert stamps == sorted(set(stamps))
+
+
+async def test_viewers_share_frames_and_leave_nothing_running(
+    simulator: Simulator, http: aiohttp.ClientSession
+) -> None:
+    """Three viewers cost as many drawings as one, and none when they are gone."""
+    url = f"/stream?topic={TOPIC}&width=64&height=48"
+    async with http.get(url) as one, http.get(url) as two, http.get(url) as three:
+        for answer in (one, two, three):
+            await answer.content.readline()
+        before, start = simulator.feed.drawn, time.monotonic()
+        for _ in range(10):
+            for answer in (one, two, three):
+                await read_part(answer.content)
+        assert simulator.feed.drawn - before <= (time.monotonic() - start) * 15 + 2
+    await until("viewers gone", lambda: not simulator.video.listener._runner.server.connections)
+    drawn = simulator.feed.drawn
+    await asyncio.sleep(0.2)  # three frames' time in which nothing may happen
+    assert simulator.feed.drawn == drawn
+
+
+async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
+    """Who reads nothing for a while is shown few old frames and then the newest."""
+    reader, writer = await asyncio.open_connection(
+        "127.0.0.1", simulator.video.listener.port, limit=2**12
+    )
+    writer.write(
+        f"GET /stream?topic={TOPIC}&width=2000&height=2000&quality=100 HTTP/1.0\r\n\r\n".encode()
+    )
+    await reader.readuntil(b"--boundarydonotcross\r\n")
+    writer.transport.pause_reading()
+    drawn = simulator.feed.drawn
+    await until("kernel's buffers are full", lambda: simulator.feed.drawn > drawn)
+    stalled_at = time.time()
+    await asyncio.sleep(1.5)  # the viewer looks away
+    resumed_at = time.time()
+    writer.transport.resume_reading()
+    stamps = []
+    while not stamps or stamps[-1] < resumed_at:
+        stamps.append(await _next_stamp(reader))
+    between = [stamp for stamp in stamps if stalled_at + 0.3 < stamp < resumed_at - 0.3]
+    assert len(between) <= 4, stamps
+    writer.close()
+
+
+async def _next_stamp(reader: asyncio.StreamReader) -> float:
+    """Read up to the next part's time, through however much picture."""
+    tail = b""
+    while not (found := re.search(rb"X-Timestamp: (\d+\.\d{6})\r\n", tail)):
+        data = await asyncio.wait_for(reader.read(4096), WAIT_S)
+        assert data, "the stream ended"
+        tail = tail[-100:] + data
+    return float(found.group(1))
+
+
+async def test_list_links_to_the_camera(http: aiohttp.ClientSession) -> None:
+    """The first page links to viewer, stream and snapshot of the topic."""
+    async with http.get("/") as answer:
+        page = await answer.text()
+    for link in ("/stream_viewer", "/stream", "/snapshot"):
+        assert f'href="{link}?topic={TOPIC}"' in page
+
+
+async def test_viewer_page_is_safe(http: aiohttp.ClientSession) -> None:
+    """The viewer shows the stream of its query and executes nothing from it."""
+    async with http.get("/stream_viewer", params={"topic": '"><script>'}) as answer:
+        page = await answer.text()
+    assert '<img src="/stream?topic=' in page
+    assert "<script" not in page
+
+
+@pytest.mark.parametrize("path", ["/stream", "/stream_viewer"])
+async def test_unknown_type_is_404(http: aiohttp.ClientSession, path: str) -> None:
+    """vp8 and h264 are not offered."""
+    async with http.get(f"{path}?topic={TOPIC}&type=h264") as answer:
+        assert answer.status == 404
+
+
+async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSession) -> None:
+    """As from the real one: headers, a boundary, the end."""
+    async with http.get("/stream?topic=/nope") as answer:
+        assert answer.status == 200
+        assert await answer.read() == b"--boundarydonotcross\r\n"
+
+
+async def test_snapshot_of_no_topic_ends_without_an_answer(http: aiohttp.ClientSession) -> None:
+    """As from the real one: the connection ends."""
+    with pytest.raises(aiohttp.ClientError):
+        await http.get("/snapshot?topic=/nope")
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "width=0",
+        "height=-1",
+        "width=2049",
+        "quality=101",
+        "quality=x",
+        "width=1e3",
+        "height=99999999999",
+    ],
+)
+async def test_wrong_number_is_400_and_named(http: aiohttp.ClientSession, query: str) -> None:
+    """A size or quality out of range is refused by name."""
+    name, _, value = query.partition("=")
+    for path in ("/stream", "/snapshot"):
+        async with http.get(f"{path}?topic={TOPIC}&{query}") as answer:
+            assert answer.status == 400
+            text = await answer.text()
+            assert name in text
+            assert value in text
