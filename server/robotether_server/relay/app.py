@@ -1,0 +1,75 @@
+"""The relay's HTTP applications: the public routes behind nginx, and the inside ones.
+
+`relay` makes both. The middleware is the border at which a Problem becomes an answer.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable
+
+from aiohttp import web
+from prometheus_client import CONTENT_TYPE_LATEST
+
+from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem
+from robotether_server.relay.events import EventsHandler
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.rosbridge import RosbridgeHandler
+from robotether_server.relay.video import VideoHandler
+
+log = logging.getLogger(__name__)
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def public_app(
+    metrics: Metrics, rosbridge: RosbridgeHandler, video: VideoHandler, events: EventsHandler
+) -> web.Application:
+    """Make the application that nginx hands requests to."""
+
+    @web.middleware
+    async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            return await handler(request)
+        except Problem as problem:
+            metrics.refusals.labels(problem.code).inc()
+            log.info("%s refused: %s: %s", request.path, problem.code, problem.detail)
+            return problem_answer(problem)
+        except web.HTTPException as exc:
+            return problem_answer(HttpProblem(exc.status, f"cannot serve {request.path[:200]}"))
+        except Exception:
+            log.exception("%s failed", request.path)
+            return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
+
+    app = web.Application(middlewares=[answer_problems], client_max_size=1)
+    app.router.add_get("/robots/{name}/ros", rosbridge.handle, allow_head=False)
+    app.router.add_route("*", "/robots/{name}/video", video.handle)
+    app.router.add_route("*", "/robots/{name}/video/{path:.*}", video.handle)
+    app.router.add_get("/api/v1/events", events.handle, allow_head=False)
+    return app
+
+
+def inside_app(metrics: Metrics, store_up: Callable[[], bool]) -> web.Application:
+    """Make the application for health checks and Prometheus, which nginx does not know."""
+
+    async def healthz(_request: web.Request) -> web.Response:
+        # A database that is away is no reason to restart the relay: what is open goes on.
+        return web.json_response({"status": "ok", "store": "up" if store_up() else "down"})
+
+    async def show_metrics(_request: web.Request) -> web.Response:
+        return web.Response(body=metrics.render(), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+    app = web.Application()
+    app.router.add_get("/healthz", healthz)
+    app.router.add_get("/metrics", show_metrics)
+    return app
+
+
+def problem_answer(problem: Problem) -> web.Response:
+    """Write a problem as RFC 9457 says."""
+    headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+    if problem.status == 401:  # noqa: PLR2004  # RFC 9110 wants the header with this status
+        headers["WWW-Authenticate"] = "Bearer"
+    return web.json_response(
+        problem.as_dict(), status=problem.status, headers=headers, content_type=PROBLEM_JSON
+    )

@@ -1,0 +1,101 @@
+"""Why an operator's connection ends: WebSocket close codes with reasons that a person can read.
+
+The table in docs/protocols.md is the contract; the short names stand in logs and metrics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+# RFC 6455: a control frame carries at most 125 bytes, two of which are the code.
+MAX_REASON_BYTES = 123
+
+
+@dataclass(frozen=True)
+class Ending:
+    """A close code, its short name, and the sentence for the operator."""
+
+    code: int
+    name: str
+    reason: str
+
+    @property
+    def reason_bytes(self) -> bytes:
+        """The reason as UTF-8 that fits a close frame, cut between characters."""
+        raw = self.reason.encode()[:MAX_REASON_BYTES]
+        return raw.decode(errors="ignore").encode()
+
+
+def client_left(robot: str) -> Ending:
+    """The operator closed the connection."""
+    return Ending(1000, "client_left", f"connection to robot {robot} closed")
+
+
+def client_vanished(robot: str) -> Ending:
+    """The operator's connection broke; nobody reads this code."""
+    return Ending(1006, "client_vanished", f"connection to robot {robot} broke")
+
+
+def relay_stopping() -> Ending:
+    """The relay is asked to stop."""
+    return Ending(1001, "relay_stopping", "the relay is stopping; connect again in a moment")
+
+
+def message_too_big(limit_bytes: int, sender: str) -> Ending:
+    """Somebody sent more in one message than the limit."""
+    limit = f"{limit_bytes / 1_048_576:g} MB"
+    return Ending(1009, "message_too_big", f"{sender} sent a message over {limit}")
+
+
+def protocol_broken(sender: str) -> Ending:
+    """Somebody sent what is not WebSocket."""
+    return Ending(1002, "protocol_broken", f"{sender} broke the WebSocket protocol")
+
+
+def relay_failed() -> Ending:
+    """A defect of the relay; its log has the traceback."""
+    return Ending(1011, "relay_failed", "the relay failed; connect again, and see its log")
+
+
+def rights_ended(robot: str) -> Ending:
+    """Grant, user or robot went away or changed."""
+    return Ending(4001, "rights_ended", f"your rights on robot {robot} have ended or changed")
+
+
+def client_silent(robot: str, limit_s: float) -> Ending:
+    """Neither pong nor message came in time."""
+    return Ending(
+        4408, "client_silent", f"nothing came from you for {limit_s:g} s; robot {robot} let go"
+    )
+
+
+def client_slow(robot: str, limit_s: float) -> Ending:
+    """The operator does not take what the robot sends."""
+    return Ending(
+        4413, "client_slow", f"you took nothing of what robot {robot} sent for {limit_s:g} s"
+    )
+
+
+def robot_offline(robot: str, since: datetime | None, now: datetime) -> Ending:
+    """The robot has no tunnel."""
+    return Ending(4503, "robot_offline", offline_sentence(robot, since, now))
+
+
+def rosbridge_down(robot: str, why: str) -> Ending:
+    """The tunnel is there, rosbridge is not."""
+    return Ending(4504, "rosbridge_down", f"rosbridge on robot {robot} does not answer: {why}")
+
+
+def link_lost(robot: str) -> Ending:
+    """The tunnel went away during the connection."""
+    return Ending(4505, "link_lost", f"the link to robot {robot} is lost")
+
+
+def offline_sentence(robot: str, since: datetime | None, now: datetime) -> str:
+    """Say since when a robot is offline; the day only when it is not today (UTC)."""
+    if since is None:
+        return f"robot {robot} is offline: it has not connected yet"
+    since, now = since.astimezone(timezone.utc), now.astimezone(timezone.utc)
+    layout = "%H:%M UTC" if since.date() == now.date() else "%Y-%m-%d %H:%M UTC"
+    return f"robot {robot} is offline since {since.strftime(layout)}"

@@ -1,0 +1,70 @@
+"""The fleet as server-sent events, for pages that show who is online.
+
+`app` runs one handler a client. A client that does not read is let go after a while; until then it
+costs one set of robot ids, because its `Feed` keeps no history.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+from aiohttp import web
+
+from robotether_server.relay.access import Access, request_of
+from robotether_server.relay.board import Board, Event, Feed
+from robotether_server.relay.credentials import Credentials
+
+COMMENT_EVERY_S = 10.0
+SLOW_AFTER_S = 10.0
+HEADERS = {
+    "Content-Type": "text/event-stream; charset=utf-8",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class EventsHandler:
+    """Answers /api/v1/events."""
+
+    def __init__(self, access: Access, credentials: Credentials, board: Board) -> None:
+        self._access = access
+        self._credentials = credentials
+        self._board = board
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Tell the fleet, then each change, until the client or its right is gone."""
+        asked = request_of(request.headers, request.cookies, request.query)
+        asker = await self._access.for_events(asked)
+        response = web.StreamResponse(headers=HEADERS)
+        with (
+            self._board.followed_by(asker.user.id) as feed,
+            self._credentials.held(asker.credential, feed.end),
+        ):
+            await response.prepare(request)
+            try:
+                await self._tell(response, feed)
+            except (TimeoutError, ConnectionError):
+                if request.transport is not None:
+                    request.transport.abort()
+        return response
+
+    async def _tell(self, response: web.StreamResponse, feed: Feed) -> None:
+        await _write(response, render([feed.first()]))
+        while not feed.ended:
+            await feed.wait(COMMENT_EVERY_S)
+            events = feed.take()
+            await _write(response, render(events) if events else b": awake\n\n")
+
+
+def render(events: list[Event]) -> bytes:
+    """Write events in the format of text/event-stream."""
+    return b"".join(
+        f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n".encode()
+        for name, data in events
+    )
+
+
+async def _write(response: web.StreamResponse, data: bytes) -> None:
+    async with asyncio.timeout(SLOW_AFTER_S):
+        await response.write(data)

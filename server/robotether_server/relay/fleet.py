@@ -1,0 +1,99 @@
+"""The newest snapshot of robots and rights, kept in memory and read again when they change.
+
+`relay` runs it. While the database is away everything goes on with the last snapshot; the log says
+so once, and the metrics all the time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from datetime import datetime
+
+from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.relay.records import Records
+from robotether_server.store.fleet import Changes, Snapshot
+
+log = logging.getLogger(__name__)
+
+POLL_EVERY_S = 1.0
+# Credentials also end by time, which changes nothing in the database.
+RECHECK_EVERY_S = 30.0
+
+
+class Fleet:
+    """Polls the database; calls back when rights or credentials changed."""
+
+    def __init__(
+        self,
+        records: Records,
+        *,
+        rights_changed: Callable[[Snapshot], None],
+        credentials_changed: Callable[[], Awaitable[None]],
+        last_seen: Callable[[list[tuple[int, datetime]]], None],
+        poll_every_s: float = POLL_EVERY_S,
+    ) -> None:
+        self._records = records
+        self._rights_changed = rights_changed
+        self._credentials_changed = credentials_changed
+        self._last_seen = last_seen
+        self._poll_every_s = poll_every_s
+        self._snapshot: Snapshot | None = None
+        self._changes: Changes | None = None
+        self._rechecked_at = 0.0
+        self.store_up = True
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The last snapshot; StoreUnavailable as long as there has never been one."""
+        if self._snapshot is None:
+            raise StoreUnavailable(
+                "cannot tell robots and rights: the database has not answered yet; try again shortly"
+            )
+        return self._snapshot
+
+    @property
+    def known(self) -> Snapshot:
+        """The last snapshot, or an empty one."""
+        return self._snapshot or Snapshot(robots={}, grants={})
+
+    async def run(self) -> None:
+        """Poll for ever."""
+        while True:
+            await self.poll()
+            await asyncio.sleep(self._poll_every_s)
+
+    async def poll(self) -> None:
+        """Ask once whether anything changed, and take it over."""
+        try:
+            await self._take_changes()
+        except StoreProblem as problem:
+            self._set_store_up(False, problem.detail)
+        except Exception:
+            # Whatever one poll met, the next may succeed; without polls rights would never end.
+            log.exception("cannot read robots and rights; the last ones stay in force")
+            self.store_up = False
+        else:
+            self._set_store_up(True)
+
+    async def _take_changes(self) -> None:
+        before, now = self._changes, await self._records.changes()
+        if self._snapshot is None or self._snapshot.rights != now.rights:
+            if self._snapshot is None:
+                self._last_seen(await self._records.last_seen())
+            self._snapshot = await self._records.load()
+            self._rights_changed(self._snapshot)
+        time = asyncio.get_running_loop().time()
+        overdue = time - self._rechecked_at > RECHECK_EVERY_S
+        if overdue or before is None or before.credentials != now.credentials:
+            await self._credentials_changed()
+            self._rechecked_at = time
+        self._changes = now
+
+    def _set_store_up(self, up: bool, why: str = "") -> None:
+        if up and not self.store_up:
+            log.warning("the database answers again")
+        elif not up and self.store_up:
+            log.warning("%s; robots and rights stay as they were last read", why)
+        self.store_up = up

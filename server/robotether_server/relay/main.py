@@ -1,0 +1,46 @@
+"""Runs the relay as a process: settings, log, event loop, and a stop on SIGTERM."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import sys
+
+import uvloop
+
+from robotether_server.problems import SettingsError
+from robotether_server.relay.records import DatabaseRecords
+from robotether_server.relay.relay import Relay
+from robotether_server.settings import RelaySettings, load_relay
+from robotether_server.store import Database
+
+log = logging.getLogger(__name__)
+
+LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+
+
+def main() -> None:
+    """Run until SIGTERM or SIGINT."""
+    try:
+        settings = load_relay(os.environ)
+    except SettingsError as problem:
+        sys.exit(problem.detail)
+    logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
+    uvloop.run(_run(settings))
+    logging.shutdown()
+    # Threads that wait for a database that hangs would hold the interpreter's exit.
+    os._exit(0)
+
+
+async def _run(settings: RelaySettings) -> None:
+    stopped = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stopped.set)
+    relay = Relay(settings, DatabaseRecords(Database(settings.database)))
+    await relay.start()
+    await stopped.wait()
+    log.info("stopping")
+    await relay.stop()

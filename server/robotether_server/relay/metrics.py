@@ -1,0 +1,77 @@
+"""The relay's numbers for Prometheus, in a registry of its own.
+
+`health` serves them on the inside port. Counts that a message changes are plain integers, read here
+when somebody asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from prometheus_client import (
+    CollectorRegistry,
+    Counter,
+    Gauge,
+    PlatformCollector,
+    ProcessCollector,
+    generate_latest,
+)
+from prometheus_client.core import CounterMetricFamily
+from prometheus_client.registry import Collector
+
+from robotether_server.relay.bridge import Traffic
+
+
+class Metrics:
+    """Counters that the parts raise, and gauges that read the parts."""
+
+    def __init__(self, traffic: Traffic) -> None:
+        self._registry = CollectorRegistry()
+        ProcessCollector(registry=self._registry)
+        PlatformCollector(registry=self._registry)
+        self._registry.register(_TrafficCollector(traffic))
+        self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
+        self.endings = self._counter(
+            "connection_endings", "Operators' connections that ended, by reason", "name"
+        )
+        self.session_endings = self._counter(
+            "session_endings", "Robots' sessions that ended, by reason", "code"
+        )
+        self.session_refusals = self._counter(
+            "session_refusals", "Robots' connections refused, by reason", "code"
+        )
+
+    def gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
+        """Add a gauge that is read when somebody asks."""
+        gauge = Gauge(f"robotether_relay_{name}", meaning, registry=self._registry)
+        gauge.set_function(read)
+
+    def render(self) -> bytes:
+        """Write all numbers in Prometheus' text format."""
+        return generate_latest(self._registry)
+
+    def _counter(self, name: str, meaning: str, label: str) -> Counter:
+        return Counter(f"robotether_relay_{name}", meaning, [label], registry=self._registry)
+
+
+class _TrafficCollector(Collector):
+    def __init__(self, traffic: Traffic) -> None:
+        self._traffic = traffic
+
+    def collect(self) -> Iterable[CounterMetricFamily]:
+        traffic = self._traffic
+        messages = CounterMetricFamily(
+            "robotether_relay_messages", "Rosbridge messages passed on", labels=["to"]
+        )
+        messages.add_metric(["robot"], traffic.messages_to_robot)
+        messages.add_metric(["client"], traffic.messages_to_client)
+        sizes = CounterMetricFamily(
+            "robotether_relay_message_bytes", "Bytes of rosbridge messages", labels=["to"]
+        )
+        sizes.add_metric(["robot"], traffic.bytes_to_robot)
+        sizes.add_metric(["client"], traffic.bytes_to_client)
+        refused = CounterMetricFamily(
+            "robotether_relay_messages_refused", "Rosbridge messages answered with an error"
+        )
+        refused.add_metric([], traffic.refused)
+        return [messages, sizes, refused]

@@ -1,0 +1,227 @@
+"""The relay as one object: makes the parts, joins them, and starts and stops them in order.
+
+`main` runs one in its process, tests run several in theirs. Each thing that happens to a robot
+passes here once, and reaches board, connections, journal and metrics from here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from dataclasses import dataclass, field
+from typing import cast
+
+from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
+
+from robotether_server.relay import endings
+from robotether_server.relay.access import Access
+from robotether_server.relay.app import inside_app, public_app
+from robotether_server.relay.board import Board
+from robotether_server.relay.bridge import BridgeRules, Traffic
+from robotether_server.relay.connections import Connections
+from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.events import EventsHandler
+from robotether_server.relay.fleet import Fleet
+from robotether_server.relay.journal import Journal
+from robotether_server.relay.liveness import Limits
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.records import Records
+from robotether_server.relay.reports import Reports
+from robotether_server.relay.robot_link import LinkRules
+from robotether_server.relay.rosbridge import RosbridgeHandler
+from robotether_server.relay.session_server import BACKLOG, SessionServer
+from robotether_server.relay.sessions import SessionRegistry, utc_now
+from robotether_server.relay.sockets import RobotSocket
+from robotether_server.relay.video import VideoHandler
+from robotether_server.settings import RelaySettings
+from robotether_server.store.fleet import FormerSessions, Snapshot
+from robotether_server.tickets import TicketSigner
+
+log = logging.getLogger(__name__)
+
+# All of stopping together takes under 3 s.
+HANDLERS_STOP_WITHIN_S = 1.0
+JOURNAL_STOPS_WITHIN_S = 0.7
+# sshd may come back with another address.
+NAMES_KEPT_S = 2
+
+
+@dataclass(frozen=True)
+class Listen:
+    """Where the relay listens; tests give port 0."""
+
+    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
+    http_port: int = 8080
+    session_port: int = 8091
+    inside_port: int = 9100
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times that tests shorten."""
+
+    limits: Limits = field(default_factory=Limits)
+    heartbeat_s: float = 1.0
+    timeout_s: float = 5.0
+    poll_every_s: float = 1.0
+
+
+class Relay:
+    """All parts of the relay; made and run in one event loop."""
+
+    def __init__(
+        self,
+        settings: RelaySettings,
+        records: Records,
+        *,
+        listen: Listen | None = None,
+        timing: Timing | None = None,
+    ) -> None:
+        self._settings = settings
+        self._records = records
+        self._listen = listen or Listen()
+        self._timing = timing or Timing()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._runners: list[web.AppRunner] = []
+        self.http_port = 0
+        self.inside_port = 0
+        self._make_state()
+        self._make_client()
+        self._make_sessions()
+        self._make_apps()
+        self._add_gauges()
+
+    @property
+    def session_port(self) -> int:
+        """Where robots' sessions arrive."""
+        return self._sessions.port
+
+    async def start(self) -> None:
+        """Read the records once, if they can be read, and listen."""
+        self.journal.add(FormerSessions(before=utc_now()))
+        await self.fleet.poll()
+        self._tasks = [
+            asyncio.create_task(self.fleet.run(), name="fleet"),
+            asyncio.create_task(self.journal.run(), name="journal"),
+        ]
+        listen = self._listen
+        self.inside_port = await self._serve(self._inside, listen.inside_port)
+        self.http_port = await self._serve(self._public, listen.http_port)
+        await self._sessions.start(listen.host, listen.session_port)
+        log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
+
+    async def stop(self) -> None:
+        """Tell operators, then robots, and write the rest down."""
+        self.connections.end_all(endings.relay_stopping())
+        self.board.end_feeds()
+        # Operators first: they must hear that the relay stops, and not that a link was lost.
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        await self._sessions.stop()
+        await self.journal.flush(JOURNAL_STOPS_WITHIN_S)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._client.close()
+        self._records.close()
+
+    def _make_state(self) -> None:
+        records = self._records
+        self.traffic = Traffic()
+        self.metrics = Metrics(self.traffic)
+        self.journal = Journal(records)
+        self.credentials = Credentials(records)
+        self.registry = SessionRegistry()
+        self.connections = Connections()
+        self.fleet = Fleet(
+            records,
+            rights_changed=self._take_snapshot,
+            credentials_changed=self.credentials.recheck,
+            last_seen=self.registry.remember,
+            poll_every_s=self._timing.poll_every_s,
+        )
+        self.board = Board(lambda: self.fleet.known, self.registry, self.connections)
+        self.reports = Reports(self.journal, self.metrics, lambda: self.fleet.known)
+        # First those whose link is lost, then those who watch, then the records.
+        self.registry.listen(self.connections.robot, self.board.robot, self.reports.robot)
+        self.connections.listen(self.board.changed)
+
+    def _take_snapshot(self, snapshot: Snapshot) -> None:
+        # Operators first: they must hear that their right ended, and not that a link was lost.
+        self.connections.end_unrighted(snapshot)
+        self._sessions.take_snapshot(snapshot)
+        self.registry.forget_all_but(snapshot.robots)
+        self.board.all_changed()
+
+    def _make_client(self) -> None:
+        """Make the HTTP client towards robots; it keeps no connection and no cookie."""
+        connector = TCPConnector(limit=0, force_close=True, ttl_dns_cache=NAMES_KEPT_S)
+        self._client = ClientSession(
+            connector=connector,
+            cookie_jar=DummyCookieJar(),
+            auto_decompress=False,
+            # aiohttp declares the class for text that it decodes; ours never does.
+            ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),
+        )
+
+    def _make_sessions(self) -> None:
+        settings, timing = self._settings, self._timing
+        self._sessions = SessionServer(
+            registry=self.registry,
+            snapshot=lambda: self.fleet.snapshot,
+            session_key=settings.session_key,
+            rules=LinkRules(settings.tunnel_host, timing.heartbeat_s, timing.timeout_s),
+            refused=self.reports.session_refused,
+        )
+
+    def _make_apps(self) -> None:
+        settings = self._settings
+        access = Access(
+            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+            credentials=self.credentials,
+            snapshot=lambda: self.fleet.snapshot,
+            allowed_origins=settings.allowed_origins,
+            clock=utc_now,
+        )
+        rosbridge = RosbridgeHandler(
+            access=access,
+            registry=self.registry,
+            connections=self.connections,
+            client=self._client,
+            tunnel_host=settings.tunnel_host,
+            rules=BridgeRules(self._timing.limits, settings.message_limit_bytes, self.traffic),
+            report=self.reports.connection,
+        )
+        video = VideoHandler(
+            access=access,
+            credentials=self.credentials,
+            registry=self.registry,
+            connections=self.connections,
+            client=self._client,
+            tunnel_host=settings.tunnel_host,
+        )
+        events = EventsHandler(access, self.credentials, self.board)
+        self._public = public_app(self.metrics, rosbridge, video, events)
+        self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
+
+    def _add_gauges(self) -> None:
+        gauge, connections = self.metrics.gauge, self.connections
+        gauge("robots_online", "Robots with a session", self.registry.online_count)
+        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
+        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
+        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("event_clients", "Clients of the live fleet", self.board.feed_count)
+        gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
+        gauge("journal_waiting", "Entries not yet written", self.journal.waiting)
+        gauge("journal_dropped", "Entries given up", lambda: self.journal.dropped)
+
+    async def _serve(self, app: web.Application, port: int) -> int:
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            handler_cancellation=True,
+            shutdown_timeout=HANDLERS_STOP_WITHIN_S,
+        )
+        self._runners.append(runner)
+        await runner.setup()
+        await web.TCPSite(runner, self._listen.host, port, backlog=BACKLOG).start()
+        return int(runner.addresses[0][1])

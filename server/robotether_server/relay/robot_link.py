@@ -1,0 +1,214 @@
+"""One TCP connection of a robot: takes over, configures, keeps the heartbeat, and ends.
+
+`session_server` makes one for each accepted connection. When it ends, sshd's session command ends
+the SSH connection that it belongs to, which releases the robot's ports. It must never wait for a
+robot that does not read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robotether_server.relay import session_messages as lines
+from robotether_server.relay.ports import wait_released
+from robotether_server.relay.session_messages import BrokenLineError, Preface
+from robotether_server.relay.sessions import ByeCode, Kind, SessionRegistry
+from robotether_server.store.fleet import Robot
+
+log = logging.getLogger(__name__)
+
+# More unsent lines than this: the other side has stopped reading long ago.
+MAX_UNSENT_BYTES = 256 * 1024
+# Heartbeats that may be unanswered; the time-out ends the link well before.
+MAX_PINGS_OPEN = 64
+# A bye that cannot be sent in this time is not sent.
+FAREWELL_S = 0.5
+
+
+@dataclass(frozen=True)
+class LinkRules:
+    """What is the same for all links of a relay."""
+
+    tunnel_host: str
+    heartbeat_s: float = 1.0
+    timeout_s: float = 5.0
+    release_wait_s: float = 1.0
+
+
+class RobotLink:
+    """A robot's connection of one kind, from its preface on."""
+
+    def __init__(
+        self,
+        preface: Preface,
+        robot: Robot,
+        *,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        registry: SessionRegistry,
+        rules: LinkRules,
+    ) -> None:
+        self._preface = preface
+        self._robot = robot
+        self._reader = reader
+        self._writer = writer
+        self._registry = registry
+        self._rules = rules
+        self._loop = asyncio.get_running_loop()
+        self._heard_at = self._loop.time()
+        self._seq = 0
+        self._pings: dict[int, float] = {}
+        self._beat: asyncio.TimerHandle | None = None
+        self._farewell: asyncio.TimerHandle | None = None
+        self._ended = False
+
+    @property
+    def robot_id(self) -> int:
+        """The robot's id in the database."""
+        return self._preface.robot_id
+
+    @property
+    def kind(self) -> Kind:
+        """What the connection is for."""
+        return self._preface.kind
+
+    @property
+    def address(self) -> str:
+        """Where the robot's SSH connection comes from."""
+        return self._preface.address
+
+    async def run(self) -> None:
+        """Take over from an older link, configure the robot, and listen until the end."""
+        try:
+            await self._take_over()
+            if not self._ended and not self._reader.at_eof():
+                self._configure()
+                self._registry.established(self)
+                self._heartbeat()
+                await self._listen()
+        except BrokenLineError as exc:
+            log.warning("robot %s: %s broke the protocol: %s", self._robot.name, self.kind, exc)
+            self.end("protocol_error", str(exc))
+        except ConnectionError as exc:
+            log.info("robot %s: %s broke: %s", self._robot.name, self.kind, exc)
+        finally:
+            self._close("link_lost")
+            await self._closed()
+
+    def end(self, code: ByeCode, detail: str) -> None:
+        """Say bye and close at once; the robot's ports are free as soon as sshd sees it."""
+        if self._ended:
+            return
+        log.info("robot %s: %s ends: %s: %s", self._robot.name, self.kind, code, detail)
+        if not self._writer.is_closing():
+            self._writer.write(lines.bye_line(code, detail))
+        self._close(code)
+
+    def reconfigure(self, robot: Robot) -> None:
+        """Take the robot's new row: tell a new name; new ports need a new SSH login."""
+        if self._ended or robot == self._robot:
+            return
+        moved = (robot.ros_port, robot.video_port) != (self._robot.ros_port, self._robot.video_port)
+        renamed = robot.name != self._robot.name
+        self._robot = robot
+        if moved:
+            self.end("ports_changed", f"robot {robot.name} has new ports; connect again")
+        elif renamed:
+            self._configure()
+
+    async def _take_over(self) -> None:
+        older = self._registry.admit(self)
+        if older is not None:
+            older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
+        port = self._robot.ros_port if self.kind == "session" else self._robot.video_port
+        host, wait_s = self._rules.tunnel_host, self._rules.release_wait_s
+        if not await wait_released(host, port, within_s=wait_s):
+            log.warning(
+                "robot %s: port %d is still in use after %g s", self._robot.name, port, wait_s
+            )
+
+    def _configure(self) -> None:
+        self._send(
+            lines.config_line(
+                robot=self._robot.name,
+                ros_port=self._robot.ros_port,
+                video_port=self._robot.video_port,
+                heartbeat_s=self._rules.heartbeat_s,
+                timeout_s=self._rules.timeout_s,
+            )
+        )
+
+    async def _listen(self) -> None:
+        self._heard_at = self._loop.time()
+        while not self._ended:
+            try:
+                line = await self._reader.readline()
+            except ValueError as exc:
+                raise BrokenLineError("cannot read a line: it is over 64 KiB") from exc
+            if not line.endswith(b"\n"):
+                return
+            self._heard_at = self._loop.time()
+            self._take(lines.parse_line(line))
+
+    def _take(self, message: Mapping[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "ping":
+            self._send(lines.pong_line(message))
+        elif kind == "pong":
+            self._take_pong(lines.whole_field(message, "seq"))
+        elif kind == "hello":
+            lines.text_field(message, "hostname", 253)
+            self._registry.heard_hello(self, lines.text_field(message, "agent_version", 32))
+        elif kind == "health":
+            ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
+            self._registry.heard_health(self, ros, video)
+
+    def _take_pong(self, seq: int) -> None:
+        sent_at = self._pings.pop(seq, None)
+        if sent_at is not None:
+            self._registry.heard_rtt(self, (self._loop.time() - sent_at) * 1000)
+
+    def _heartbeat(self) -> None:
+        if self._ended:
+            return
+        now = self._loop.time()
+        if now - self._heard_at > self._rules.timeout_s:
+            self.end("timeout", f"nothing came for {self._rules.timeout_s:g} s")
+            return
+        self._seq += 1
+        self._pings[self._seq] = now
+        self._pings.pop(self._seq - MAX_PINGS_OPEN, None)
+        self._send(lines.ping_line(self._seq))
+        self._beat = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
+
+    def _send(self, line: bytes) -> None:
+        if self._ended or self._writer.is_closing():
+            return
+        self._writer.write(line)
+        if self._writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self.end("timeout", "the robot does not read what the relay sends")
+
+    def _close(self, code: ByeCode) -> None:
+        if self._ended:
+            return
+        self._ended = True
+        if self._beat is not None:
+            self._beat.cancel()
+        self._registry.left(self, code)
+        self._writer.close()
+        # A peer that does not read would keep a closing connection, and so its port, for ever.
+        self._farewell = self._loop.call_later(FAREWELL_S, self._writer.transport.abort)
+
+    async def _closed(self) -> None:
+        """Wait until the farewell is sent, or cut short."""
+        try:
+            await self._writer.wait_closed()
+        except ConnectionError:
+            log.debug("robot %s: %s was reset", self._robot.name, self.kind)
+        finally:
+            if self._farewell is not None:
+                self._farewell.cancel()

@@ -1,0 +1,164 @@
+"""Answers /robots/NAME/ros: lets an operator in, reaches the robot, and has a `Bridge` run.
+
+What concerns ticket, origin or name is refused over HTTP; browsers cannot read such an answer's
+body, so all that concerns the robot is told after the upgrade, as a close code with a reason.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, cast
+
+from aiohttp import (
+    ClientConnectorError,
+    ClientError,
+    ClientSession,
+    ClientWSTimeout,
+    WSServerHandshakeError,
+    web,
+)
+
+from robotether_server.problems import HttpProblem
+from robotether_server.relay import endings
+from robotether_server.relay.access import Access, Permit, request_of
+from robotether_server.relay.bridge import Bridge, BridgeRules, EndedError
+from robotether_server.relay.connections import Connection, Connections
+from robotether_server.relay.endings import Ending
+from robotether_server.relay.sessions import Presence, SessionRegistry, utc_now
+from robotether_server.relay.sockets import (
+    LIMIT_MARGIN,
+    ROBOT_FAREWELL_S,
+    OperatorSocket,
+    RobotSocket,
+)
+from robotether_server.store.fleet import Robot
+
+log = logging.getLogger(__name__)
+
+# An operator is told within a second when rosbridge does not answer; a robot far away gets as
+# many of its round trips more as opening a channel and a WebSocket needs, and some to spare.
+PATIENCE_S = 0.8
+PATIENCE_ROUND_TRIPS = 8
+LONGEST_PATIENCE_S = 5.0
+# The session is there some milliseconds before its forward is.
+FORWARD_WITHIN_S = 0.6
+RETRY_S = 0.03
+
+
+@dataclass(frozen=True)
+class ConnectionReport:
+    """What `relay` learns of a connection, for log, audit and metrics; ending None: it began."""
+
+    permit: Permit
+    address: str | None
+    ending: Ending | None = None
+    lasted_s: float = 0.0
+
+
+class RosbridgeHandler:
+    """Answers /robots/NAME/ros."""
+
+    def __init__(
+        self,
+        *,
+        access: Access,
+        registry: SessionRegistry,
+        connections: Connections,
+        client: ClientSession,
+        tunnel_host: str,
+        rules: BridgeRules,
+        report: Callable[[ConnectionReport], None],
+    ) -> None:
+        self._access = access
+        self._registry = registry
+        self._connections = connections
+        self._client = client
+        self._tunnel_host = tunnel_host
+        self._rules = rules
+        self._report = report
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Join an operator's WebSocket to the robot until one of them ends."""
+        operator = OperatorSocket(self._rules.message_limit)
+        if not operator.can_prepare(request):
+            raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
+        asked = request_of(request.headers, request.cookies, request.query)
+        permit = self._access.for_rosbridge(asked, request.match_info["name"])
+        await operator.open(request)
+        await self._serve(operator, permit, request.headers.get("X-Forwarded-For"))
+        return operator
+
+    async def _serve(self, operator: OperatorSocket, permit: Permit, address: str | None) -> None:
+        bridge = Bridge(permit.robot.name, _mode(permit), operator, self._rules)
+        connection = Connection(
+            permit.user.id, permit.user.name, permit.robot, permit.use, bridge.end
+        )
+        loop = asyncio.get_running_loop()
+        begun_at, ending = loop.time(), endings.client_vanished(permit.robot.name)
+        with self._connections.joined(connection):
+            self._report(ConnectionReport(permit, address))
+            try:
+                ending = await bridge.run(lambda: self._reach(permit.robot))
+            finally:
+                lasted_s = loop.time() - begun_at
+                self._report(ConnectionReport(permit, address, ending, lasted_s))
+
+    async def _reach(self, robot: Robot) -> RobotSocket:
+        presence = self._registry.presence(robot.id)
+        if not presence.online:
+            raise EndedError(endings.robot_offline(robot.name, presence.since, utc_now()))
+        try:
+            async with asyncio.timeout(patience_s(presence)):
+                return await self._connect(robot)
+        except TimeoutError as exc:
+            why = "no answer in time"
+            raise EndedError(endings.rosbridge_down(robot.name, why)) from exc
+
+    async def _connect(self, robot: Robot) -> RobotSocket:
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + FORWARD_WITHIN_S
+        while (socket := await self._open(robot)) is None:
+            if loop.time() > deadline:
+                raise EndedError(
+                    endings.rosbridge_down(robot.name, "the tunnel has no port for it")
+                )
+            await asyncio.sleep(RETRY_S)
+        return socket
+
+    async def _open(self, robot: Robot) -> RobotSocket | None:
+        """Open a WebSocket to the robot; None when its port is not there (yet)."""
+        try:
+            return await self._dial(robot)
+        except ClientConnectorError:
+            return None
+        except (ClientError, OSError) as exc:
+            raise EndedError(endings.rosbridge_down(robot.name, _why(exc))) from exc
+
+    async def _dial(self, robot: Robot) -> RobotSocket:
+        socket = await self._client.ws_connect(
+            f"ws://{self._tunnel_host}:{robot.ros_port}/",
+            compress=0,
+            decode_text=False,
+            max_msg_size=self._rules.message_limit + LIMIT_MARGIN,
+            timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
+        )
+        return cast(RobotSocket, socket)
+
+
+def patience_s(presence: Presence) -> float:
+    """How long to wait for a robot's rosbridge, by how far away the robot is."""
+    distance_s = PATIENCE_ROUND_TRIPS * (presence.rtt_ms or 0.0) / 1000
+    return min(PATIENCE_S + distance_s, LONGEST_PATIENCE_S)
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, WSServerHandshakeError):
+        return f"it answered HTTP {error.status}"
+    return "the robot refuses the connection"
+
+
+def _mode(permit: Permit) -> Literal["observe", "drive"]:
+    return "drive" if permit.use == "drive" else "observe"

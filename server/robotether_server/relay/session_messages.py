@@ -1,0 +1,126 @@
+"""The lines between agent and relay: reading them with named errors, and building them.
+
+Pure. The contract is the section "The session" of docs/protocols.md.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from robotether_server.relay.sessions import ByeCode, Health, Kind
+
+MAX_LINE_BYTES = 64 * 1024
+
+
+class BrokenLineError(ValueError):
+    """A line that breaks the contract; the text names the field."""
+
+
+class WrongKeyError(Exception):
+    """The preface has not this stack's session key."""
+
+
+@dataclass(frozen=True)
+class Preface:
+    """Who connects, as the session command on sshd says."""
+
+    kind: Kind
+    robot_id: int
+    address: str
+
+
+def parse_line(line: bytes) -> dict[str, Any]:
+    """Read one line as a JSON object with a `type`."""
+    try:
+        message = json.loads(line.decode())
+    except (ValueError, RecursionError) as exc:
+        raise BrokenLineError("cannot read a line: it is not JSON in UTF-8") from exc
+    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
+        raise BrokenLineError("cannot read a line: it is no object with a type")
+    return message
+
+
+def parse_preface(line: bytes, session_key: str) -> Preface:
+    """Read the first line of a connection; WrongKeyError before anything else is believed."""
+    message = parse_line(line)
+    given = message.get("session_key")
+    if not isinstance(given, str) or not hmac.compare_digest(given.encode(), session_key.encode()):
+        raise WrongKeyError
+    if message["type"] != "preface":
+        raise BrokenLineError("cannot read the first line: its type is not preface")
+    kind = text_field(message, "kind", 16)
+    if kind not in get_args(Kind):
+        raise BrokenLineError(f"cannot read field kind: {kind!r} is neither session nor media")
+    return Preface(
+        kind="session" if kind == "session" else "media",
+        robot_id=whole_field(message, "robot_id"),
+        address=text_field(message, "address", 45),
+    )
+
+
+def text_field(message: Mapping[str, Any], name: str, max_length: int) -> str:
+    """Read a text field of bounded length."""
+    value = message.get(name)
+    if not isinstance(value, str) or len(value) > max_length:
+        raise BrokenLineError(f"cannot read field {name}: no text of up to {max_length} characters")
+    return value
+
+
+def whole_field(message: Mapping[str, Any], name: str) -> int:
+    """Read a whole number."""
+    value = message.get(name)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise BrokenLineError(f"cannot read field {name}: no whole number")
+    return value
+
+
+def health_field(message: Mapping[str, Any], name: str) -> Health:
+    """Read `ok`, `down` or `unknown`."""
+    value = message.get(name)
+    for allowed in get_args(Health):
+        if value == allowed:
+            health: Health = allowed
+            return health
+    raise BrokenLineError(f"cannot read field {name}: it is not ok, down or unknown")
+
+
+def config_line(
+    *, robot: str, ros_port: int, video_port: int, heartbeat_s: float, timeout_s: float
+) -> bytes:
+    """Build the settings that the agent works with."""
+    return _line(
+        "config",
+        robot=robot,
+        ros_port=ros_port,
+        video_port=video_port,
+        heartbeat_s=heartbeat_s,
+        timeout_s=timeout_s,
+    )
+
+
+def ping_line(seq: int) -> bytes:
+    """Build a heartbeat."""
+    return _line("ping", seq=seq)
+
+
+def pong_line(ping: Mapping[str, Any]) -> bytes:
+    """Build the answer to the agent's heartbeat, which carries its own clock back."""
+    seq, t_ms = whole_field(ping, "seq"), ping.get("t_ms")
+    if t_ms is None:
+        return _line("pong", seq=seq)
+    if not isinstance(t_ms, (int, float)) or isinstance(t_ms, bool):
+        raise BrokenLineError("cannot read field t_ms: no number")
+    return _line("pong", seq=seq, t_ms=t_ms)
+
+
+def bye_line(code: ByeCode, detail: str) -> bytes:
+    """Build the last line of a connection."""
+    return _line("bye", code=code, detail=detail)
+
+
+def _line(kind: str, **fields: object) -> bytes:
+    return json.dumps({"type": kind, **fields}).encode() + b"\n"

@@ -1,0 +1,160 @@
+"""Accepts robots' sessions from sshd's session command, checks their preface, and runs their links.
+
+`relay` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
+itself at once gets no answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay import session_messages as lines
+from robotether_server.relay.robot_link import FAREWELL_S, LinkRules, RobotLink
+from robotether_server.relay.session_messages import Preface, WrongKeyError
+from robotether_server.relay.sessions import ByeCode, SessionRegistry
+from robotether_server.store.fleet import Robot, Snapshot
+
+log = logging.getLogger(__name__)
+
+PREFACE_WITHIN_S = 5.0
+# A whole fleet reconnects at once after a restart.
+BACKLOG = 2048
+
+
+class RefusedError(Exception):
+    """The robot may not connect; the agent is told why."""
+
+    def __init__(self, code: ByeCode, detail: str) -> None:
+        super().__init__(detail)
+        self.code = code
+        self.detail = detail
+
+
+class SessionServer:
+    """The TCP server for robots' sessions."""
+
+    def __init__(
+        self,
+        *,
+        registry: SessionRegistry,
+        snapshot: Callable[[], Snapshot],
+        session_key: str,
+        rules: LinkRules,
+        refused: Callable[[str], None],
+    ) -> None:
+        self._registry = registry
+        self._snapshot = snapshot
+        self._session_key = session_key
+        self._rules = rules
+        self._refused = refused
+        self._server: asyncio.Server | None = None
+        self._links: set[asyncio.Task[None]] = set()
+        self._live: dict[RobotLink, None] = {}
+        self.port = 0
+
+    async def start(self, host: str, port: int) -> None:
+        """Listen."""
+        self._server = await asyncio.start_server(
+            self._accept, host, port, limit=lines.MAX_LINE_BYTES, backlog=BACKLOG
+        )
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def stop(self) -> None:
+        """Say bye to all robots and listen no more."""
+        if self._server is not None:
+            self._server.close()
+        for link in list(self._live):
+            link.end("relay_stopping", "the relay is stopping; connect again in a moment")
+        for task in list(self._links):
+            task.cancel()
+        await asyncio.gather(*self._links, return_exceptions=True)
+
+    def take_snapshot(self, snapshot: Snapshot) -> None:
+        """End the links of robots that may no longer connect; tell others their new settings."""
+        for link in list(self._live):
+            _apply(snapshot, link)
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None  # noqa: S101  # for mypy: this is a coroutine, so it runs in a task
+        self._links.add(task)
+        try:
+            await self._serve(reader, writer)
+        except Exception:
+            log.exception("a robot's connection failed")
+        finally:
+            self._links.discard(task)
+            writer.transport.abort()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            async with asyncio.timeout(PREFACE_WITHIN_S):
+                preface = await self._read_preface(reader)
+            robot = _admitted(self._snapshot(), preface.robot_id)
+        except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
+            self._refused("preface")
+            log.warning("a connection to the session port is closed: %s", _why(exc))
+        except RefusedError as refusal:
+            self._refused(refusal.code)
+            await _say_bye(writer, refusal.code, refusal.detail)
+        except StoreUnavailable as problem:
+            self._refused("not_ready")
+            await _say_bye(writer, "not_ready", problem.detail)
+        else:
+            await self._run_link(preface, robot, reader, writer)
+
+    async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
+        return lines.parse_preface(await reader.readline(), self._session_key)
+
+    async def _run_link(
+        self,
+        preface: Preface,
+        robot: Robot,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        link = RobotLink(
+            preface, robot, reader=reader, writer=writer, registry=self._registry, rules=self._rules
+        )
+        self._live[link] = None
+        try:
+            await link.run()
+        finally:
+            del self._live[link]
+
+
+def _apply(snapshot: Snapshot, link: RobotLink) -> None:
+    try:
+        link.reconfigure(_admitted(snapshot, link.robot_id))
+    except RefusedError as refusal:
+        link.end(refusal.code, refusal.detail)
+
+
+def _admitted(snapshot: Snapshot, robot_id: int) -> Robot:
+    robot = snapshot.robots.get(robot_id)
+    if robot is None:
+        raise RefusedError("robot_unknown", "this robot is not in the records any more")
+    if robot.state != "active":
+        raise RefusedError("robot_disabled", f"robot {robot.name} is {robot.state}")
+    return robot
+
+
+async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> None:
+    writer.write(lines.bye_line(code, detail))
+    writer.close()
+    try:
+        async with asyncio.timeout(FAREWELL_S):
+            await writer.wait_closed()
+    except (TimeoutError, ConnectionError):
+        log.debug("a refused robot did not read its bye")
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, WrongKeyError):
+        return "its session key is wrong; sshd and relay must have the same SESSION_KEY"
+    if isinstance(error, TimeoutError):
+        return f"no preface in {PREFACE_WITHIN_S:g} s"
+    return str(error) or "it broke"

@@ -1,0 +1,180 @@
+"""Which robots are connected, and what is known of them. In memory, without a network.
+
+`robot_link` reports here what happens on a robot's connection; `connections`, `board` and `reports`
+listen. At most one link of a kind is current for a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from typing import Literal, Protocol
+
+Kind = Literal["session", "media"]
+Health = Literal["ok", "down", "unknown"]
+# Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
+ByeCode = Literal[
+    "superseded",
+    "robot_disabled",
+    "robot_unknown",
+    "ports_changed",
+    "not_ready",
+    "relay_stopping",
+    "protocol_error",
+    "timeout",
+    "link_lost",
+]
+
+
+class Link(Protocol):
+    """One TCP connection of a robot, of one kind."""
+
+    @property
+    def robot_id(self) -> int:
+        """The robot's id in the database."""
+
+    @property
+    def kind(self) -> Kind:
+        """What the connection is for."""
+
+    @property
+    def address(self) -> str:
+        """Where the robot's SSH connection comes from."""
+
+    def end(self, code: ByeCode, detail: str) -> None:
+        """Say bye and close; afterwards the registry knows the link no more."""
+
+
+@dataclass(frozen=True)
+class Presence:
+    """What is known of one robot now; `since` is the last change of `online`."""
+
+    online: bool = False
+    since: datetime | None = None
+    address: str | None = None
+    rtt_ms: float | None = None
+    ros: Health = "unknown"
+    video: Health = "unknown"
+    agent_version: str | None = None
+
+
+NEVER_SEEN = Presence()
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to a robot: it came, left, told something of itself, or sent a heartbeat."""
+
+    what: Literal["came", "left", "told", "rtt"]
+    robot_id: int
+    presence: Presence
+    code: ByeCode | None = None
+
+
+# Hears of every change, in order; must not block.
+Listener = Callable[[Change], None]
+
+
+def utc_now() -> datetime:
+    """Return the time for people; durations are measured with the loop's clock."""
+    return datetime.now(timezone.utc)
+
+
+class SessionRegistry:
+    """The current links and the presence of each robot."""
+
+    def __init__(self, clock: Callable[[], datetime] = utc_now) -> None:
+        self._listeners: list[Listener] = []
+        self._clock = clock
+        self._current: dict[tuple[int, Kind], Link] = {}
+        self._presences: dict[int, Presence] = {}
+
+    def listen(self, *listeners: Listener) -> None:
+        """Tell these of every change from now on."""
+        self._listeners.extend(listeners)
+
+    def presence(self, robot_id: int) -> Presence:
+        """Tell what is known of a robot."""
+        return self._presences.get(robot_id, NEVER_SEEN)
+
+    def links(self) -> list[Link]:
+        """List all current links, media included."""
+        return list(self._current.values())
+
+    def online_count(self) -> int:
+        """Count the robots that are online."""
+        return sum(presence.online for presence in self._presences.values())
+
+    def remember(self, last_seen: Iterable[tuple[int, datetime]]) -> None:
+        """Take over from the records since when robots are offline."""
+        for robot_id, since in last_seen:
+            if robot_id not in self._presences:
+                self._presences[robot_id] = Presence(since=since)
+
+    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
+        """Drop what is known of robots that are gone and not connected."""
+        keep = set(robot_ids) | {robot_id for robot_id, _ in self._current}
+        for robot_id in self._presences.keys() - keep:
+            del self._presences[robot_id]
+
+    def admit(self, link: Link) -> Link | None:
+        """Make `link` the current one of its kind; return the older, which the caller ends."""
+        key = (link.robot_id, link.kind)
+        older = self._current.get(key)
+        if older is not None:
+            self._forget(older, "superseded")
+        self._current[key] = link
+        return older
+
+    def is_current(self, link: Link) -> bool:
+        """Tell whether no newer link took over."""
+        return self._current.get((link.robot_id, link.kind)) is link
+
+    def established(self, link: Link) -> None:
+        """The link has its configuration; a robot with an established session is online."""
+        if link.kind == "session" and self.is_current(link):
+            presence = Presence(online=True, since=self._clock(), address=link.address)
+            self._tell(Change("came", link.robot_id, presence))
+
+    def left(self, link: Link, code: ByeCode) -> None:
+        """The link ended; does nothing when a newer one took over."""
+        if self.is_current(link):
+            self._forget(link, code)
+
+    def heard_hello(self, link: Link, agent_version: str) -> None:
+        """The agent told its version."""
+        if self._is_online(link):
+            self._told(link, replace(self.presence(link.robot_id), agent_version=agent_version))
+
+    def heard_health(self, link: Link, ros: Health, video: Health) -> None:
+        """The agent told whether rosbridge and web_video_server answer."""
+        if self._is_online(link):
+            self._told(link, replace(self.presence(link.robot_id), ros=ros, video=video))
+
+    def heard_rtt(self, link: Link, rtt_ms: float) -> None:
+        """A heartbeat came back."""
+        if self._is_online(link):
+            presence = self.presence(link.robot_id)
+            after = replace(presence, rtt_ms=round(rtt_ms, 1))
+            self._tell(Change("rtt", link.robot_id, after))
+
+    def _is_online(self, link: Link) -> bool:
+        established = self.presence(link.robot_id).online
+        return link.kind == "session" and self.is_current(link) and established
+
+    def _told(self, link: Link, presence: Presence) -> None:
+        if presence != self.presence(link.robot_id):
+            self._tell(Change("told", link.robot_id, presence))
+
+    def _forget(self, link: Link, code: ByeCode) -> None:
+        del self._current[link.robot_id, link.kind]
+        before = self.presence(link.robot_id)
+        if link.kind == "session" and before.online:
+            after = Presence(since=self._clock(), agent_version=before.agent_version)
+            self._tell(Change("left", link.robot_id, after, code))
+
+    def _tell(self, change: Change) -> None:
+        self._presences[change.robot_id] = change.presence
+        for listener in self._listeners:
+            listener(change)

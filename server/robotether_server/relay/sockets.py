@@ -1,0 +1,106 @@
+"""The two ends of a bridge: aiohttp's WebSockets, with what it lacks for passing bytes on.
+
+`rosbridge` makes one of each a connection. Text stays bytes, compression is off, and both tell how
+much of what was sent is still in this program. Nothing here decides when a connection ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from typing import Any, Literal
+
+from aiohttp import ClientWebSocketResponse, WSMsgType, web
+
+from robotether_server.relay.endings import Ending
+
+# Beyond this an end counts as full, and the other end is not read on.
+SEND_BUFFER_BYTES = 64 * 1024
+# How long an operator has to take what waits and to answer the close; and a robot.
+OPERATOR_FAREWELL_S = 2.0
+ROBOT_FAREWELL_S = 0.5
+# aiohttp refuses a message that is exactly as large as its limit.
+LIMIT_MARGIN = 1
+
+
+class OperatorSocket(web.WebSocketResponse[Literal[False]]):
+    """The operator's end; only `finish` closes it, with a reason, and lets the reason arrive."""
+
+    def __init__(self, message_limit: int) -> None:
+        super().__init__(
+            autoclose=False,
+            autoping=False,
+            compress=False,
+            max_msg_size=message_limit + LIMIT_MARGIN,
+            writer_limit=SEND_BUFFER_BYTES,
+            decode_text=False,
+        )
+        self._transport: asyncio.Transport | None = None
+
+    async def open(self, request: web.Request) -> None:
+        """Answer the upgrade."""
+        self._transport = request.transport
+        if self._transport is not None:
+            self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+        await self.prepare(request)
+
+    async def close(self, *, code: int = 1000, message: bytes = b"", drain: bool = True) -> bool:
+        """Do nothing: aiohttp calls this by itself, and knows no reason to tell the client."""
+        return False
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this program."""
+        return _waiting(self._transport)
+
+    async def finish(self, ending: Ending) -> None:
+        """Send the close frame and give the client a moment to take it and to answer."""
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        try:
+            async with asyncio.timeout(OPERATOR_FAREWELL_S):
+                payload = struct.pack("!H", ending.code) + ending.reason_bytes
+                await self.send_frame(payload, WSMsgType.CLOSE)
+                await self._answered(transport)
+        except (TimeoutError, ConnectionError):
+            transport.abort()
+
+    async def _answered(self, transport: asyncio.Transport) -> None:
+        """Wait for the client's close frame.
+
+        After a message over the limit aiohttp reads nothing more but still empties the socket:
+        closing a socket with unread input would reset it, and the client would lose the reason.
+        """
+        while not transport.is_closing():
+            message = await self.receive()
+            if message.type in {WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED}:
+                return
+            if message.type is WSMsgType.ERROR:
+                await asyncio.sleep(0.05)
+
+
+class RobotSocket(ClientWebSocketResponse[Literal[False]]):
+    """The robot's end; aiohttp makes it as the session's `ws_response_class`."""
+
+    def __init__(self, reader: Any, writer: Any, *args: Any, **kwargs: Any) -> None:
+        super().__init__(reader, writer, *args, **kwargs)
+        self._transport: asyncio.Transport = writer.transport
+        self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this program."""
+        return _waiting(self._transport)
+
+    async def leave(self) -> None:
+        """Close towards the robot, without waiting for one that does not read."""
+        try:
+            async with asyncio.timeout(ROBOT_FAREWELL_S):
+                await self.close()
+        except (TimeoutError, ConnectionError):
+            self._transport.abort()
+
+
+def _waiting(transport: asyncio.Transport | None) -> int:
+    if transport is None or transport.is_closing():
+        return 0
+    return transport.get_write_buffer_size()

@@ -1,0 +1,183 @@
+"""Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is.
+
+The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
+browser gets nothing from the robot but the picture: a robot's page could otherwise act on our site
+in its viewer's name. What is on the way is bounded by the socket buffers of both sides.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
+
+from aiohttp import ClientError, ClientResponse, ClientSession, ClientTimeout, web
+from multidict import CIMultiDict
+from yarl import URL
+
+from robotether_server.problems import HttpProblem, RobotOffline, VideoDown
+from robotether_server.relay import endings
+from robotether_server.relay.access import Access, Permit, request_of
+from robotether_server.relay.connections import Connection, Connections
+from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.endings import Ending
+from robotether_server.relay.rosbridge import patience_s
+from robotether_server.relay.sessions import SessionRegistry, utc_now
+from robotether_server.store.fleet import Robot
+
+log = logging.getLogger(__name__)
+
+VIEWER_SLOW_AFTER_S = 10.0
+# web_video_server makes a stream's first answer when the first picture is there.
+HEADERS_WITHIN_S = 10.0
+
+REQUEST_HEADERS = (
+    "Accept",
+    "Accept-Encoding",
+    "Accept-Language",
+    "If-Modified-Since",
+    "If-None-Match",
+    "Range",
+    "User-Agent",
+)
+RESPONSE_HEADERS = (
+    "Accept-Ranges",
+    "Cache-Control",
+    "Content-Disposition",
+    "Content-Encoding",
+    "Content-Length",
+    "Content-Range",
+    "Content-Type",
+    "ETag",
+    "Expires",
+    "Last-Modified",
+    "Pragma",
+    "X-Timestamp",
+)
+OUR_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "sandbox",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class VideoHandler:
+    """Answers /robots/NAME/video/..."""
+
+    def __init__(
+        self,
+        *,
+        access: Access,
+        credentials: Credentials,
+        registry: SessionRegistry,
+        connections: Connections,
+        client: ClientSession,
+        tunnel_host: str,
+    ) -> None:
+        self._access = access
+        self._credentials = credentials
+        self._registry = registry
+        self._connections = connections
+        self._client = client
+        self._tunnel_host = tunnel_host
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Pass one request on, and stream the answer until either side ends."""
+        if request.method not in {"GET", "HEAD"}:
+            raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
+        asked = request_of(request.headers, request.cookies, request.query)
+        permit = await self._access.for_video(asked, request.match_info["name"])
+        with self._counted(request, permit):
+            return await self._pass_on(request, permit.robot)
+
+    @contextmanager
+    def _counted(self, request: web.Request, permit: Permit) -> Iterator[None]:
+        """Let a lost link or an ended right cut the answer, whatever it waits for."""
+
+        def cut(_why: Ending | None = None) -> None:
+            # aiohttp cancels the handler of a connection that is gone.
+            if request.transport is not None:
+                request.transport.abort()
+
+        connection = Connection(permit.user.id, permit.user.name, permit.robot, "video", cut)
+        with (
+            self._connections.joined(connection),
+            self._credentials.held(permit.credential, cut),
+        ):
+            yield
+
+    async def _pass_on(self, request: web.Request, robot: Robot) -> web.StreamResponse:
+        async with self._asked_robot(request, robot) as answer:
+            response = web.StreamResponse(
+                status=answer.status, headers=headers_for_viewer(answer.headers)
+            )
+            await response.prepare(request)
+            if request.method == "GET":
+                await _stream(answer, response, request)
+            return response
+
+    @asynccontextmanager
+    async def _asked_robot(
+        self, request: web.Request, robot: Robot
+    ) -> AsyncIterator[ClientResponse]:
+        presence = self._registry.presence(robot.id)
+        if not presence.online:
+            raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
+        path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
+        url = URL(f"http://{self._tunnel_host}:{robot.video_port}{path}", encoded=True)
+        timeout = ClientTimeout(total=None, sock_connect=patience_s(presence), sock_read=None)
+        try:
+            async with asyncio.timeout(HEADERS_WITHIN_S):
+                answer = await self._client.request(
+                    request.method,
+                    url,
+                    headers=headers_for_robot(request.headers),
+                    allow_redirects=False,
+                    timeout=timeout,
+                )
+        except (ClientError, OSError) as exc:
+            raise VideoDown(
+                f"cannot show video of robot {robot.name}: its web_video_server does not answer"
+            ) from exc
+        try:
+            yield answer
+        finally:
+            # Not `release`, which would first read a stream that has no end.
+            answer.close()
+
+
+def path_for_robot(raw_path: str, raw_query: str) -> str:
+    """Return what the robot is asked for: less our prefix, and less the ticket."""
+    _, _, _, _, *rest = raw_path.split("/", 4)
+    path = "/" + "".join(rest)
+    query = "&".join(
+        part for part in raw_query.split("&") if part and not part.startswith("ticket=")
+    )
+    return f"{path}?{query}" if query else path
+
+
+def headers_for_robot(headers: Mapping[str, str]) -> CIMultiDict[str]:
+    """Keep what helps the robot to answer; nothing that shows who asks."""
+    return CIMultiDict((name, headers[name]) for name in REQUEST_HEADERS if name in headers)
+
+
+def headers_for_viewer(headers: Mapping[str, str]) -> CIMultiDict[str]:
+    """Keep what describes the body; nothing that could act on our site."""
+    kept = CIMultiDict((name, headers[name]) for name in RESPONSE_HEADERS if name in headers)
+    kept.update(OUR_HEADERS)
+    return kept
+
+
+async def _stream(
+    answer: ClientResponse, response: web.StreamResponse, request: web.Request
+) -> None:
+    try:
+        async for chunk in answer.content.iter_any():
+            async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
+                await response.write(chunk)
+    except (ClientError, ConnectionError, TimeoutError) as exc:
+        log.info("video ended: %s", exc or "the viewer did not take it")
+        # The answer is cut short, and the viewer must not take it for whole.
+        if request.transport is not None:
+            request.transport.abort()

@@ -1,0 +1,242 @@
+"""What the relay reads (robots, rights, credentials) and writes (sessions, audit lines).
+
+Used by the relay alone, with account relay: it reads views and writes two tables. Moments are
+aware datetimes in UTC. Nothing here decides who may do what.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import Literal
+
+from robotether_server.store.database import Row, Transaction
+
+Level = Literal["observe", "drive", "manage"]
+CredentialKind = Literal["login", "token"]
+
+# Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says
+# about itself must not be able to refuse the row.
+MAX_VERSION = 32
+MAX_ADDRESS = 45
+MAX_ACTOR = 63
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot's row, as far as the relay needs it."""
+
+    id: int
+    name: str
+    state: str
+    ros_port: int
+    video_port: int
+    agent_version: str | None = None
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Texts that differ whenever robots or rights, or logins or tokens, have changed."""
+
+    rights: str
+    credentials: str
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All robots and all rights that hold, at one moment."""
+
+    robots: Mapping[int, Robot]
+    grants: Mapping[tuple[int, int], Level]
+    rights: str = ""
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Robot]:
+        """Robots by their names."""
+        return {robot.name: robot for robot in self.robots.values()}
+
+    def level(self, user_id: int, robot_id: int) -> Level | None:
+        """What the user may do with the robot, at most; None: not even see it."""
+        return self.grants.get((user_id, robot_id))
+
+    def visible(self, user_id: int) -> list[Robot]:
+        """The robots that the user may see, by name."""
+        robots = self.robots.values()
+        seen = [robot for robot in robots if self.level(user_id, robot.id) is not None]
+        return sorted(seen, key=lambda robot: robot.name)
+
+
+@dataclass(frozen=True)
+class Credential:
+    """A login or an API token, as the SHA-256 that the database keeps."""
+
+    kind: CredentialKind
+    digest: bytes
+
+
+@dataclass(frozen=True)
+class User:
+    """Who a credential belongs to."""
+
+    id: int
+    name: str
+
+
+@dataclass
+class SessionEntry:
+    """A robot's session; written when it begins, again when something of it changes."""
+
+    robot_id: int
+    started_at: datetime
+    address: str
+    agent_version: str | None = None
+    ended_at: datetime | None = None
+    end_code: str | None = None
+    row_id: int | None = None
+
+
+@dataclass(frozen=True)
+class AuditEntry:
+    """A line of the audit log."""
+
+    at: datetime
+    actor: str
+    kind: str
+    robot: str | None = None
+    address: str | None = None
+    details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FormerSessions:
+    """All sessions that a relay before this one left open."""
+
+    before: datetime
+
+
+Entry = SessionEntry | AuditEntry | FormerSessions
+
+_CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
+
+
+def changes(tx: Transaction) -> Changes:
+    """Read the texts that tell whether anything changed; cheap enough for once a second."""
+    row = tx.row("SELECT version FROM relay_changes") or {}
+    robots, users, grants, *credentials = str(row.get("version", "//")).split("/")
+    return Changes(
+        rights="/".join((robots, users, grants)), credentials="/".join((users, *credentials))
+    )
+
+
+def load(tx: Transaction) -> Snapshot:
+    """Read robots and rights, all of the same moment as the version in it."""
+    rights = changes(tx).rights
+    robots = tx.rows(
+        "SELECT id, name, state, ros_port, video_port, agent_version FROM relay_robots"
+    )
+    grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")
+    return Snapshot(
+        robots={row["id"]: Robot(**row) for row in robots},
+        grants={(row["user_id"], row["robot_id"]): row["level"] for row in grants},
+        rights=rights,
+    )
+
+
+def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
+    """Read since when each robot that has ever connected is offline."""
+    rows = tx.rows(
+        "SELECT robot_id, MAX(IFNULL(ended_at, CURRENT_TIMESTAMP(6))) AS since"
+        " FROM robot_sessions GROUP BY robot_id"
+    )
+    return [(row["robot_id"], row["since"]) for row in rows]
+
+
+def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, User]:
+    """Read who these credentials belong to; those that no longer hold are left out."""
+    found: dict[Credential, User] = {}
+    for kind, view in _CREDENTIAL_VIEWS.items():
+        digests = [credential.digest for credential in credentials if credential.kind == kind]
+        for row in _holders(tx, view, digests):
+            user = User(id=row["user_id"], name=row["user_name"])
+            found[Credential(kind, bytes(row["token_hash"]))] = user
+    return found
+
+
+def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[Row]:
+    if not digests:
+        return ()
+    marks = ", ".join(["%s"] * len(digests))
+    # `view` is a name out of this module, and the digests go in as values.
+    sql = f"SELECT token_hash, user_id, user_name FROM {view} WHERE token_hash IN ({marks})"  # noqa: S608
+    return tx.rows(sql, digests)
+
+
+def write(tx: Transaction, entries: Iterable[Entry]) -> dict[int, int]:
+    """Write entries in their order; return the new rows' ids by the entry's place.
+
+    The caller sets `row_id` from it after the commit: before that the row may yet be rolled back.
+    """
+    new_rows: dict[int, int] = {}
+    for place, entry in enumerate(entries):
+        if isinstance(entry, FormerSessions):
+            _end_former_sessions(tx, entry)
+        elif isinstance(entry, AuditEntry):
+            _add_audit(tx, entry)
+        elif entry.row_id is None:
+            new_rows[place] = _add_session(tx, entry)
+        else:
+            _update_session(tx, entry)
+    return new_rows
+
+
+def _end_former_sessions(tx: Transaction, entry: FormerSessions) -> None:
+    tx.change(
+        "UPDATE robot_sessions SET ended_at = CURRENT_TIMESTAMP(6), end_code = 'relay_restarted'"
+        " WHERE ended_at IS NULL AND started_at < %s",
+        (entry.before,),
+    )
+
+
+def _add_session(tx: Transaction, entry: SessionEntry) -> int:
+    return tx.insert(
+        "INSERT INTO robot_sessions"
+        " (robot_id, started_at, address, agent_version, ended_at, end_code)"
+        " VALUES (%s, %s, %s, %s, %s, %s)",
+        (
+            entry.robot_id,
+            entry.started_at,
+            entry.address[:MAX_ADDRESS],
+            _cut(entry.agent_version, MAX_VERSION),
+            entry.ended_at,
+            entry.end_code,
+        ),
+    )
+
+
+def _update_session(tx: Transaction, entry: SessionEntry) -> None:
+    tx.change(
+        "UPDATE robot_sessions SET agent_version = %s, ended_at = %s, end_code = %s WHERE id = %s",
+        (_cut(entry.agent_version, MAX_VERSION), entry.ended_at, entry.end_code, entry.row_id),
+    )
+
+
+def _add_audit(tx: Transaction, entry: AuditEntry) -> None:
+    tx.insert(
+        "INSERT INTO audit_events (at, actor, kind, robot, address, details)"
+        " VALUES (%s, %s, %s, %s, %s, %s)",
+        (
+            entry.at,
+            entry.actor[:MAX_ACTOR],
+            entry.kind,
+            entry.robot,
+            _cut(entry.address, MAX_ADDRESS),
+            json.dumps(entry.details),
+        ),
+    )
+
+
+def _cut(text: str | None, length: int) -> str | None:
+    return None if text is None else text[:length]
