@@ -1,4 +1,6 @@
 // Bundles src/ into the static folder of the web package. Run by `npm run build`, also in the image.
+
+import { readFile, writeFile } from "node:fs/promises";
 import { build, context } from "esbuild";
 
 const OUT = "../robotether_server/web/static/dist";
@@ -26,12 +28,33 @@ const options = {
   format: "esm",
   target: ["safari15", "chrome100", "firefox100"],
   legalComments: "none",
+  metafile: true,
   plugins: [leaveOutUnused],
   logLevel: "info",
 };
 
+// The licences of what is in the bundle ask for their text beside it.
+async function writeLicences(inputs) {
+  const packages = new Set(["@xmldom/xmldom"]); // inside roslib's own bundle
+  for (const path of Object.keys(inputs)) {
+    const match = /^node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path);
+    if (match) packages.add(match[1]);
+  }
+  const texts = [...packages].sort().map(async (name) => `${name}\n\n${await licence(name)}`);
+  await writeFile(`${OUT}/LICENSES.txt`, (await Promise.all(texts)).join("\n\n----\n\n"));
+}
+
+async function licence(name) {
+  for (const file of ["LICENSE", "LICENSE.md"]) {
+    const text = await readFile(`node_modules/${name}/${file}`, "utf8").catch(() => null);
+    if (text) return text;
+  }
+  throw new Error(`cannot write LICENSES.txt: package ${name} has no LICENSE file; leave it out or add its text`);
+}
+
 if (process.argv.includes("--watch")) {
   await (await context(options)).watch();
 } else {
-  await build(options);
+  const { metafile } = await build(options);
+  await writeLicences(metafile.inputs);
 }

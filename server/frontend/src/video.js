@@ -98,8 +98,7 @@ export class Video {
     if (!this.abort) return;
     const age = this.now() - this.frameAt;
     if (age > CUT_MS) this.fail(texts.cut);
-    else if (age > OLD_MS && this.told === "live") this.tell("old", texts.old(Math.round(age / 1000)));
-    else if (age > OLD_MS && this.told === "old") this.tell("old", texts.old(Math.round(age / 1000)));
+    else if (age > OLD_MS && this.told !== "none") this.tell("old", texts.old(Math.round(age / 1000)));
   }
 
   tell(picture, text) {

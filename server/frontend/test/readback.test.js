@@ -1,0 +1,48 @@
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { Readback } from "../src/readback.js";
+
+const ODOM = { name: "/odom", type: "nav_msgs/Odometry" };
+const POSE = { name: "/pose", type: "turtlesim/msg/Pose" };
+
+let subscriptions, speed, readback;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+  subscriptions = [];
+  readback = new Readback({
+    subscribe: (spec, handler) => {
+      const subscription = { spec, handler, ended: false };
+      subscriptions.push(subscription);
+      return () => (subscription.ended = true);
+    },
+    onSpeed: (value) => (speed = value),
+  });
+});
+
+test("the speed is subscribed to ten times a second at most", () => {
+  readback.follow(POSE);
+  assert.deepEqual(subscriptions[0].spec, { ...POSE, throttleMs: 100 });
+  subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0.1 });
+  assert.deepEqual(speed, { forward: 0.5, turn: 0.1 });
+});
+
+test("a speed that is a second old is shown no more", () => {
+  readback.follow(POSE);
+  subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0 });
+  mock.timers.tick(999);
+  assert.notEqual(speed, null);
+  mock.timers.tick(1);
+  assert.equal(speed, null);
+});
+
+test("another topic replaces the first, the same one changes nothing", () => {
+  readback.follow(POSE);
+  readback.follow({ ...POSE });
+  assert.equal(subscriptions.length, 1);
+  readback.follow(ODOM);
+  assert.equal(subscriptions[0].ended, true);
+  assert.equal(subscriptions[1].spec.name, "/odom");
+});
