@@ -1,0 +1,248 @@
+"""The server's end for tests of the agent: HTTPS join, a real sshd, and a fake relay with named modes.
+
+serves         as the relay does
+pending        the join waits for an approval until approve() is called
+refuses_key    the join says active, and sshd does not let the key in
+silent         a configuration, then never a word again
+sends_rubbish  a configuration, then a line that is no JSON
+changes_ports  a configuration, and at the first ping another one with other ports
+supersedes     a configuration, then bye because a newer session took over
+drops          a configuration, then the end of the connection without a word
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import ssl
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+from openssh_server import OpenSshServer, free_port
+
+HEARTBEAT_S = 0.2
+TIMEOUT_S = 1.5
+WAIT_S = 10.0
+
+
+@lru_cache(maxsize=1)
+def certificate() -> Path:
+    """Make a self-signed certificate for localhost with its key, as one PEM file."""
+    place = Path(tempfile.mkdtemp(prefix="rt-tls-"))
+    command = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "ec",
+        "-pkeyopt",
+        "ec_paramgen_curve:prime256v1",
+    ]
+    command += ["-nodes", "-days", "2", "-subj", "/CN=localhost"]
+    command += ["-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
+    command += ["-keyout", str(place / "key.pem"), "-out", str(place / "cert.pem")]
+    subprocess.run(command, check=True, capture_output=True)
+    both = place / "both.pem"
+    both.write_text((place / "cert.pem").read_text() + (place / "key.pem").read_text())
+    return both
+
+
+def fingerprint() -> str:
+    """Return the SHA-256 of the certificate, as the server prints it."""
+    pem = certificate().read_text().split("-----END CERTIFICATE-----")[0]
+    der = ssl.PEM_cert_to_DER_cert(pem + "-----END CERTIFICATE-----\n")
+    return hashlib.sha256(der).hexdigest()
+
+
+class Link:
+    """One connection of the agent at the fake relay."""
+
+    def __init__(self, kind: str, writer: asyncio.StreamWriter) -> None:
+        self.kind = kind
+        self.received: list[dict[str, Any]] = []
+        self.ended = False
+        self._writer = writer
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send one message to the agent."""
+        self.send_raw(json.dumps(message).encode() + b"\n")
+
+    def send_raw(self, data: bytes) -> None:
+        """Send anything to the agent."""
+        if not self._writer.is_closing():
+            self._writer.write(data)
+
+    def drop(self) -> None:
+        """End the connection without a word."""
+        self._writer.close()
+
+    def of_type(self, kind: str) -> list[dict[str, Any]]:
+        """Return the messages of one type that came."""
+        return [message for message in self.received if message["type"] == kind]
+
+
+class FakeCloud:
+    """Start it, point an agent at `server`, and look at what came."""
+
+    def __init__(self, mode: str = "serves") -> None:
+        self.mode = mode
+        self.ports = (free_port(), free_port())
+        self.other_ports = (free_port(), free_port())
+        self.joins: list[dict[str, Any]] = []
+        self.links: list[Link] = []
+        self.answer: Callable[[], web.Response] = self.active
+        self._approved = False
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def start(self) -> None:
+        """Open all three ends."""
+        self._relay = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.ssh = OpenSshServer(self._relay.sockets[0].getsockname()[1])
+        await asyncio.to_thread(self.ssh.start)
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(certificate())
+        app = web.Application()
+        app.router.add_post("/api/v1/join", self._join)
+        self._web = web.AppRunner(app, access_log=None)
+        await self._web.setup()
+        site = web.TCPSite(self._web, "127.0.0.1", 0, ssl_context=context)
+        await site.start()
+        self.server = f"127.0.0.1:{self._web.addresses[0][1]}"
+
+    async def stop_web(self) -> None:
+        """Close the join endpoint only."""
+        await self._web.cleanup()
+
+    async def close(self) -> None:
+        """Close all ends, and leave nothing behind."""
+        await self._web.cleanup()
+        await asyncio.to_thread(self.ssh.close)
+        self._relay.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def approve(self) -> None:
+        """Let the key of the last join in."""
+        self._approved = True
+        if self.joins:
+            self.authorize(self.joins[-1]["public_key"])
+
+    def authorize(self, public_key: str) -> None:
+        """Let a key in that needs no join."""
+        self.ssh.authorize(public_key, self.ports + self.other_ports)
+
+    def active(self) -> web.Response:
+        """The answer for an active robot."""
+        where = {"user": self.ssh.user, "host": None, "ports": [self.ssh.port]}
+        ssh_part = {**where, "host_keys": self.ssh.host_keys}
+        return web.json_response({"state": "active", "robot": "sim1", "ssh": ssh_part})
+
+    def of_kind(self, kind: str, *, live: bool = True) -> list[Link]:
+        """Return the links of a kind; only those that stand, unless told otherwise."""
+        return [link for link in self.links if link.kind == kind and not (live and link.ended)]
+
+    async def link(self, kind: str, *, number: int = 1) -> Link:
+        """Wait for the link `number` of a kind, counted from 1 and with those that ended."""
+        await eventually(
+            lambda: len(self.of_kind(kind, live=False)) >= number,
+            lambda: f"{kind} number {number} at the relay; sshd's log:\n{self.ssh.log_text()}",
+        )
+        return self.of_kind(kind, live=False)[number - 1]
+
+    async def _join(self, request: web.Request) -> web.Response:
+        self.joins.append(await request.json())
+        if self.mode == "pending" and not self._approved:
+            body = {
+                "state": "pending",
+                "robot": "robot-00000a",
+                "code": "approval_pending",
+                "detail": "an admin approves it with: robotether robot approve robot-00000a",
+            }
+            return web.json_response(body, status=202)
+        if self.mode != "refuses_key":
+            self.approve()
+        return self.answer()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        try:
+            preface = json.loads(await reader.readline())
+            link = Link(preface["kind"], writer)
+            self.links.append(link)
+            try:
+                await self._talk(link, reader)
+            finally:
+                link.ended = True
+        except ConnectionError:
+            pass
+        finally:
+            writer.close()
+            self._tasks.discard(task)
+
+    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+        link.send(self._config(self.ports))
+        self._misbehave(link)
+        beat = asyncio.ensure_future(self._beat(link))
+        try:
+            while line := await reader.readline():
+                message = json.loads(line)
+                link.received.append(message)
+                if message["type"] == "ping":
+                    self._answer_ping(link, message)
+        finally:
+            beat.cancel()
+
+    def _misbehave(self, link: Link) -> None:
+        if self.mode == "sends_rubbish":
+            link.send_raw(b"\x00\xff rubbish\n")
+        elif self.mode == "supersedes":
+            detail = "a newer session of robot sim1 took over"
+            link.send({"type": "bye", "code": "superseded", "detail": detail})
+            link.drop()
+        elif self.mode == "drops":
+            link.drop()
+
+    def _answer_ping(self, link: Link, message: dict[str, Any]) -> None:
+        if self.mode == "silent":
+            return
+        link.send({"type": "pong", "seq": message["seq"], "t_ms": message["t_ms"]})
+        if self.mode == "changes_ports" and message["seq"] == 1:
+            link.send(self._config(self.other_ports))
+
+    async def _beat(self, link: Link) -> None:
+        seq = 0
+        while self.mode != "silent":
+            seq += 1
+            link.send({"type": "ping", "seq": seq})
+            await asyncio.sleep(HEARTBEAT_S)
+
+    def _config(self, ports: tuple[int, int]) -> dict[str, Any]:
+        return {
+            "type": "config",
+            "robot": "sim1",
+            "ros_port": ports[0],
+            "video_port": ports[1],
+            "heartbeat_s": HEARTBEAT_S,
+            "timeout_s": TIMEOUT_S,
+        }
+
+
+async def eventually(
+    condition: Callable[[], bool], what: Callable[[], str], within_s: float = WAIT_S
+) -> None:
+    """Wait, bounded, until `condition()`; `what()` tells in the failure what was waited for."""
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + within_s
+    while not condition():
+        if loop.time() > deadline:
+            raise AssertionError(f"not within {within_s:g} s: {what()}")
+        await asyncio.sleep(0.02)

@@ -1,0 +1,240 @@
+"""A real sshd for tests: unprivileged or as root, on 127.0.0.1, configured as the server's image is.
+
+Its forced command joins a robot's session to a fake relay and, as the real one does, ends its own sshd when
+either side ends. The user is whoever runs the tests, because sshd can log in nobody else without root.
+"""
+
+from __future__ import annotations
+
+import getpass
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+SSHD = Path("/usr/sbin/sshd")
+WAIT_S = 10.0
+
+# Runs once for each session; told by its arguments where the fake relay is.
+SESSION_COMMAND = """
+import json, os, selectors, signal, socket, sys
+
+def end_connection():
+    os.kill(os.getppid(), signal.SIGTERM)
+    sys.exit(0)
+
+relay_port, robot_id = int(sys.argv[1]), int(sys.argv[2])
+kind = os.environ.get("SSH_ORIGINAL_COMMAND", "")
+try:
+    relay = socket.create_connection(("127.0.0.1", relay_port))
+except OSError as error:
+    sys.stderr.write(f"robotether: cannot reach the relay: {error}\\n")
+    sys.exit(1)
+address = os.environ["SSH_CONNECTION"].split()[0]
+preface = {"type": "preface", "kind": kind, "robot_id": robot_id, "address": address}
+relay.sendall(json.dumps(preface).encode() + b"\\n")
+waiting = selectors.DefaultSelector()
+waiting.register(0, selectors.EVENT_READ, lambda data: relay.sendall(data))
+waiting.register(relay, selectors.EVENT_READ, lambda data: os.write(1, data))
+while True:
+    for key, _ in waiting.select():
+        try:
+            data = os.read(key.fd, 65536)
+            if not data:
+                end_connection()
+            key.data(data)
+        except OSError:
+            end_connection()
+"""
+
+
+class OpenSshServer:
+    """One sshd; `port` is where it listens, `host_keys` what a client may pin."""
+
+    def __init__(self, relay_port: int, *, port: int | None = None) -> None:
+        if not SSHD.exists():
+            raise RuntimeError(
+                f"cannot start an SSH server: {SSHD} is missing; install openssh-server"
+            )
+        self.port = port or free_port()
+        self.user = getpass.getuser()
+        self._relay_port = relay_port
+        self._place = Path(tempfile.mkdtemp(prefix="rt-sshd-"))
+        self._process: subprocess.Popen[bytes] | None = None
+        self._authorized = self._place / "authorized_keys"
+        self._authorized.touch(0o600)
+        (self._place / "session.py").write_text(SESSION_COMMAND)
+        self.new_host_key()
+
+    def new_host_key(self) -> None:
+        """Make another host key, as a server that was set up anew, or an attacker, would have."""
+        path = self._place / "host_key"
+        for old in (path, path.with_suffix(".pub")):
+            old.unlink(missing_ok=True)
+        command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(path)]
+        subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+        self.host_keys = [path.with_suffix(".pub").read_text().strip()]
+
+    def authorize(self, public_key: str, ports: tuple[int, ...], robot_id: int = 7) -> None:
+        """Let a robot's key in, with the line that the key look-up prints."""
+        listens = ",".join(f'permitlisten="*:{port}"' for port in ports)
+        script = self._place / "session.py"
+        command = f"exec {sys.executable} -S -E {script} {self._relay_port} {robot_id}"
+        self._authorized.write_text(
+            f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
+        )
+
+    def refuse_all(self) -> None:
+        """Let no key in."""
+        self._authorized.write_text("")
+
+    def start(self) -> None:
+        """Start sshd and wait until it listens."""
+        if os.geteuid() == 0:
+            Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
+        config = self._place / "sshd_config"
+        config.write_text(self._config())
+        self._log = (self._place / "log").open("ab")
+        self._process = subprocess.Popen(
+            [str(SSHD), "-D", "-e", "-f", str(config)], stderr=self._log, stdin=subprocess.DEVNULL
+        )
+        wait_until(self._listens, lambda: f"sshd listens; its log:\n{self.log_text()}")
+
+    def stop(self) -> None:
+        """Stop sshd and every connection, without a word to the clients."""
+        if self._process is None:
+            return
+        # Held first, so that a client that comes back at once starts no process that is not in the list.
+        self._process.send_signal(signal.SIGSTOP)
+        connections = descendants(self._process.pid)
+        self._process.kill()
+        self._process.wait(WAIT_S)
+        for pid in connections:
+            kill(pid)
+        wait_until(
+            lambda: not any(map(is_alive, connections)), lambda: "sshd's children have ended"
+        )
+        self._log.close()
+        self._process = None
+
+    def drop_connections(self) -> None:
+        """Kill every connection's process, and go on listening."""
+        assert self._process is not None
+        for pid in descendants(self._process.pid):
+            kill(pid)
+
+    def close(self) -> None:
+        """Stop, and remove all files."""
+        self.stop()
+        shutil.rmtree(self._place)
+
+    def log_text(self) -> str:
+        """What sshd said."""
+        path = self._place / "log"
+        return path.read_text(errors="replace") if path.exists() else ""
+
+    def _listens(self) -> bool:
+        assert self._process is not None
+        if self._process.poll() is not None:
+            raise RuntimeError(f"sshd did not start:\n{self.log_text()}")
+        return listens(self.port)
+
+    def _config(self) -> str:
+        return textwrap.dedent(
+            f"""
+            ListenAddress 127.0.0.1
+            Port {self.port}
+            HostKey {self._place}/host_key
+            AuthorizedKeysFile {self._authorized}
+            AuthenticationMethods publickey
+            PermitRootLogin prohibit-password
+            PasswordAuthentication no
+            KbdInteractiveAuthentication no
+            UsePAM no
+            StrictModes no
+            PidFile none
+            LogLevel VERBOSE
+            GatewayPorts clientspecified
+            AllowTcpForwarding remote
+            AllowStreamLocalForwarding no
+            PermitTTY no
+            MaxSessions 2
+            """
+        )
+
+
+def free_port() -> int:
+    """Return a TCP port that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def listens(port: int) -> bool:
+    """Tell whether something accepts at `port` of this machine."""
+    with socket.socket() as probe:
+        probe.settimeout(1)
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def wait_until(
+    condition: Callable[[], bool], what: Callable[[], str], within_s: float = WAIT_S
+) -> None:
+    """Wait, bounded, until `condition()`; `what()` tells in the failure what was waited for."""
+    deadline = time.monotonic() + within_s
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError(f"not within {within_s:g} s: {what()}")
+        time.sleep(0.02)
+
+
+def descendants(pid: int) -> list[int]:
+    """Return all processes below `pid`, zombies left out."""
+    parents = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name, _, rest = path.read_text().rpartition(")")
+        except OSError:
+            continue
+        state, parent = rest.split()[:2]
+        if state != "Z":
+            parents[int(name.split()[0])] = int(parent)
+    found, frontier = [], [pid]
+    while frontier:
+        above = frontier.pop()
+        below = [child for child, parent in parents.items() if parent == above]
+        found += below
+        frontier += below
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    """Tell whether `pid` runs; a zombie does not."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] != "Z"
+
+
+def kill(pid: int) -> None:
+    """Kill one process that may have ended already."""
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return
+
+
+def command_line(pid: int) -> str:
+    """Return the command line of a process, for failures."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
+    except OSError:
+        return "(ended)"

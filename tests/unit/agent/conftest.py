@@ -1,0 +1,182 @@
+"""Fixtures of the agent's tests: short directories, a fake cloud, the robot's own services, no leftovers."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import tempfile
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from aiohttp import WSMsgType, web
+from fake_cloud import FakeCloud, eventually, fingerprint
+from openssh_server import command_line, descendants, wait_until
+from robotether_agent.agent import Agent
+from robotether_agent.notify import Notifier
+from robotether_agent.settings import Settings, load
+from robotether_agent.status import Status, read_status
+
+MAC = "00:1b:44:11:3a:b7"
+
+
+class Hasty(Random):
+    """Draws no long pauses, so that a test sees the next try at once."""
+
+    def uniform(self, a: float, b: float) -> float:
+        return 0.05 + 0 * (a + b)
+
+
+@pytest.fixture(autouse=True)
+def no_processes_left() -> Iterator[None]:
+    """Fails a test that leaves a process behind."""
+    before = set(descendants(os.getpid()))
+    yield
+
+    def left() -> list[int]:
+        return [pid for pid in descendants(os.getpid()) if pid not in before]
+
+    wait_until(lambda: not left(), lambda: f"left behind: {list(map(command_line, left()))}", 5)
+
+
+@pytest.fixture(autouse=True)
+async def no_tasks_left() -> AsyncIterator[None]:
+    """Fails a test that leaves a task of the event loop behind."""
+    before = asyncio.all_tasks()
+    yield
+    left = asyncio.all_tasks() - before - {asyncio.current_task()}
+    assert not left, f"left behind: {left}"
+
+
+@pytest.fixture
+def place() -> Iterator[Path]:
+    """A short directory: a Unix socket's path is at most 107 bytes long."""
+    made = Path(tempfile.mkdtemp(prefix="rt-"))
+    yield made
+    shutil.rmtree(made)
+
+
+@pytest.fixture
+async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
+    """Makes started fake clouds by mode, and closes them."""
+    made: list[FakeCloud] = []
+
+    async def make(mode: str = "serves") -> FakeCloud:
+        cloud = FakeCloud(mode)
+        made.append(cloud)
+        await cloud.start()
+        return cloud
+
+    yield make
+    for cloud in made:
+        await cloud.close()
+
+
+class RobotServices:
+    """What runs on a robot: a WebSocket that echoes, and an HTTP server with one page."""
+
+    def __init__(self) -> None:
+        self.handshakes = 0
+        self.video_status = 200
+
+    async def start(self) -> None:
+        app = web.Application()
+        app.router.add_get("/", self._answer)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", 0).start()
+        self.port = self._runner.addresses[0][1]
+        self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
+
+    async def restart(self) -> None:
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+
+    async def stop(self) -> None:
+        await self._runner.cleanup()
+
+    async def _answer(self, request: web.Request) -> web.StreamResponse:
+        if "Upgrade" not in request.headers:
+            return web.Response(text="the list of topics", status=self.video_status)
+        socket = web.WebSocketResponse()
+        await socket.prepare(request)
+        self.handshakes += 1
+        async for message in socket:
+            if message.type is WSMsgType.TEXT:
+                await socket.send_str(message.data)
+        return socket
+
+
+@pytest.fixture
+async def services() -> AsyncIterator[RobotServices]:
+    """The robot's own services, running."""
+    running = RobotServices()
+    await running.start()
+    yield running
+    await running.stop()
+
+
+def environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:
+    """Return the environment of an agent that lives in `place`."""
+    values = {
+        "server": cloud.server,
+        "tls_fingerprint": fingerprint(),
+        "mac": MAC,
+        "state_dir": str(place / "state"),
+        "run_dir": str(place / "run"),
+        **more,
+    }
+    return {f"ROBOTETHER_{key.upper()}": value for key, value in values.items()}
+
+
+class RunningAgent:
+    """An agent as a task, and what it shows of itself."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.task = asyncio.ensure_future(Agent(settings, Notifier(None), Hasty(1)).run())
+
+    def status(self) -> Status:
+        return read_status(self.settings.run_dir) or Status()
+
+    async def until(self, condition: Callable[[Status], bool], what: str) -> Status:
+        def reached() -> bool:
+            return condition(self.status())
+
+        await eventually(lambda: self.task.done() or reached(), lambda: f"{what}: {self.status()}")
+        if not reached():
+            self.task.result()
+        return self.status()
+
+    async def until_connected(self) -> Status:
+        return await self.until(
+            lambda status: status.state == "connected" and status.video_tunnel == "open",
+            "both tunnels are open",
+        )
+
+    async def stop(self) -> None:
+        self.task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self.task
+
+
+@pytest.fixture
+async def start_agent(
+    place: Path, services: RobotServices
+) -> AsyncIterator[Callable[..., RunningAgent]]:
+    """Starts agents in `place` against a cloud, and stops them at the end."""
+    started: list[RunningAgent] = []
+
+    def start(cloud: FakeCloud, **more: str) -> RunningAgent:
+        urls = {"rosbridge_url": services.ws_url, "video_url": services.http_url}
+        agent = RunningAgent(load(None, environ(cloud, place, **{**urls, **more})))
+        started.append(agent)
+        return agent
+
+    yield start
+    for agent in started:
+        if not agent.task.done():
+            await agent.stop()
