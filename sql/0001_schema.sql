@@ -15,7 +15,7 @@ CREATE TABLE IF NOT EXISTS users (
   created_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6),
   updated_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6) ON UPDATE CURRENT_TIMESTAMP(6),
   KEY users_updated_at (updated_at),
-  CONSTRAINT users_name CHECK (name REGEXP '^[a-z0-9][a-z0-9._-]*$')
+  CONSTRAINT users_name CHECK (name REGEXP '^[a-z0-9][a-z0-9._-]*\\z')
 );
 
 -- `INSERT INTO robots (mac, name)` is enough to add one: 0002 allots the ports. A robot without a key

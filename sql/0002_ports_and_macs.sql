@@ -20,7 +20,7 @@ END;
 
 CREATE OR REPLACE PROCEDURE check_robot_name(IN robot VARCHAR(64))
 BEGIN
-  IF robot NOT REGEXP '^[a-z0-9]([a-z0-9-]*[a-z0-9])?$' THEN
+  IF robot NOT REGEXP '^[a-z0-9]([a-z0-9-]*[a-z0-9])?\\z' THEN
     CALL refuse_robot(robot, 'a name has a-z, 0-9 and -, and neither begins nor ends with -');
   END IF;
 END;
@@ -29,7 +29,7 @@ END;
 CREATE OR REPLACE PROCEDURE normalise_mac(IN robot VARCHAR(64), INOUT mac VARCHAR(64))
 BEGIN
   DECLARE digits VARCHAR(64) DEFAULT LOWER(mac);
-  IF digits REGEXP '^([0-9a-f]{2}:){5}[0-9a-f]{2}$|^([0-9a-f]{2}-){5}[0-9a-f]{2}$|^([0-9a-f]{4}[.]){2}[0-9a-f]{4}$|^[0-9a-f]{12}$' THEN
+  IF digits REGEXP '^([0-9a-f]{2}:){5}[0-9a-f]{2}\\z|^([0-9a-f]{2}-){5}[0-9a-f]{2}\\z|^([0-9a-f]{4}[.]){2}[0-9a-f]{4}\\z|^[0-9a-f]{12}\\z' THEN
     SET mac = TRIM(TRAILING ':' FROM REGEXP_REPLACE(REGEXP_REPLACE(digits, '[:.-]', ''), '(..)', '\\1:'));
   ELSE
     CALL refuse_robot(robot, CONCAT(QUOTE(mac), ' is no MAC address; write it as 00:1b:44:11:3a:b7'));
@@ -38,12 +38,14 @@ END;
 
 -- The locking read makes concurrent inserts take different pairs without waiting for one another, and a
 -- rollback frees what it took. When all free pairs are locked, the second read waits for their fate.
+-- The alias is needed: a trigger opens each table once by name with the strongest lock that any of its
+-- statements asks for, and take_ports asks for one that forgets SKIP LOCKED.
 CREATE OR REPLACE PROCEDURE choose_ports(
   IN robot VARCHAR(64), INOUT ros SMALLINT UNSIGNED, INOUT video SMALLINT UNSIGNED)
 BEGIN
   DECLARE pairs INT;
   IF ros IS NULL AND video IS NULL THEN
-    SELECT ros_port INTO ros FROM port_pairs FORCE INDEX (port_pairs_robot)
+    SELECT ros_port INTO ros FROM port_pairs AS free_pairs FORCE INDEX (port_pairs_robot)
       WHERE robot_id IS NULL ORDER BY ros_port LIMIT 1 FOR UPDATE SKIP LOCKED;
     IF ros IS NULL THEN
       SELECT ros_port INTO ros FROM port_pairs FORCE INDEX (port_pairs_robot)

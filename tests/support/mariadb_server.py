@@ -15,7 +15,6 @@ from pathlib import Path
 import docker
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
-
 from robotether_server.settings import DatabaseSettings
 
 ROOT = Path(__file__).resolve().parents[2]

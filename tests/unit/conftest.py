@@ -8,7 +8,6 @@ from pathlib import Path
 import mariadb_server
 import pytest
 from mariadb_server import MariaDb
-
 from robotether_server.migrate import migrate
 from robotether_server.settings import MigrateSettings
 from robotether_server.store import Database, ports

@@ -117,12 +117,6 @@ def find_by_mac(tx: Transaction, mac: str) -> Robot | None:
     return _robot(row) if row else None
 
 
-def find_by_fingerprint(tx: Transaction, fingerprint: str) -> Robot | None:
-    """Return the robot whose key that is."""
-    row = tx.row(SELECT + "WHERE r.fingerprint = %s", (fingerprint,))
-    return _robot(row) if row else None
-
-
 def name_is_taken(tx: Transaction, name: str) -> bool:
     """Tell whether a robot has that name."""
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import sqlparse
 from mariadb_server import MariaDb
-
 from robotether_server.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings

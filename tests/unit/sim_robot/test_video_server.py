@@ -100,17 +100,13 @@ async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
     )
     await reader.readuntil(b"--boundarydonotcross\r\n")
     writer.transport.pause_reading()
-    drawn = simulator.feed.drawn
-    await until("kernel's buffers are full", lambda: simulator.feed.drawn > drawn)
-    stalled_at = time.time()
     await asyncio.sleep(1.5)  # the viewer looks away
     resumed_at = time.time()
     writer.transport.resume_reading()
     stamps = []
     while not stamps or stamps[-1] < resumed_at:
         stamps.append(await _next_stamp(reader))
-    between = [stamp for stamp in stamps if stalled_at + 0.3 < stamp < resumed_at - 0.3]
-    assert len(between) <= 4, stamps
+    assert len(stamps) <= 5, stamps  # 22 frames' time went by
     writer.close()
 
 

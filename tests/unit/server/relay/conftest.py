@@ -1,0 +1,73 @@
+"""A running relay with one robot, for tests of the whole of it; and a watch on what tests leave."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+
+import aiohttp
+import pytest
+import pytest_asyncio
+import uvloop
+from fake_robot import FakeRobot
+from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay, until
+from robotether_server.store.fleet import Robot
+
+
+def pytest_asyncio_loop_factories() -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
+    """Test with the loop that the relay runs with."""
+    return {"uvloop": uvloop.new_event_loop}
+
+
+@pytest_asyncio.fixture(autouse=True)
+async def _no_task_left() -> AsyncIterator[None]:
+    """Fail a test that leaves a task behind."""
+    before = asyncio.all_tasks()
+    yield
+    left: set[asyncio.Task[object]] = set()
+    for _ in range(50):
+        left = asyncio.all_tasks() - before
+        left.discard(asyncio.current_task())  # type: ignore[arg-type]  # this is in a task
+        if not left:
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail(f"tasks left behind: {left}")
+
+
+@pytest.fixture
+def records() -> MemoryRecords:
+    """Records with robot sim1, which user 1 drives and user 2 observes."""
+    records = MemoryRecords()
+    records.add_robot(7, "sim1", u1="drive", u2="observe")
+    return records
+
+
+@pytest.fixture
+def sim1(records: MemoryRecords) -> Robot:
+    """The row of robot sim1."""
+    return records.robots[7]
+
+
+@pytest_asyncio.fixture
+async def relay(records: MemoryRecords) -> AsyncIterator[RelayServer]:
+    """Run a relay."""
+    async with running_relay(records) as server:
+        yield server
+
+
+@pytest_asyncio.fixture
+async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
+    """Have robot sim1 online and well."""
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
+    yield robot
+    await robot.stop()
+
+
+@pytest_asyncio.fixture
+async def http() -> AsyncIterator[aiohttp.ClientSession]:
+    """Ask over HTTP as a browser or program does."""
+    connector = aiohttp.TCPConnector(force_close=True)
+    async with aiohttp.ClientSession(connector=connector) as session:
+        yield session

@@ -1,0 +1,318 @@
+"""Robots in the real database: one spelling of MACs, ports allotted safely, and who sees whom."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from robotether_server import macs
+from robotether_server.problems import (
+    FieldInvalid,
+    Problem,
+    RecordExists,
+    RecordMissing,
+    RecordRefused,
+)
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import Database, Transaction, grants, ports, robots, users
+from robotether_server.store.robots import Report
+
+MAC = "00:1b:44:11:3a:b7"
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+
+
+def mac(number: int) -> str:
+    return f"02:00:00:00:{number >> 8:02x}:{number & 255:02x}"
+
+
+def pair_owners(admin_database: Database) -> dict[int, int]:
+    with admin_database.transaction() as tx:
+        rows = tx.rows("SELECT ros_port, robot_id FROM port_pairs WHERE robot_id IS NOT NULL")
+    return {row["ros_port"]: row["robot_id"] for row in rows}
+
+
+def insert_at_once(
+    database: Database, names: list[str], then: Callable[[int], object]
+) -> list[str]:
+    """Insert all names in as many threads, all inside their transactions at the same time."""
+    together = threading.Barrier(len(names))
+    failures: list[str] = []
+
+    def insert(number: int) -> None:
+        try:
+            with database.transaction() as tx:
+                together.wait(20)
+                robots.add(tx, mac(number), names[number])
+                then(number)
+        except (LookupError, Problem, threading.BrokenBarrierError) as error:
+            failures.append(f"{type(error).__name__}: {error}")
+
+    threads = [threading.Thread(target=insert, args=(number,)) for number in range(len(names))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    return failures
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    ["00:1B:44:11:3A:B7", "00-1b-44-11-3a-b7", "001b.4411.3ab7", "001B44113AB7", MAC],
+)
+def test_mac_is_written_in_one_spelling(database: Database, spelling: str) -> None:
+    """Plain SQL may use every usual spelling, on insert and on update."""
+    with database.transaction() as tx:
+        tx.insert("INSERT INTO robots (mac, name) VALUES (%s, 'a')", (spelling,))
+        assert robots.get(tx, "a").mac == MAC
+        tx.change("UPDATE robots SET mac = %s", ("02:00:00:00:00:01",))
+        tx.change("UPDATE robots SET mac = %s", (spelling,))
+        assert robots.get(tx, "a").mac == MAC
+
+
+@pytest.mark.parametrize("text", ["", "00:1b:44:11:3a", "00:1b:44:11:3a:bg", "001b:4411:3ab7"])
+def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> None:
+    """The database says which robot, which text and how to write it."""
+    with database.transaction() as tx, pytest.raises(RecordRefused, match="write it as 00:1b"):
+        robots.add(tx, text, "a")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.from_regex(r"[0-9a-fA-F]{1,4}([:.-]?[0-9a-fA-Fg]{2,4}){1,5}", fullmatch=True))
+def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
+    """The twin in Python accepts and makes exactly what the trigger does."""
+    try:
+        expected = macs.normalise(text)
+    except FieldInvalid:
+        expected = None
+    written = None
+    try:
+        with database.transaction() as tx:
+            tx.change("DELETE FROM robots")
+            robots.add(tx, text, "a")
+            written = robots.get(tx, "a").mac
+    except RecordRefused:
+        pass
+    assert written == expected
+
+
+@pytest.mark.parametrize(
+    "name", ["", "Sim1", "-a", "a-", "a_b", "a.b", "a/b", "ä", "a\n", "x" * 64]
+)
+def test_name_that_cannot_stand_in_a_url_is_refused(database: Database, name: str) -> None:
+    """A robot's name is a DNS label, on insert and on update."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "good")
+        with pytest.raises(RecordRefused):
+            robots.add(tx, mac(1), name)
+        with pytest.raises(RecordRefused):
+            tx.change("UPDATE robots SET name = %s", (name,))
+
+
+def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Database) -> None:
+    """The first robots get the first pairs; a deleted robot's pair is free again."""
+    with database.transaction() as tx:
+        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        assert [(r.robot.ros_port, r.robot.video_port) for r in robots.list_all(tx)] == [
+            (20000, 20001),
+            (20002, 20003),
+        ]
+    assert pair_owners(admin_database) == {20000: first, 20002: second}
+    with database.transaction() as tx:
+        tx.change("DELETE FROM robots WHERE id = %s", (first,))
+    assert pair_owners(admin_database) == {20002: second}
+
+
+def test_forty_inserts_at_once_get_distinct_pairs(
+    database: Database, admin_database: Database
+) -> None:
+    """Concurrent transactions neither share a pair nor fail, and none waits for another's commit."""
+    inserted = threading.Barrier(40)
+    names = [f"robot-{number}" for number in range(40)]
+    failures = insert_at_once(database, names, lambda _: inserted.wait(20))
+    assert failures == []
+    owners = pair_owners(admin_database)
+    assert len(owners) == 40
+    with database.transaction() as tx:
+        assert {r.robot.ros_port: r.robot.id for r in robots.list_all(tx)} == owners
+
+
+def test_rolled_back_inserts_lose_no_pair(database: Database, admin_database: Database) -> None:
+    """What half of them took is free after they fail."""
+
+    def fail_odd(number: int) -> None:
+        if number % 2:
+            raise LookupError("on purpose")
+
+    failures = insert_at_once(database, [f"r{number}" for number in range(20)], fail_odd)
+    assert failures == ["LookupError: on purpose"] * 10
+    assert len(pair_owners(admin_database)) == 10
+    with database.transaction() as tx:
+        for number in range(90):
+            robots.add(tx, mac(1000 + number), f"later-{number}")
+
+
+def test_last_pair_waits_for_the_one_who_holds_it(
+    database: Database, admin_database: Database
+) -> None:
+    """When every free pair is locked, an insert waits, and gets the pair if the holder gives up."""
+    with admin_database.transaction() as tx:
+        ports.set_range(tx, 20000, 20001)
+    waiting: list[int] = []
+
+    def insert_second() -> None:
+        with database.transaction() as tx:
+            waiting.append(robots.add(tx, mac(2), "second"))
+
+    second = threading.Thread(target=insert_second)
+
+    def insert_first_and_give_up() -> None:
+        with database.transaction() as tx:
+            robots.add(tx, mac(1), "first")
+            second.start()
+            second.join(0.5)
+            assert waiting == []
+            raise LookupError
+
+    with pytest.raises(LookupError):
+        insert_first_and_give_up()
+    second.join(20)
+    assert list(pair_owners(admin_database).values()) == waiting
+
+
+def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
+    """The refusal names the robot, the number of pairs and the two settings."""
+    with admin_database.transaction() as tx:
+        ports.set_range(tx, 20000, 20003)
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "a")
+        robots.add(tx, mac(2), "b")
+        with pytest.raises(RecordRefused) as refused:
+            robots.add(tx, mac(3), "c")
+    assert refused.value.detail == (
+        "cannot add robot c: all 2 port pairs are in use; "
+        "widen PORT_RANGE_FIRST..PORT_RANGE_LAST in .env, then run migrate"
+    )
+
+
+def add_with_ports(tx: Transaction, number: int, name: str, ros: object, video: object) -> int:
+    return tx.insert(
+        "INSERT INTO robots (mac, name, ros_port, video_port) VALUES (%s, %s, %s, %s)",
+        (mac(number), name, ros, video),
+    )
+
+
+def test_ports_that_were_named_are_kept_and_not_allotted(
+    database: Database, admin_database: Database
+) -> None:
+    """Somebody's own choice of ports holds both pairs that it touches."""
+    with database.transaction() as tx:
+        chosen = add_with_ports(tx, 1, "chosen", 20001, 20004)
+        robots.add(tx, mac(2), "next")
+        assert robots.get(tx, "chosen").video_port == 20004
+        assert robots.get(tx, "next").ros_port == 20002
+    assert [p for p, owner in pair_owners(admin_database).items() if owner == chosen] == [
+        20000,
+        20004,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ros", "video"),
+    [(20001, 30000), (30000, 20000), (20000, 30000), (30000, None), (30000, 30000), (80, 30000)],
+)
+def test_ports_that_cannot_be_are_refused(database: Database, ros: object, video: object) -> None:
+    """Another robot's port of either kind, half a pair, twice the same, a privileged one."""
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "a")
+        with pytest.raises((RecordRefused, RecordExists)):
+            add_with_ports(tx, 2, "b", ros, video)
+
+
+def test_moved_ports_free_the_old_pair(database: Database, admin_database: Database) -> None:
+    """An UPDATE of ports moves the robot; NULL asks for a new pair."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        tx.change("UPDATE robots SET ros_port = 20010, video_port = 20011")
+    assert pair_owners(admin_database) == {20010: robot_id}
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET ros_port = NULL, video_port = NULL")
+        assert robots.get(tx, "a").ros_port == 20000
+    assert pair_owners(admin_database) == {20000: robot_id}
+
+
+def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
+    """The sentence names what another robot has."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "a")
+        with pytest.raises(RecordExists, match=f"another robot has the MAC {MAC}"):
+            robots.add(tx, MAC, "b")
+        with pytest.raises(RecordExists, match="another robot has the name a"):
+            robots.add(tx, mac(1), "a")
+
+
+def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
+    """Levels are the grant's, and manage for admins."""
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        users.add(tx, "root", "x", "admin")
+        ann, root = users.get(tx, "ann"), users.get(tx, "root")
+        granted, _ = robots.add(tx, mac(1), "granted"), robots.add(tx, mac(2), "other")
+        grants.give(tx, ann.id, granted, "observe")
+        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, ann)] == [
+            ("granted", "observe")
+        ]
+        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, root)] == [
+            ("granted", "manage"),
+            ("other", "manage"),
+        ]
+        assert robots.find_seen(tx, ann, "other") is None
+        assert robots.find_seen(tx, root, "other") is not None
+
+
+def test_presence_is_the_newest_session(database: Database, admin_database: Database) -> None:
+    """No session: never seen; an open one: online since; an ended one: offline since."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+    seen = []
+    for statement in (
+        "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
+        "UPDATE robot_sessions SET ended_at = started_at + INTERVAL 1 HOUR WHERE robot_id = %s",
+    ):
+        with database.transaction() as tx:
+            seen += robots.list_all(tx)
+        with admin_database.transaction() as tx:
+            tx.change(statement, (robot_id,))
+    with database.transaction() as tx:
+        seen += robots.list_all(tx)
+    never, online, offline = seen
+    assert [one.online for one in seen] == [False, True, False]
+    assert never.since is None
+    assert online.since is not None
+    assert offline.since is not None
+    assert (offline.since - online.since).total_seconds() == 3600
+
+
+def test_key_and_report_are_kept(database: Database) -> None:
+    """What a robot shows when it joins stands in its row, and its key finds it."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        assert robots.count_pending(tx) == 1
+        robots.set_key(tx, robot_id, KEY)
+        robots.set_report(tx, robot_id, Report("turtle", "0.1.0", "192.0.2.1"))
+        robots.set_state(tx, robot_id, "active")
+        assert robots.count_pending(tx) == 0
+        robot = robots.find_by_mac(tx, MAC)
+        assert robot is not None
+        assert (robot.fingerprint, robot.state) == (KEY.fingerprint, "active")
+        second = robots.add(tx, mac(1), "b")
+        with pytest.raises(RecordExists):
+            robots.set_key(tx, second, KEY)
+
+
+def test_unknown_robot_is_said_so(database: Database) -> None:
+    """The sentence names it and says where to look."""
+    with database.transaction() as tx, pytest.raises(RecordMissing, match="no such robot"):
+        robots.get(tx, "ghost")
