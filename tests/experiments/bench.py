@@ -62,6 +62,12 @@ def address_of(service: str, network: str) -> str:
     return str(container.attrs["NetworkSettings"]["Networks"][f"{project}_{network}"]["IPAddress"])
 
 
+def outside_address() -> str:
+    """An address of this machine at which the published ports answer as they do to the network."""
+    bridge = docker.from_env().networks.get("bridge")
+    return str(bridge.attrs["IPAM"]["Config"][0]["Gateway"])
+
+
 def new_token() -> str:
     """An API token for this run."""
     name = f"{TOKEN_NAME}-{int(time.time())}"
@@ -85,7 +91,9 @@ def get_json(url: str, token: str, body: dict[str, str] | None = None) -> dict[s
 def targets() -> dict[str, str]:
     """Name and URL of each way to the same rosbridge."""
     published = compose("port", "nginx", "8443").strip().rsplit(":", 1)[1]
-    server = f"https://localhost:{published}"
+    # Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
+    door = f"{outside_address()}:{published}"
+    server = f"https://{door}"
     token = new_token()
     robots = get_json(f"{server}/api/v1/robots", token)["robots"]
     assert isinstance(robots, list)
@@ -96,7 +104,7 @@ def targets() -> dict[str, str]:
     return {
         "straight to rosbridge": f"ws://{address_of(ROBOT, ROBOT)}:9090/",
         "bare ssh -R": f"ws://{address_of('sshd', 'tunnel')}:{port}/",
-        "whole path with TLS": f"wss://localhost:{published}/robots/{ROBOT}/ros?ticket={ticket}",
+        "whole path with TLS": f"wss://{door}/robots/{ROBOT}/ros?ticket={ticket}",
     }
 
 
