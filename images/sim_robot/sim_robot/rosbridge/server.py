@@ -42,7 +42,7 @@ class RosbridgeServer:
         await socket.prepare(request)
         client = Client(self._graph, f"client {next(self._numbers)} ({request.remote})")
         self._connections.add(socket)
-        log.info("%s connected", client.name)
+        log.debug("%s connected", client.name)
         writer = asyncio.create_task(_write(socket, client.outbox))
         try:
             await _read(request, socket, client)
@@ -51,7 +51,9 @@ class RosbridgeServer:
             client.close()
             writer.cancel()
             await asyncio.gather(writer, return_exceptions=True)
-            log.info("%s left, %d messages dropped", client.name, client.outbox.dropped)
+            dropped = client.outbox.dropped
+            level = logging.WARNING if dropped else logging.DEBUG
+            log.log(level, "%s left, %d messages dropped", client.name, dropped)
         return socket
 
     async def _close_all(self, _app: web.Application) -> None:

@@ -1,0 +1,173 @@
+"""The image of the simulated robot, run as the demo does, without any cloud: its agent retries meanwhile."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import docker
+import pytest
+from docker.models.containers import Container
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGE = "robotether/sim_robot:dev"
+NOWHERE = {
+    "ROBOTETHER_SERVER": "127.0.0.1:1",
+    "ROBOTETHER_INTERFACE": "eth0",
+    "ROBOTETHER_ALLOW_LOCAL_MAC": "true",
+}
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A running container of the image."""
+
+    container: Container
+
+    def port(self, inside: int) -> int:
+        """The published port on this machine."""
+        self.container.reload()
+        return int(self.container.ports[f"{inside}/tcp"][0]["HostPort"])
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What the engine says about the container now."""
+        self.container.reload()
+        state: dict[str, Any] = self.container.attrs["State"]
+        return state
+
+    def shell(self, command: str) -> tuple[int, str]:
+        """Run a command inside; exit code and what it printed."""
+        code, printed = self.container.exec_run(["sh", "-c", command])
+        return code, printed.decode().strip()
+
+    def wait(self, what: str, condition: Callable[[], bool], seconds: float = 20) -> None:
+        """Wait until the condition holds, or fail with the container's log."""
+        end = time.monotonic() + seconds
+        while not condition():
+            log = self.container.logs(tail=40).decode()
+            assert time.monotonic() < end, f"after {seconds} s still not: {what}\n{log}"
+            time.sleep(0.1)
+
+
+@pytest.fixture(scope="module")
+def image() -> str:
+    """The image, built from this checkout."""
+    done = subprocess.run(
+        ["tools/build", "sim_robot"], cwd=ROOT, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-4000:]
+    return IMAGE
+
+
+@pytest.fixture
+def robot(image: str) -> Iterator[Robot]:
+    """One robot as the demo runs it: read-only, without any capability."""
+    engine = docker.from_env()
+    container = engine.containers.run(
+        image,
+        name=f"sim-robot-test-{uuid.uuid4().hex[:8]}",
+        detach=True,
+        read_only=True,
+        tmpfs={"/run": "", "/tmp": ""},
+        cap_drop=["ALL"],
+        security_opt=["no-new-privileges:true"],
+        mem_limit="256m",
+        healthcheck={"interval": 500_000_000},  # ns; the image's own command, asked more often
+        environment=NOWHERE | {"SIM_NAME": "simtest"},
+        ports={"9090/tcp": ("127.0.0.1", None), "8080/tcp": ("127.0.0.1", None)},
+    )
+    try:
+        running = Robot(container)
+        running.wait("healthy", lambda: running.state["Health"]["Status"] == "healthy")
+        yield running
+    finally:
+        container.remove(force=True, v=True)
+        engine.close()
+
+
+async def test_robot_shows_what_a_robot_shows(robot: Robot) -> None:
+    """Odometry comes over rosbridge, a picture over the video server, and the agent retries beside them."""
+    url = f"ws://127.0.0.1:{robot.port(9090)}/"
+    query = {"topic": "/camera/image_raw", "width": "320", "height": "240"}
+    async with aiohttp.ClientSession() as http, http.ws_connect(url) as socket:
+        await socket.send_json({"op": "subscribe", "topic": "/odom"})
+        message = json.loads((await socket.receive(timeout=5)).data)
+        async with http.get(
+            f"http://127.0.0.1:{robot.port(8080)}/snapshot", params=query
+        ) as answer:
+            image = Image.open(io.BytesIO(await answer.read()))
+    assert message["topic"] == "/odom"
+    assert message["msg"]["child_frame_id"] == "base_link"
+    assert (image.format, image.size) == ("JPEG", (320, 240))
+    assert b"next try in" in robot.container.logs()
+
+
+def test_robot_can_do_little_on_its_machine(robot: Robot) -> None:
+    """No process is root, the file system is read-only but for the agent's state and /tmp."""
+    assert robot.shell("id -u") == (0, "10090")
+    owners = {row[0] for row in robot.container.top()["Processes"]}
+    assert owners == {"10090"}
+    for folder in ("/", "/etc", "/opt/robotether", "/opt/venv"):
+        code, printed = robot.shell(f"touch {folder}/x")
+        assert code != 0, printed
+    for folder in ("/var/lib/robotether-agent", "/run", "/tmp"):
+        assert robot.shell(f"touch {folder}/x") == (0, "")
+
+
+def test_robot_has_a_key_of_its_own(robot: Robot) -> None:
+    """The agent made its key in the volume, readable by itself alone."""
+    code, mode = robot.shell("stat -c %a /var/lib/robotether-agent/id_ed25519")
+    assert (code, mode) == (0, "600")
+
+
+def test_stop_ends_it_soon(robot: Robot) -> None:
+    """SIGTERM ends simulator and agent within 5 s, with code 0."""
+    start = time.monotonic()
+    robot.container.kill("SIGTERM")
+    assert robot.container.wait(timeout=10)["StatusCode"] == 0
+    assert time.monotonic() - start < 5
+
+
+@pytest.mark.parametrize("module", ["sim_robot", "robotether_agent"])
+def test_end_of_one_is_the_end_of_both(robot: Robot, module: str) -> None:
+    """When simulator or agent dies, the container ends with an error, so that Docker starts it again."""
+    find = f"for p in /proc/[0-9]*; do grep -qz '^{module}$' $p/cmdline 2>/dev/null && basename $p; done"
+    _, printed = robot.shell(find)
+    pids = printed.split()
+    assert len(pids) == 1, printed
+    robot.shell(f"kill -KILL {pids[0]}")
+    assert robot.container.wait(timeout=10)["StatusCode"] == 137
+
+
+def test_health_check_notices_a_hung_simulator(robot: Robot) -> None:
+    """A simulator that does not answer is unhealthy."""
+    assert robot.shell("python3 -m sim_robot.healthcheck")[0] == 0
+    robot.shell(
+        "for p in /proc/[0-9]*; do grep -qz '^sim_robot$' $p/cmdline && kill -STOP $(basename $p); done"
+    )
+    code, printed = robot.shell("python3 -m sim_robot.healthcheck")
+    assert (code, "timed out" in printed) == (1, True), printed
+
+
+def test_missing_server_setting_stops_the_start(image: str) -> None:
+    """Without ROBOTETHER_SERVER the container ends and says which setting is missing."""
+    engine = docker.from_env()
+    container = engine.containers.run(
+        image, detach=True, read_only=True, tmpfs={"/run": "", "/tmp": ""}
+    )
+    try:
+        assert container.wait(timeout=10)["StatusCode"] != 0
+        assert b"server" in container.logs()
+    finally:
+        container.remove(force=True, v=True)
+        engine.close()
