@@ -18,7 +18,7 @@ export function setUpControls(root, { settings, publish, mayQueue, onWanted }) {
   const onDrop = () => inputs.forEach((input) => input.drop());
   const teleop = new Teleop({ publish, mayQueue, onWanted, limits, onDrop });
   inputs.push(setUpKeyboard(teleop), setUpJoystick(teleop, stick));
-  byTestId(root, "halt").addEventListener("click", () => teleop.halt());
+  setUpHalt(teleop, byTestId(root, "halt"));
   letGoWhenUnwatched(teleop);
   return (armed) => {
     teleop.arm(armed);
@@ -43,6 +43,13 @@ function setUpJoystick(teleop, element) {
     onHold: (input) => teleop.hold("joystick", input),
     onRelease: () => teleop.release("joystick"),
   });
+}
+
+// On the press, not on the click: a second finger beside the stick makes no click. What is left for
+// click is the keyboard and assistive technology (detail 0).
+function setUpHalt(teleop, button) {
+  button.addEventListener("pointerdown", () => teleop.halt());
+  button.addEventListener("click", ({ detail }) => detail === 0 && teleop.halt());
 }
 
 function letGoWhenUnwatched(teleop) {
