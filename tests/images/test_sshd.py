@@ -157,13 +157,9 @@ def test_robot_gets_no_sftp(key: RobotKey) -> None:
 
 def test_robot_gets_no_terminal(key: RobotKey) -> None:
     """A pseudo-terminal is refused even for the session command."""
-    running = key.start("-tt", USER, "session")
-    stderr = ""
-    try:
-        _session_line(running)
-    finally:
-        stderr = _end(running)
-    assert "PTY allocation request failed" in stderr
+    done = key.ssh("-tt", USER, "session")
+    assert done.returncode != 0
+    assert "PTY allocation request failed" in done.stderr
 
 
 def test_robot_gets_no_unix_socket(key: RobotKey) -> None:

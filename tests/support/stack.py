@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import ssl
 import subprocess
 import time
@@ -26,14 +27,21 @@ PROJECT = "robotether-test"
 T = TypeVar("T")
 
 
+def free_port() -> int:
+    """A TCP port that nobody listens on."""
+    with socket.create_server(("", 0)) as listener:
+        port: int = listener.getsockname()[1]
+        return port
+
+
 @dataclass
 class Stack:
-    """A compose project with its ports; the defaults keep clear of a demo on the standard ports."""
+    """A compose project with ports that are free on this machine, clear of a demo on the standard ones."""
 
     folder: Path
-    http_port: int = 18080
-    https_port: int = 18443
-    ssh_port: int = 12222
+    http_port: int = field(default_factory=free_port)
+    https_port: int = field(default_factory=free_port)
+    ssh_port: int = field(default_factory=free_port)
     engine: docker.DockerClient = field(default_factory=docker.from_env)
 
     @property
