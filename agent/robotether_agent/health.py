@@ -18,7 +18,7 @@ import aiohttp
 
 from robotether_agent.fields import printable
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
-from robotether_agent.tasks import first_of
+from robotether_agent.tasks import first_of, within
 
 ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0
@@ -84,10 +84,7 @@ class Health:
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
         """Hold one WebSocket as long as rosbridge answers its pings."""
         try:
-            connecting = http.ws_connect(
-                self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MESSAGE_LIMIT
-            )
-            socket = await asyncio.wait_for(connecting, TIMEOUT_S)
+            socket = await within(TIMEOUT_S, self._connect_rosbridge(http))
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             raise self._rosbridge_down(_why(error)) from error
         async with socket:
@@ -96,6 +93,13 @@ class Health:
                 pass
             why = socket.exception()
         raise self._rosbridge_down(_why(why) if why else "it closed the connection")
+
+    async def _connect_rosbridge(
+        self, http: aiohttp.ClientSession
+    ) -> aiohttp.ClientWebSocketResponse:
+        return await http.ws_connect(
+            self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MESSAGE_LIMIT
+        )
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
         try:

@@ -37,6 +37,7 @@ from robotether_agent.problems import (
     TlsUntrusted,
 )
 from robotether_agent.settings import Settings
+from robotether_agent.tasks import within
 
 TIMEOUT_S = 15.0
 ANSWER_LIMIT = 64 * 1024
@@ -83,7 +84,7 @@ class Joined:
 async def join(settings: Settings, request: JoinRequest) -> Joined:
     """Return the answer for an active robot; any other answer is raised as its problem."""
     try:
-        status, body = await asyncio.wait_for(_post(settings, request), TIMEOUT_S)
+        status, body = await within(TIMEOUT_S, _post(settings, request))
     except asyncio.TimeoutError as error:
         why = f"no answer in {TIMEOUT_S:g} s"
         raise _unreachable(settings, why) from error

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from robotether_agent.files import read_text
 from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
+from robotether_agent.tasks import within
 
 KEYGEN_TIMEOUT_S = 30.0
 NAME = "id_ed25519"
@@ -85,7 +86,7 @@ async def _keygen(*arguments: str) -> str:
     except FileNotFoundError as error:
         raise SshMissing("cannot make the robot's key: there is no ssh-keygen") from error
     try:
-        out, err = await asyncio.wait_for(process.communicate(), KEYGEN_TIMEOUT_S)
+        out, err = await within(KEYGEN_TIMEOUT_S, process.communicate())
     except asyncio.TimeoutError as error:
         raise KeyUnusable(f"cannot run ssh-keygen: no end after {KEYGEN_TIMEOUT_S:g} s") from error
     finally:

@@ -26,7 +26,7 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
-from robotether_agent.tasks import first_of
+from robotether_agent.tasks import first_of, within
 
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 20.0
@@ -107,7 +107,7 @@ class Session:
     async def _line(self) -> bytes:
         """Return the next line, or nothing at the stream's end."""
         try:
-            return await asyncio.wait_for(self._in.readuntil(b"\n"), self._timeout_s)
+            return await within(self._timeout_s, self._in.readuntil(b"\n"))
         except asyncio.IncompleteReadError:
             return b""
         except asyncio.LimitOverrunError as error:

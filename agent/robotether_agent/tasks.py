@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Coroutine, Sequence
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -22,6 +24,24 @@ async def first_of(*work: Coroutine[Any, Any, None]) -> None:
     finally:
         await _end(tasks)
     ended.result()
+
+
+async def within(timeout_s: float, work: Coroutine[Any, Any, T]) -> T:
+    """Return what `work` returns, or raise asyncio.TimeoutError after `timeout_s`.
+
+    In place of asyncio.wait_for, which before Python 3.12 swallows a cancellation that comes in the moment
+    when the work ends (python/cpython#86296): a task that reads line after line then never ends.
+    """
+    task = asyncio.ensure_future(work)
+    try:
+        await asyncio.wait({task}, timeout=timeout_s)
+    finally:
+        if not task.done():
+            task.cancel()
+            await asyncio.wait({task})
+    if task.cancelled():
+        raise asyncio.TimeoutError
+    return task.result()
 
 
 async def _end(tasks: Sequence[asyncio.Future[None]]) -> None:

@@ -11,6 +11,7 @@ import logging
 import os
 import signal
 from asyncio.subprocess import DEVNULL, PIPE, Process
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -25,6 +26,7 @@ from robotether_agent.ssh_command import (
     control_command,
 )
 from robotether_agent.ssh_errors import why_ended, why_no_forward, why_not_connected
+from robotether_agent.tasks import within
 
 LINE_LIMIT = 64 * 1024
 STDERR_KEPT = 8 * 1024
@@ -68,7 +70,7 @@ class Tunnel:
         """Wait shortly for the client's end and its last words, and return what they mean."""
         await asyncio.wait({self._listener}, timeout=END_TIMEOUT_S)
         try:
-            status = await asyncio.wait_for(self._process.wait(), END_TIMEOUT_S)
+            status = await within(END_TIMEOUT_S, self._process.wait())
         except asyncio.TimeoutError:
             status = None
         words = self._stderr.decode(errors="replace").splitlines()
@@ -136,7 +138,7 @@ async def _run(
     """Return a short command's status and stderr; a status of None is a time-out."""
     process = await _start(command, stdin=DEVNULL)
     try:
-        _, words = await asyncio.wait_for(process.communicate(), timeout_s)
+        _, words = await within(timeout_s, process.communicate())
     except asyncio.TimeoutError:
         return None, []
     finally:
@@ -150,7 +152,8 @@ async def _end(process: Process) -> None:
         for number in (signal.SIGTERM, signal.SIGKILL):
             if process.returncode is None:
                 _signal(process, number)
-                await asyncio.wait({asyncio.ensure_future(process.wait())}, timeout=END_TIMEOUT_S)
+                with suppress(asyncio.TimeoutError):
+                    await within(END_TIMEOUT_S, process.wait())
     finally:
         if process.returncode is None:
             _signal(process, signal.SIGKILL)

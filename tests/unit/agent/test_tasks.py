@@ -1,0 +1,65 @@
+"""Running coroutines side by side."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from robotether_agent.tasks import first_of, within
+
+
+async def test_first_of_raises_what_the_first_raised_and_ends_the_others():
+    """When one fails the others are cancelled, and have ended, before its error comes out."""
+    ended = []
+
+    async def lasting() -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.append("lasting")
+
+    async def failing() -> None:
+        await asyncio.sleep(0)
+        raise ValueError("the reason")
+
+    with pytest.raises(ValueError, match="the reason"):
+        await first_of(lasting(), failing())
+    assert ended == ["lasting"]
+
+
+async def test_first_of_prefers_the_one_named_first():
+    """Of two that fail in one moment the first named counts: a goodbye before a broken pipe."""
+
+    async def failing(text: str) -> None:
+        raise ValueError(text)
+
+    with pytest.raises(ValueError, match="goodbye"):
+        await first_of(failing("goodbye"), failing("broken pipe"))
+
+
+async def test_within_returns_or_times_out():
+    """Work in time gives its result; work that lasts is cancelled."""
+    assert await within(5, asyncio.sleep(0, "done")) == "done"
+    with pytest.raises(asyncio.TimeoutError):
+        await within(0.01, asyncio.Event().wait())
+
+
+async def test_within_never_swallows_a_cancellation():
+    """A cancellation in the very moment when the work ends still cancels."""
+    came = asyncio.Event()
+
+    async def reading() -> None:
+        while True:
+            await within(5, came.wait())
+            came.clear()
+
+    task = asyncio.ensure_future(reading())
+    for _ in range(3):
+        await asyncio.sleep(0)
+    came.set()
+    # One turn lets the inner work end; its result and the cancellation then arrive together.
+    await asyncio.sleep(0)
+    task.cancel()
+    done, _ = await asyncio.wait({task}, timeout=1)
+    assert done
+    assert task.cancelled()
