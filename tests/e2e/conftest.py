@@ -12,9 +12,17 @@ from stack import ROOT, Stack
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
-@pytest.fixture(scope="session")
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the test's own client leave TLS half closed.
+
+    These tests kill the other side, which then never answers TLS's goodbye before the test's loop ends.
+    """
+    config.addinivalue_line("filterwarnings", "ignore:unclosed:ResourceWarning")
+
+
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """A headless Chromium."""
+    """A headless Chromium; only for a module, as Playwright keeps a loop running that asyncio tests cannot share."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGUMENTS)
         yield chromium

@@ -108,18 +108,18 @@ async def test_client_that_never_reads_is_ended_and_bounded(program: Program, st
 
 
 @pytest.mark.parametrize(
-    ("ticket", "code"),
+    ("query", "code"),
     [
         ("", "ticket_missing"),
-        ("rubbish", "ticket_malformed"),
-        ("eyJpZCI6ICIxIn0.aaaaaa.bbbbbbbbbbbbbbbbbbbbbbbbbbb", "ticket_forged"),
+        ("?ticket=rubbish", "ticket_malformed"),
+        ("?ticket=eyJpZCI6ICIxIn0.aaaaaa.bbbbbbbbbbbbbbbbbbbbbbbbbbb", "ticket_forged"),
     ],
 )
-def test_bad_ticket_is_401_with_a_code(stack: Stack, ticket: str, code: str) -> None:
+def test_bad_ticket_is_401_with_a_code(stack: Stack, query: str, code: str) -> None:
     """No, broken and forged tickets are told apart."""
     upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
                "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}  # fmt: skip
-    status, answer = stack.request("GET", f"/robots/sim1/ros?ticket={ticket}", headers=upgrade)
+    status, answer = stack.request("GET", f"/robots/sim1/ros{query}", headers=upgrade)
     assert (status, answer["code"]) == (401, code)
 
 
