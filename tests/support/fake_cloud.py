@@ -60,6 +60,19 @@ def fingerprint() -> str:
     return hashlib.sha256(der).hexdigest()
 
 
+def agent_environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:
+    """Return the environment of an agent that lives in `place` and joins `cloud`."""
+    values = {
+        "server": cloud.server,
+        "tls_fingerprint": fingerprint(),
+        "mac": "00:1b:44:11:3a:b7",
+        "state_dir": str(place / "state"),
+        "run_dir": str(place / "run"),
+        **more,
+    }
+    return {f"ROBOTETHER_{key.upper()}": value for key, value in values.items()}
+
+
 class Link:
     """One connection of the agent at the fake relay."""
 

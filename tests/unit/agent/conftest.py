@@ -14,14 +14,12 @@ from typing import Any
 
 import pytest
 from aiohttp import WSMsgType, web
-from fake_cloud import FakeCloud, eventually, fingerprint
+from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants, wait_until
 from robotether_agent.agent import Agent
 from robotether_agent.notify import Notifier
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status, read_status
-
-MAC = "00:1b:44:11:3a:b7"
 
 
 class Hasty(Random):
@@ -82,24 +80,28 @@ class RobotServices:
     def __init__(self) -> None:
         self.handshakes = 0
         self.video_status = 200
+        self.refuse_sockets = False
 
     async def start(self) -> None:
-        app = web.Application()
-        app.router.add_get("/", self._answer)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
-        await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", 0).start()
-        self.port = self._runner.addresses[0][1]
+        await self._serve(0)
         self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
 
-    async def restart(self) -> None:
-        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+    async def start_again(self) -> None:
+        await self._serve(self.port)
 
     async def stop(self) -> None:
         await self._runner.cleanup()
 
+    async def _serve(self, port: int) -> None:
+        app = web.Application()
+        app.router.add_get("/", self._answer)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", port).start()
+        self.port = self._runner.addresses[0][1]
+
     async def _answer(self, request: web.Request) -> web.StreamResponse:
-        if "Upgrade" not in request.headers:
+        if "Upgrade" not in request.headers or self.refuse_sockets:
             return web.Response(text="the list of topics", status=self.video_status)
         socket = web.WebSocketResponse()
         await socket.prepare(request)
@@ -117,19 +119,6 @@ async def services() -> AsyncIterator[RobotServices]:
     await running.start()
     yield running
     await running.stop()
-
-
-def environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:
-    """Return the environment of an agent that lives in `place`."""
-    values = {
-        "server": cloud.server,
-        "tls_fingerprint": fingerprint(),
-        "mac": MAC,
-        "state_dir": str(place / "state"),
-        "run_dir": str(place / "run"),
-        **more,
-    }
-    return {f"ROBOTETHER_{key.upper()}": value for key, value in values.items()}
 
 
 class RunningAgent:
@@ -172,7 +161,7 @@ async def start_agent(
 
     def start(cloud: FakeCloud, **more: str) -> RunningAgent:
         urls = {"rosbridge_url": services.ws_url, "video_url": services.http_url}
-        agent = RunningAgent(load(None, environ(cloud, place, **{**urls, **more})))
+        agent = RunningAgent(load(None, agent_environ(cloud, place, **{**urls, **more})))
         started.append(agent)
         return agent
 

@@ -1,0 +1,58 @@
+"""When the agent tries again, and when it gives up."""
+
+from __future__ import annotations
+
+from itertools import islice
+from random import Random
+
+import pytest
+from robotether_agent.backoff import STABLE_S, Backoff, delays, retry_or_give_up
+from robotether_agent.problems import HostKeyChanged, KeyRefused, LinkLost, NotEnrolled
+
+
+class Longest(Random):
+    """Always draws the ceiling."""
+
+    def uniform(self, a: float, b: float) -> float:
+        return b
+
+
+def test_ceilings_double_up_to_15_s():
+    """The ceiling of the pauses goes 1, 2, 4, 8, 15, 15 s."""
+    assert list(islice(delays(Longest()), 6)) == [1, 2, 4, 8, 15, 15]
+
+
+def test_delays_are_spread_from_half_a_second():
+    """Each pause is anywhere from 0.5 s to the ceiling, so that a fleet does not come back as one."""
+    drawn = list(islice(delays(Random(1)), 1000))
+    assert min(drawn) >= 0.5
+    assert max(drawn) <= 15
+    assert min(drawn[10:]) < 2
+    assert max(drawn) > 14
+
+
+@pytest.mark.parametrize(
+    ("problem", "low", "high"),
+    [
+        (LinkLost("x"), 0.5, 1),
+        (NotEnrolled("x"), 5, 15),
+        (KeyRefused("x"), 15, 30),
+    ],
+)
+def test_each_problem_has_its_pause(problem, low, high):
+    """Soon, ask again and slowly are three ranges."""
+    rng = Random(1)
+    waits = [retry_or_give_up(problem, delays(rng), rng) for _ in range(100)]
+    assert all(low <= wait <= high for wait in waits)
+
+
+def test_gives_up_on_a_changed_host_key():
+    """What no retry mends gives no pause at all."""
+    assert retry_or_give_up(HostKeyChanged("x"), delays(Random(1)), Random(1)) is None
+
+
+def test_starts_anew_after_a_connection_that_stood():
+    """Pauses grow while connections fail at once, and are short again after one that stood 10 s."""
+    backoff = Backoff(Longest())
+    assert [backoff.after(LinkLost("x"), stood_s=1) for _ in range(4)] == [1, 2, 4, 8]
+    assert backoff.after(LinkLost("x"), stood_s=STABLE_S) == 1

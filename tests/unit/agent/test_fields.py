@@ -1,0 +1,54 @@
+"""Typed getters name the field that is wrong."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from robotether_agent import fields
+from robotether_agent.fields import FieldError
+
+
+@pytest.mark.parametrize(
+    ("get", "why"),
+    [
+        (lambda: fields.parse_object(b"[1]", "the line"), "the line must be a JSON object"),
+        (lambda: fields.parse_object(b"\xff\x00", "the line"), "the line is not JSON"),
+        (lambda: fields.parse_object(b"[" * 60000, "the line"), "the line is not JSON"),
+        (lambda: fields.get_object({"ssh": 1}, "ssh"), "ssh must be a JSON object"),
+        (lambda: fields.get_text({}, "detail"), "field detail is missing"),
+        (lambda: fields.get_text({"detail": 7}, "detail"), "field detail must be text, not 7"),
+        (lambda: fields.get_int({"seq": True}, "seq", 0, 9), "field seq must be a whole number"),
+        (lambda: fields.get_int({"seq": 10}, "seq", 0, 9), "from 0 to 9, not 10"),
+        (lambda: fields.get_number({"t": float("nan")}, "t", 0, 9), "field t must be a number"),
+        (lambda: fields.get_number({"t": 9.5}, "t", 0, 9), "field t must be from 0 to 9"),
+        (lambda: fields.get_texts({"keys": []}, "keys"), "field keys must be a list of 1 to 8"),
+        (lambda: fields.get_texts({"keys": ["a", 1]}, "keys"), r"field keys\[1\] must be text"),
+        (lambda: fields.get_ports({"ports": [22, 0]}, "ports"), r"field ports\[1\] must be"),
+        (
+            lambda: fields.get_match({"code": "A B"}, "code", re.compile("[a-z]+"), "a code"),
+            "field code must be a code, not 'A B'",
+        ),
+    ],
+)
+def test_wrong_field_is_named(get, why):
+    """Each getter says which field is wrong, and what it must be."""
+    with pytest.raises(FieldError, match=why):
+        get()
+
+
+def test_right_fields_pass():
+    """What is right comes back in its type."""
+    obj = fields.parse_object(b'{"a": 1, "b": 1.5, "c": ["x"], "d": [22], "e": {"f": "g"}}', "it")
+    assert fields.get_int(obj, "a", 0, 9) == 1
+    assert fields.get_number(obj, "b", 0, 9) == 1.5
+    assert fields.get_texts(obj, "c") == ["x"]
+    assert fields.get_ports(obj, "d") == (22,)
+    assert fields.get_text(fields.get_object(obj, "e"), "f") == "g"
+    assert fields.get_text(obj, "none", default="nothing") == "nothing"
+
+
+def test_text_from_outside_cannot_forge_log_lines():
+    """Control characters and endless texts never reach the log."""
+    assert fields.printable("a\nERROR\x1b[31m b") == "a ERROR [31m b"
+    assert len(fields.printable("x" * 10_000, 100)) == 100

@@ -1,0 +1,50 @@
+"""Small files, whole or not at all."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.files import ensure_directory, only_one, read_text, write_atomic
+from robotether_agent.problems import AlreadyRunning, StateUnusable
+
+
+def test_writes_whole_files_with_their_mode(place):
+    """A second write replaces the first, and nothing else stays in the directory."""
+    write_atomic(place / "a", "one", 0o644)
+    write_atomic(place / "a", "two", 0o600)
+    assert read_text(place / "a") == "two"
+    assert (place / "a").stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in place.iterdir()] == ["a"]
+
+
+def test_missing_is_none_and_unreadable_is_a_problem(place):
+    """No file is no error, a directory in its place is one."""
+    assert read_text(place / "none") is None
+    with pytest.raises(StateUnusable, match="cannot read"):
+        read_text(place)
+
+
+def test_a_failed_write_leaves_nothing(place):
+    """When the replacing fails the half-made file is removed, and the problem says where."""
+    (place / "a").mkdir()
+    with pytest.raises(StateUnusable, match=r"cannot write .*neither full nor read-only"):
+        write_atomic(place / "a", "one", 0o644)
+    assert [path.name for path in place.iterdir()] == ["a"]
+
+
+def test_a_directory_that_cannot_be_made_names_its_setting(place):
+    """A state directory below a file is told with the key that leads there."""
+    (place / "file").touch()
+    with pytest.raises(StateUnusable, match="set state_dir to a place"):
+        ensure_directory(place / "file" / "state", "state_dir")
+
+
+def test_only_one_holds_the_lock(place):
+    """The lock is refused while held, and free again after."""
+    with (
+        only_one(place / "lock"),
+        pytest.raises(AlreadyRunning, match="another agent"),
+        only_one(place / "lock"),
+    ):
+        pass
+    with only_one(place / "lock"):
+        pass

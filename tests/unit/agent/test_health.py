@@ -1,0 +1,83 @@
+"""The probes of rosbridge and web_video_server against real servers."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable
+
+import pytest
+from openssh_server import free_port
+from robotether_agent.health import Health, HealthReport
+
+EVERY_S = 0.1
+
+
+@pytest.fixture
+async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
+    """Starts probes, and ends them."""
+    tasks = []
+
+    def start(rosbridge_url: str, video_url: str) -> Health:
+        health = Health(rosbridge_url, video_url, every_s=EVERY_S)
+        tasks.append(asyncio.ensure_future(health.run()))
+        return health
+
+    yield start
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+
+
+async def until(health: Health, reached: Callable[[HealthReport], bool]) -> HealthReport:
+    """Follow the changes until one fits."""
+
+    async def follow() -> HealthReport:
+        report = health.report
+        while not reached(report):
+            report = await health.changed(report)
+        return report
+
+    return await asyncio.wait_for(follow(), 10)
+
+
+async def test_both_ok_over_one_held_handshake(watch, services):
+    """A robot that is well is ok, and rosbridge sees one client, not one for each probe."""
+    health = watch(services.ws_url, services.http_url)
+    report = await until(health, lambda report: report.ros == report.video == "ok")
+    assert report.detail == ""
+    services.video_status = 500
+    await until(health, lambda report: report.video == "down")
+    services.video_status = 200
+    await until(health, lambda report: report.video == "ok")
+    assert services.handshakes == 1
+
+
+async def test_goes_down_and_comes_back(watch, services):
+    """Both services are down when they end, with the reason, and ok when they are back."""
+    health = watch(services.ws_url, services.http_url)
+    await until(health, lambda report: report.ros == report.video == "ok")
+    await services.stop()
+    report = await until(health, lambda report: report.ros == report.video == "down")
+    assert "rosbridge at ws://" in report.detail
+    assert "web_video_server at http://" in report.detail
+    await services.start_again()
+    await until(health, lambda report: report.ros == report.video == "ok")
+
+
+async def test_an_http_server_is_no_rosbridge(watch, services):
+    """Something that listens but speaks no WebSocket is down, and the detail says so."""
+    health = watch(services.ws_url, f"http://127.0.0.1:{free_port()}")
+    services.refuse_sockets = True
+    report = await until(health, lambda report: report.ros == report.video == "down")
+    assert "HTTP status 200, not with a WebSocket" in report.ros_detail
+    assert "Connect" in report.video_detail
+
+
+async def test_a_frozen_service_times_out(watch):
+    """A service that accepts and never answers is down after the time-out."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        health = watch(f"ws://127.0.0.1:{port}", f"http://127.0.0.1:{port}")
+        report = await until(health, lambda report: report.ros == report.video == "down")
+    assert "no answer in 2 s" in report.ros_detail

@@ -1,0 +1,142 @@
+"""The join over real TLS, and what each answer means."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from aiohttp import web
+from fake_cloud import certificate, fingerprint
+from openssh_server import free_port
+from robotether_agent.join import JoinRequest, join, read_answer
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    NotEnrolled,
+    Retry,
+    ServerUnreachable,
+    SettingsInvalid,
+    TlsUntrusted,
+)
+from robotether_agent.settings import Settings
+
+REQUEST = JoinRequest(
+    mac="00:1b:44:11:3a:b7",
+    public_key="ssh-ed25519 AAAA",
+    hostname="turtle",
+    agent_version="0.1.0",
+    token="t",
+)
+KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJXwzyV7Yl1cYqPGRkvnkSnMuRlWZ2EiJkXYh2JYQ0bF"
+SSH = {"user": "tunnel", "host": None, "ports": [2222, 443], "host_keys": [KEY]}
+
+
+def answer(**changes: object) -> bytes:
+    return json.dumps({"state": "active", "robot": "sim1", "ssh": {**SSH, **changes}}).encode()
+
+
+async def test_pinned_certificate_is_enough(make_cloud):
+    """With its fingerprint a self-signed server is trusted, and hears all that the protocol names."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    joined = await join(settings, REQUEST)
+    assert joined.robot == "sim1"
+    assert joined.ssh.ports == (cloud.ssh.port,)
+    assert cloud.joins == [REQUEST.body()]
+
+
+async def test_own_authority_is_enough(make_cloud):
+    """With the certificate as a CA file the server is trusted, too."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, ca_file=certificate())
+    assert (await join(settings, REQUEST)).robot == "sim1"
+
+
+async def test_other_certificate_is_not_trusted(make_cloud):
+    """Neither a wrong fingerprint nor an unknown authority gets the request, and the sentence says which."""
+    cloud = await make_cloud()
+    with pytest.raises(TlsUntrusted, match="not the pinned one") as pinned:
+        await join(Settings(server=cloud.server, tls_fingerprint=b"\0" * 32), REQUEST)
+    assert fingerprint() in pinned.value.message.replace(":", "")
+    with pytest.raises(TlsUntrusted, match="clock is right"):
+        await join(Settings(server=cloud.server), REQUEST)
+    assert cloud.joins == []
+
+
+async def test_unreadable_ca_file_is_a_settings_problem(place):
+    """A CA file that is missing is told as the setting that it is."""
+    settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
+    with pytest.raises(SettingsInvalid, match="ca_file"):
+        await join(settings, REQUEST)
+
+
+async def test_nothing_there_is_unreachable():
+    """A closed port is server_unreachable."""
+    with pytest.raises(ServerUnreachable, match=r"cannot reach https://127\.0\.0\.1"):
+        await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
+
+
+async def test_redirects_and_endless_answers_are_refused(make_cloud):
+    """A captive portal's redirect is not followed, and no answer fills the memory."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    cloud.answer = lambda: web.Response(status=302, headers={"Location": "https://127.0.0.1:1/"})
+    with pytest.raises(AnswerInvalid, match="HTTP status 302"):
+        await join(settings, REQUEST)
+    cloud.answer = lambda: web.Response(body=b"x" * 200_000)
+    with pytest.raises(ServerUnreachable, match="longer than"):
+        await join(settings, REQUEST)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"user": "-oProxyCommand=x"}, "user"),
+        ({"host": "-oProxyCommand=x"}, "host"),
+        ({"host": "a b"}, "host"),
+        ({"ports": [0]}, r"ports\[0\]"),
+        ({"ports": "2222"}, "ports"),
+        ({"host_keys": []}, "host_keys"),
+        ({"host_keys": ["ssh-ed25519 AAAA\n* ssh-ed25519 AAAA"]}, "host_keys"),
+        ({"host_keys": ["ssh-dss AAAA"]}, "host_keys"),
+        ({"host_keys": ["ssh-rsa " + KEY.split()[1]]}, "another type"),
+    ],
+)
+def test_wrong_field_of_the_answer_is_named(changes, field):
+    """Nothing that could become an option of ssh or a second line of known_hosts gets through."""
+    with pytest.raises(AnswerInvalid, match=field):
+        read_answer("a.example", 200, answer(**changes))
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "kind", "retry"),
+    [
+        (202, "approval_pending", NotEnrolled, Retry.ASK_AGAIN),
+        (403, "robot_disabled", JoinRefused, Retry.SLOWLY),
+        (409, "mac_in_use", JoinRefused, Retry.SLOWLY),
+        (422, "field_invalid", JoinRefused, Retry.SLOWLY),
+        (429, "too_many_pending", JoinRefused, Retry.ASK_AGAIN),
+    ],
+)
+def test_each_refusal_keeps_its_reason(status, code, kind, retry):
+    """The server's detail reaches the log, and each refusal has its own pause."""
+    body = json.dumps({"code": code, "detail": "the reason"}).encode()
+    with pytest.raises(kind, match="the reason") as error:
+        read_answer("a.example", status, body)
+    assert error.value.retry is retry
+    assert error.value.code == ("not_enrolled" if kind is NotEnrolled else code)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "kind"),
+    [
+        (502, b"<html>", ServerUnreachable),
+        (200, b"<html>Welcome to the hotel", AnswerInvalid),
+        (404, b"{}", AnswerInvalid),
+        (200, b'{"state": "pending"}', AnswerInvalid),
+    ],
+)
+def test_other_servers_are_told_apart(status, body, kind):
+    """A server in trouble and a server that is none of ours are two problems."""
+    with pytest.raises(kind):
+        read_answer("a.example", status, body)

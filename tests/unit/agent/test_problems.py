@@ -1,0 +1,59 @@
+"""The exception tree, its codes, and what the boot service makes of its exit codes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from robotether_agent import problems
+from robotether_agent.problems import HostKeyChanged, Problem, Retry, SettingsInvalid
+
+UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
+
+
+def all_problems(base: type[Problem] = Problem) -> list[type[Problem]]:
+    found = [base]
+    for child in base.__subclasses__():
+        found += all_problems(child)
+    return found
+
+
+def test_the_drawn_tree_is_the_real_one():
+    """The picture in the docstring names every problem, and no other."""
+    drawn = set(re.findall(r"[-|`] ?(\w+)", problems.__doc__ or "")) | {"Problem"}
+    drawn = {name for name in drawn if name[0].isupper()}
+    assert drawn == {problem.__name__ for problem in all_problems()}
+
+
+def test_codes_are_short_and_unique():
+    """A code is one word in small letters, and names one problem."""
+    codes = [
+        problem.default_code for problem in all_problems() if problem.__name__ != "LinkProblem"
+    ]
+    assert len(codes) == len(set(codes))
+    assert all(re.fullmatch("[a-z_]{3,25}", code) for code in codes)
+
+
+def test_a_problem_reads_as_a_sentence_with_advice_and_code():
+    """What, why, what to do, and the code that stands in the status too."""
+    problem = HostKeyChanged("cannot trust h: it changed", advice="ask somebody")
+    assert str(problem) == "cannot trust h: it changed; ask somebody [host_key_changed]"
+    assert problem.retry is Retry.NEVER
+
+
+def test_systemd_does_not_restart_what_a_person_must_look_at():
+    """The unit knows the exit codes of a changed host key and of wrong settings."""
+    line = re.search(r"^RestartPreventExitStatus=(.*)$", UNIT.read_text(), re.MULTILINE)
+    assert line is not None
+    codes = {int(code) for code in line[1].split()}
+    assert codes == {HostKeyChanged.exit_code, SettingsInvalid.exit_code}
+
+
+def test_each_hardening_line_has_its_reason():
+    """Every line of the unit's hardening follows a comment that says why."""
+    hardening = UNIT.read_text().split("# Hardening.")[1].split("[Install]")[0].splitlines()[1:]
+    previous = ""
+    for line in filter(None, hardening):
+        grouped = line.startswith("SystemCallErrorNumber")
+        assert line.startswith("#") or previous.startswith("#") or grouped, line
+        previous = line

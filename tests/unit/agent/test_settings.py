@@ -1,0 +1,161 @@
+"""agent.toml and the environment: what is allowed, and what a wrong value is told."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from robotether_agent.problems import SettingsInvalid
+from robotether_agent.settings import PARSERS, Settings, load, shown
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+EXAMPLE = Path(__file__).parents[3] / "agent/agent.toml.example"
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "agent.toml"
+    path.write_text(text)
+    return path
+
+
+def test_reads_file_and_environment(tmp_path):
+    """The environment wins over the file, and both become checked values."""
+    file = written(
+        tmp_path, 'server = "a.example"\nssh_ports = [2222, 443]\nallow_local_mac = true\n'
+    )
+    settings = load(file, {"ROBOTETHER_SERVER": "b.example:8443", "HOME": "/root"})
+    assert settings.server == "b.example:8443"
+    assert settings.server_host == "b.example"
+    assert settings.ssh_ports == (2222, 443)
+    assert settings.allow_local_mac is True
+    assert settings.rosbridge_url == "ws://127.0.0.1:9090"
+
+
+def test_environment_alone_is_enough():
+    """A container needs no file."""
+    environ = {"ROBOTETHER_SERVER": "[2001:db8::1]:443", "ROBOTETHER_SSH_PORTS": "22, 443"}
+    settings = load(None, environ)
+    assert settings.server_host == "2001:db8::1"
+    assert settings.ssh_ports == (22, 443)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("server", "https://a.example/", "HOST or HOST:PORT"),
+        ("server", "a.example:99999", "HOST or HOST:PORT"),
+        ("server", "-oProxyCommand=x", "a host name"),
+        ("tls_fingerprint", "12:34", "64 hexadecimal digits"),
+        ("ssh_host", "-oProxyCommand=x", "a host name or an address"),
+        ("ssh_ports", "2222,0", "a port from 1 to 65535"),
+        ("ssh_ports", "a", "a port from 1 to 65535"),
+        ("mac", "12", "MAC address"),
+        ("mac", "02:42:ac:11:00:02", "allow_local_mac"),
+        ("interface", "../x", "network interface"),
+        ("allow_local_mac", "maybe", "true or false"),
+        ("rosbridge_url", "http://127.0.0.1:9090", "ws://HOST:PORT"),
+        ("rosbridge_url", "ws://127.0.0.1:9090/path", "without a path"),
+        ("video_url", "https://127.0.0.1", "http://HOST:PORT"),
+        ("state_dir", "relative", "an absolute path"),
+        ("state_dir", "/with blank", "an absolute path"),
+        ("run_dir", "/" + "x" * 100, "at most"),
+        ("log_level", "loud", "debug, info, warning, error"),
+    ],
+)
+def test_wrong_value_names_variable_value_and_what_is_allowed(key, value, allowed):
+    """A wrong value stops the start with everything that is needed to correct it."""
+    name = f"ROBOTETHER_{key.upper()}"
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {"ROBOTETHER_SERVER": "a.example", name: value})
+    assert name in error.value.message
+    assert repr(value) in error.value.message
+    assert allowed in error.value.message
+
+
+def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
+    """The same for a value in the file, also for one of the wrong type."""
+    file = written(tmp_path, 'server = "a.example"\nssh_ports = "no"\n')
+    with pytest.raises(SettingsInvalid, match=f"{file}: ssh_ports = 'no': allowed is"):
+        load(file, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "environ", "why"),
+    [
+        ("sever = 1", {}, "the key 'sever' in .* is not known"),
+        ("", {"ROBOTETHER_SEVER": "a"}, "ROBOTETHER_SEVER is not known"),
+        ("", {}, "server is set neither in"),
+        ("server =", {}, "cannot read the settings"),
+        ('server = "a"\ntoken = "x"', {"ROBOTETHER_TOKEN_FILE": "/x"}, "cannot use both"),
+        (
+            'server = "a"\nca_file = "/x"',
+            {"ROBOTETHER_TLS_FINGERPRINT": "0" * 64},
+            "cannot use both",
+        ),
+    ],
+)
+def test_refuses_unknown_missing_and_contradicting(tmp_path, text, environ, why):
+    """Unknown keys, a missing server, broken TOML and two sources of one thing are errors."""
+    with pytest.raises(SettingsInvalid, match=why):
+        load(written(tmp_path, text), environ)
+
+
+def test_a_named_file_must_exist(tmp_path):
+    """Only the usual file may be missing."""
+    with pytest.raises(SettingsInvalid, match="no such file"):
+        load(tmp_path / "none.toml", {"ROBOTETHER_SERVER": "a.example"})
+
+
+def test_fingerprint_takes_colons():
+    """The fingerprint is taken as openssl prints it, too."""
+    text = ":".join(["AB"] * 32)
+    environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TLS_FINGERPRINT": text}
+    assert load(None, environ).tls_fingerprint == b"\xab" * 32
+
+
+def test_secrets_are_hidden(tmp_path):
+    """The token is in no output, not even in that of an error."""
+    environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN": "s3cret"}
+    settings = load(None, environ)
+    assert settings.join_token() == "s3cret"
+    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
+    with pytest.raises(SettingsInvalid) as error:
+        load(written(tmp_path, 'server = "a.example"\ntoken = ["s3cret"]'), {})
+    assert "s3cret" not in str(error.value)
+
+
+def test_token_file_is_read_when_it_is_needed(tmp_path):
+    """A token file may be gone once the robot is enrolled; a join without it says which is missing."""
+    file = tmp_path / "token"
+    settings = load(None, {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN_FILE": str(file)})
+    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
+        settings.join_token()
+    file.write_text("from-file\n")
+    assert settings.join_token() == "from-file"
+
+
+def test_example_is_complete_and_shows_the_defaults():
+    """agent.toml.example has every key, and each default as it is."""
+    assert set(PARSERS) == {item.name for item in fields(Settings)}
+    lines = EXAMPLE.read_text().splitlines()
+    uncommented = [line[1:] if line.startswith("#") and " = " in line else line for line in lines]
+    table = tomllib.loads(
+        "\n".join(line for line in uncommented if line[:1].isalpha() and " = " in line)
+    )
+    assert set(table) == set(PARSERS)
+    for key in (
+        "allow_local_mac",
+        "rosbridge_url",
+        "video_url",
+        "state_dir",
+        "run_dir",
+        "log_level",
+    ):
+        default = next(item.default for item in fields(Settings) if item.name == key)
+        assert PARSERS[key](table[key]) == default

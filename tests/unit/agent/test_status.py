@@ -1,0 +1,88 @@
+"""The status file, and what a person reads from it."""
+
+from __future__ import annotations
+
+import os
+
+from robotether_agent.problems import KeyRefused
+from robotether_agent.status import (
+    STALE_S,
+    Status,
+    StatusBoard,
+    headline,
+    is_alive,
+    read_status,
+    render,
+)
+
+NOW = 1_700_000_000.0
+UP = Status(
+    state="connected",
+    since=NOW - 60,
+    server="robots.example.com",
+    robot="sim1",
+    rtt_ms=12.34,
+    ros="ok",
+    video="down",
+    video_detail="web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
+    video_tunnel="open",
+    written_at=NOW,
+)
+
+
+def test_a_connected_robot():
+    """All that a person asks first is there, in words."""
+    text = render(UP, NOW)
+    assert text.splitlines() == [
+        "state         connected since 2023-11-14 22:12:20 UTC",
+        "robot         sim1",
+        "server        robots.example.com",
+        "round trip    12.3 ms",
+        "video tunnel  open",
+        "rosbridge     ok",
+        "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
+    ]
+
+
+def test_a_problem_and_what_to_do(place):
+    """The last problem stands there with its code, its time and an advice."""
+    board = StatusBoard(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
+    board.tell(KeyRefused("cannot log in", advice="approve it"), "waiting")
+    text = render(board.status, NOW)
+    assert "not connected, tries again by itself" in text
+    assert "cannot log in [key_refused]" in text
+    assert "what to do    approve it" in text
+
+
+def test_an_agent_that_no_longer_writes_is_not_running():
+    """A file that is old tells of an agent that was killed, not of a connection."""
+    assert is_alive(UP, NOW + STALE_S - 1)
+    assert not is_alive(UP, NOW + STALE_S + 1)
+    assert "not running (last sign of life 2023-11-14 22:13:20 UTC)" in render(UP, NOW + 60)
+
+
+def test_the_file_holds_what_was_set(place):
+    """What the board writes is what the command reads, for everybody."""
+    lines: list[str] = []
+    board = StatusBoard(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
+    board.set(state="connected", robot="sim1", ros="ok", video="ok")
+    board.set(rtt_ms=3.0)
+    assert read_status(place) == board.status
+    assert board.status.pid == os.getpid()
+    assert (place / "status.json").stat().st_mode & 0o777 == 0o644
+    assert lines == ["connected to robots.example.com as sim1; rosbridge ok, video ok"]
+
+
+def test_no_or_broken_file_is_no_status(place):
+    """A file that is missing or broken is as good as an agent that never ran."""
+    assert read_status(place) is None
+    (place / "status.json").write_text('{"state": 7}')
+    assert read_status(place) is None
+
+
+def test_headline_names_the_problem():
+    """Systemctl status shows why it is not connected."""
+    status = Status(state="waiting", problem="cannot reach it", problem_code="server_unreachable")
+    assert headline(status) == (
+        "not connected, tries again by itself: cannot reach it [server_unreachable]"
+    )

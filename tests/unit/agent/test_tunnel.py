@@ -1,0 +1,121 @@
+"""One SSH connection: its children and its control socket never stay behind."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+
+import pytest
+from openssh_server import descendants, free_port, wait_until
+from robotether_agent.enrolment import parse_host_keys
+from robotether_agent.keys import ensure_key
+from robotether_agent.known_hosts import pin
+from robotether_agent.problems import PortTaken, SshMissing
+from robotether_agent.ssh_command import Forward, SshFiles, Target
+from robotether_agent.tunnel import Tunnel
+
+
+@pytest.fixture
+async def way(make_cloud, place):
+    """A server that lets our key in, and what it takes to connect to it."""
+    cloud = await make_cloud()
+    key = await ensure_key(place)
+    cloud.authorize(key.public)
+    pin(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
+    files = SshFiles(key.path, place / "known_hosts", place / "session.ctl")
+    return cloud, Target("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
+
+
+async def test_forwards_are_added_and_cancelled_while_it_runs(way):
+    """A forward opens and closes on the live connection."""
+    cloud, target, files = way
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        forward = Forward(cloud.ports[0], "127.0.0.1", 9)
+        await tunnel.add(forward)
+        with pytest.raises(OSError, match="in use"):
+            socket.create_server(("127.0.0.1", cloud.ports[0])).close()
+        await tunnel.cancel(forward)
+        socket.create_server(("127.0.0.1", cloud.ports[0])).close()
+    finally:
+        await tunnel.close()
+    assert not files.control.exists()
+
+
+async def test_a_port_that_is_not_the_robots_is_refused(way):
+    """A port outside permitlisten is told as port_taken."""
+    _, target, files = way
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        with pytest.raises(PortTaken):
+            await tunnel.add(Forward(free_port(), "127.0.0.1", 9))
+    finally:
+        await tunnel.close()
+
+
+async def test_a_stale_control_socket_is_removed(way):
+    """What a killed agent left in the way of the next connection is removed."""
+    _, target, files = way
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(files.control))
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        await tunnel.add(Forward(_first_port(way), "127.0.0.1", 9))
+    finally:
+        await tunnel.close()
+
+
+async def test_a_client_that_an_agent_left_is_ended(way):
+    """A client that still runs behind the control socket is ended before the next one starts."""
+    _, target, files = way
+    left = await Tunnel.open(target, files, "session")
+    assert await asyncio.wait_for(left.lines_in.readline(), 10)
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert (await left.why_ended(was_connected=True)).code == "link_lost"
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    finally:
+        await tunnel.close()
+        await left.close()
+
+
+async def test_close_before_it_connects(place):
+    """A client that waits for a server which accepts and says nothing ends at once, and wholly."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+        before = set(descendants(os.getpid()))
+        tunnel = await Tunnel.open(target, files, "session")
+        await asyncio.wait_for(tunnel.close(), 5)
+        assert set(descendants(os.getpid())) <= before
+
+
+async def test_a_close_that_is_cut_short_kills(place):
+    """Even a cancelled close leaves no client."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+        before = set(descendants(os.getpid()))
+        tunnel = await Tunnel.open(target, files, "session")
+        closing = asyncio.ensure_future(tunnel.close())
+        await asyncio.sleep(0)
+        closing.cancel()
+        await asyncio.wait({closing})
+        await tunnel.close()
+        wait_until(lambda: set(descendants(os.getpid())) <= before, lambda: "ssh has ended", 5)
+
+
+async def test_without_ssh(place, monkeypatch):
+    """A robot without OpenSSH is told which package to install."""
+    monkeypatch.setenv("PATH", str(place))
+    files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+    with pytest.raises(SshMissing, match="openssh-client"):
+        await Tunnel.open(Target("127.0.0.1", 1, "tunnel"), files, "session")
+
+
+def _first_port(way) -> int:
+    return way[0].ports[0]
