@@ -91,7 +91,8 @@ class Agent:
             await self._connect(enrolment, key, role)
         except KeyRefused:
             # Only the join tells why: not approved yet, disabled, or another key in this robot's place.
-            await self._enroller.join(key, enrolment)
+            self._enroller.doubt()
+            await self._enroller.enrolment(key)
             raise
         except ServerUnreachable:
             self._enroller.doubt()

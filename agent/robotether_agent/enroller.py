@@ -41,7 +41,7 @@ class Enroller:
         if known is not None and not self._doubted:
             return known
         try:
-            return await self.join(key, known)
+            return await self._join(key, known)
         except (ServerUnreachable, TlsUntrusted, AnswerInvalid) as problem:
             if known is None:
                 raise
@@ -49,7 +49,7 @@ class Enroller:
             log.warning("%s", problem)
             return known
 
-    async def join(self, key: KeyPair, known: Enrolment | None = None) -> Enrolment:
+    async def _join(self, key: KeyPair, known: Enrolment | None) -> Enrolment:
         """Ask the server and keep its answer; a host key that is not the pinned one is raised."""
         settings = self._settings
         mac = settings.mac or (known.mac if known else None)
@@ -70,7 +70,8 @@ class Enroller:
         enrolment = Enrolment(settings.server, answer.robot, mac, answer.ssh)
         self._store.keep(enrolment, answer.host_keys)
         self._doubted = False
-        log.info("%s knows this robot as %s (MAC %s)", settings.server, answer.robot, mac)
+        if enrolment != known:
+            log.info("%s knows this robot as %s (MAC %s)", settings.server, answer.robot, mac)
         return enrolment
 
     def doubt(self) -> None:

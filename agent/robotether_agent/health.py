@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from http import HTTPStatus
@@ -154,5 +155,9 @@ def _why(error: BaseException) -> str:
     if isinstance(error, aiohttp.WSServerHandshakeError):
         return f"it answers with HTTP status {error.status}, not with a WebSocket"
     if isinstance(error, aiohttp.ClientConnectorError):
-        return printable(error.os_error.strerror or str(error), 200)
+        return (
+            os.strerror(error.os_error.errno)
+            if error.os_error.errno
+            else printable(str(error), 200)
+        )
     return printable(str(error) or type(error).__name__, 200)

@@ -16,7 +16,7 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- TlsUntrusted          tls_untrusted        slowly
     |- ServerUnreachable     server_unreachable   soon
     |- HostKeyChanged        host_key_changed     give up (exit 76)
-    |- KeyRefused            key_refused          slowly
+    |- KeyRefused            key_refused          soon
     |- SshIncompatible       ssh_incompatible     slowly
     |- LinkProblem
     |  |- LinkLost           link_lost            soon
@@ -165,9 +165,10 @@ class KeyRefused(Problem):
     """The SSH server does not accept the robot's key."""
 
     default_code = "key_refused"
-    default_retry = Retry.SLOWLY
+    # The join tells the lasting reasons; what is left is a key look-up that starts or is broken.
+    default_retry = Retry.SOON
     default_advice = (
-        "approve or enable the robot on the server, or remove its row so that it can join"
+        "if this lasts, see on the server that the robot is active and its database answers"
     )
 
 

@@ -145,7 +145,8 @@ def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Given]:
 def _from_environment(environ: Mapping[str, str]) -> dict[str, _Given]:
     given = {}
     for name, value in environ.items():
-        if not name.startswith(PREFIX):
+        # Empty is not set: compose files can pass an optional variable on in no other way.
+        if not name.startswith(PREFIX) or not value:
             continue
         key = name.removeprefix(PREFIX).lower()
         if key not in PARSERS:

@@ -7,6 +7,7 @@ change, so that its age tells whether the agent lives. Holds no secret: everybod
 from __future__ import annotations
 
 import json
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -17,7 +18,9 @@ from pathlib import Path
 from robotether_agent import __version__
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import Problem
+from robotether_agent.problems import Problem, StateUnusable
+
+log = logging.getLogger(__name__)
 
 FILE = "status.json"
 # Three missed refreshes: the agent has ended or hangs.
@@ -72,6 +75,7 @@ class StatusBoard:
         self._file = run_dir / FILE
         self._on_state = on_state
         self._clock = clock
+        self._unwritable = False
 
     def set(self, **changes: str | float) -> None:
         """Change fields, and write the file."""
@@ -96,7 +100,14 @@ class StatusBoard:
     def refresh(self) -> None:
         """Write the file, which also says that the agent lives."""
         self.status = replace(self.status, written_at=self._clock())
-        write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644)
+        try:
+            write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644)
+        except StateUnusable as problem:
+            # A full disk must not cut the tunnels.
+            log.log(logging.DEBUG if self._unwritable else logging.WARNING, "%s", problem)
+            self._unwritable = True
+        else:
+            self._unwritable = False
 
 
 def headline(status: Status) -> str:

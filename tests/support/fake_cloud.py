@@ -147,6 +147,11 @@ class FakeCloud:
         if self.joins:
             self.authorize(self.joins[-1]["public_key"])
 
+    def remove_robot(self) -> None:
+        """Forget the key, so that the robot has to be approved again."""
+        self.mode, self._approved = "pending", False
+        self.ssh.refuse_all()
+
     def authorize(self, public_key: str) -> None:
         """Let a key in that needs no join."""
         self.ssh.authorize(public_key, self.ports + self.other_ports)

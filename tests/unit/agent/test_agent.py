@@ -239,3 +239,43 @@ async def test_second_agent_does_not_start(make_cloud, start_agent):
     second = start_agent(cloud)
     with pytest.raises(AlreadyRunning, match="another agent holds"):
         await second.task
+
+
+async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent, place):
+    """A state directory that cannot be made is a clear problem, and the agent waits for it."""
+    cloud = await make_cloud()
+    (place / "disk").touch()
+    agent = start_agent(cloud, state_dir=str(place / "disk/state"))
+    status = await agent.until(lambda status: status.state == "waiting", "waiting")
+    assert status.problem_code == "state_unusable"
+    assert "set state_dir to a place" in status.advice
+    (place / "disk").unlink()
+    await agent.until_connected()
+
+
+async def test_removed_robot_waits_for_its_approval(make_cloud, start_agent):
+    """A robot whose row was removed finds out why its key is refused, and comes back once approved."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    cloud.remove_robot()
+    cloud.ssh.drop_connections()
+    await agent.until(lambda status: status.state == "pending", "pending")
+    cloud.approve()
+    await agent.until_connected()
+
+
+async def test_works_on_a_read_only_disk(make_cloud, start_agent):
+    """Once enrolled, the agent writes nothing in its state directory."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    await agent.stop()
+    state = agent.settings.state_dir
+
+    def stamps() -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in [state, *state.iterdir()]}
+
+    before = stamps()
+    await start_agent(cloud).until_connected()
+    assert stamps() == before

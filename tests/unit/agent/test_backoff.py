@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 from robotether_agent.backoff import STABLE_S, Backoff, delays, retry_or_give_up
-from robotether_agent.problems import HostKeyChanged, KeyRefused, LinkLost, NotEnrolled
+from robotether_agent.problems import HostKeyChanged, LinkLost, NotEnrolled, TlsUntrusted
 
 
 class Longest(Random):
@@ -36,7 +36,7 @@ def test_delays_are_spread_from_half_a_second():
     [
         (LinkLost("x"), 0.5, 1),
         (NotEnrolled("x"), 5, 15),
-        (KeyRefused("x"), 15, 30),
+        (TlsUntrusted("x"), 15, 30),
     ],
 )
 def test_each_problem_has_its_pause(problem, low, high):

@@ -38,8 +38,9 @@ def test_reads_file_and_environment(tmp_path):
 
 
 def test_environment_alone_is_enough():
-    """A container needs no file."""
+    """A container needs no file, and may pass a variable on that is empty."""
     environ = {"ROBOTETHER_SERVER": "[2001:db8::1]:443", "ROBOTETHER_SSH_PORTS": "22, 443"}
+    environ["ROBOTETHER_TLS_FINGERPRINT"] = ""
     settings = load(None, environ)
     assert settings.server_host == "2001:db8::1"
     assert settings.ssh_ports == (22, 443)

@@ -80,6 +80,14 @@ def test_no_or_broken_file_is_no_status(place):
     assert read_status(place) is None
 
 
+def test_a_directory_that_is_gone_ends_nothing(place, caplog):
+    """A status that cannot be written is told once, and the agent goes on."""
+    board = StatusBoard(place / "none", "a.example", on_state=lambda _: None)
+    board.refresh()
+    board.refresh()
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+
+
 def test_headline_names_the_problem():
     """Systemctl status shows why it is not connected."""
     status = Status(state="waiting", problem="cannot reach it", problem_code="server_unreachable")
