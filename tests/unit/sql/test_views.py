@@ -1,0 +1,196 @@
+"""What sshd and the relay are told through their views and their procedure."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from mariadb_server import MariaDb
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import Database, Transaction, grants, logins, robots, tokens, users
+from robotether_server.store.robots import State
+
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+HOUR = dt.timedelta(hours=1)
+
+
+@pytest.fixture
+def relay(mariadb: MariaDb) -> Database:
+    """The database as the relay sees it."""
+    return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
+def keylookup(mariadb: MariaDb) -> Database:
+    """The database as sshd's lookup sees it."""
+    return Database(mariadb.settings("keylookup"))
+
+
+def version(relay: Database) -> str:
+    with relay.transaction() as tx:
+        row = tx.row("SELECT version FROM relay_changes")
+    assert row is not None
+    return str(row["version"])
+
+
+@pytest.mark.parametrize(("state", "found"), [("active", 1), ("pending", 0), ("disabled", 0)])
+def test_only_active_robots_may_open_a_tunnel(
+    database: Database, keylookup: Database, state: State, found: int
+) -> None:
+    """A key of a robot that waits or is disabled is as good as unknown."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
+        robots.set_key(tx, robot_id, KEY)
+        robots.set_state(tx, robot_id, state)
+    with keylookup.transaction() as tx:
+        rows = tx.rows("SELECT * FROM tunnel_keys WHERE fingerprint = %s", (KEY.fingerprint,))
+    assert len(rows) == found
+    assert all(row["robot_id"] == robot_id and row["ros_port"] == 20000 for row in rows)
+
+
+def test_rights_that_hold_include_the_admins(database: Database, relay: Database) -> None:
+    """Every admin manages every robot; a disabled user has no right left."""
+    with database.transaction() as tx:
+        ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "bob")}
+        ids["root"] = users.add(tx, "root", "x", "admin")
+        first, second = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2))
+        grants.give(tx, ids["ann"], first, "drive")
+        grants.give(tx, ids["bob"], first, "drive")
+        grants.give(tx, ids["root"], first, "observe")
+        users.set_disabled(tx, ids["bob"], disabled=True)
+    with relay.transaction() as tx:
+        rows = tx.rows("SELECT * FROM relay_grants")
+    assert {(row["user_id"], row["robot_id"], row["level"]) for row in rows} == {
+        (ids["ann"], first, "drive"),
+        (ids["root"], first, "manage"),
+        (ids["root"], second, "manage"),
+    }
+    assert len(rows) == 3
+
+
+def test_only_valid_logins_and_tokens_of_enabled_users(database: Database, relay: Database) -> None:
+    """What is over, or belongs to a disabled user, is not there."""
+    past = dt.datetime.now(dt.UTC) - HOUR
+    with database.transaction() as tx:
+        for name in ("ann", "bob"):
+            user = users.get(tx, name) if users.add(tx, name, "x", "user") else None
+            assert user is not None
+            logins.create(tx, user, "192.0.2.1", HOUR)
+            logins.create(tx, user, "192.0.2.1", -HOUR)
+            tokens.create(tx, user, "endless", None)
+            tokens.create(tx, user, "over", past)
+        tx.change("UPDATE users SET disabled = TRUE WHERE name = 'bob'")
+    with relay.transaction() as tx:
+        for view in ("relay_logins", "relay_tokens"):
+            rows = tx.rows("SELECT * FROM " + view)
+            assert [(row["user_name"], row["role"]) for row in rows] == [("ann", "user")]
+
+
+def change_nothing(tx: Transaction) -> None:
+    tx.change("UPDATE robots SET name = name")
+
+
+def change_robot(tx: Transaction) -> None:
+    tx.change("UPDATE robots SET state = 'disabled'")
+
+
+def delete_robot(tx: Transaction) -> None:
+    tx.change("DELETE FROM robots")
+
+
+def disable_user(tx: Transaction) -> None:
+    tx.change("UPDATE users SET disabled = TRUE")
+
+
+def change_grant(tx: Transaction) -> None:
+    tx.change("UPDATE grants SET level = 'observe'")
+
+
+def delete_grant(tx: Transaction) -> None:
+    tx.change("DELETE FROM grants")
+
+
+def delete_token(tx: Transaction) -> None:
+    tx.change("DELETE FROM api_tokens")
+
+
+def delete_login(tx: Transaction) -> None:
+    tx.change("DELETE FROM logins")
+
+
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        (change_nothing, False),
+        (change_robot, True),
+        (delete_robot, True),
+        (disable_user, True),
+        (change_grant, True),
+        (delete_grant, True),
+        (delete_token, True),
+        (delete_login, True),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_every_change_of_rights_changes_the_version(
+    database: Database, relay: Database, change: object, seen: bool
+) -> None:
+    """The one text that the relay compares differs after each, and only then."""
+    with database.transaction() as tx:
+        user_id = users.add(tx, "ann", "x", "user")
+        robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
+        grants.give(tx, user_id, robot_id, "drive")
+        tokens.create(tx, users.get(tx, "ann"), "t", None)
+        logins.create(tx, users.get(tx, "ann"), "", HOUR)
+    before = version(relay)
+    with database.transaction() as tx:
+        assert callable(change)
+        change(tx)
+    assert (version(relay) != before) is seen
+
+
+def test_change_that_commits_late_is_seen(database: Database, relay: Database) -> None:
+    """An older moment that commits after a newer one still changes the version."""
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:01", "early")
+        robots.add(tx, "02:00:00:00:00:02", "late")
+    with database.transaction() as slow:
+        slow.change("UPDATE robots SET state = 'active' WHERE name = 'early'")
+        with database.transaction() as quick:
+            quick.change("UPDATE robots SET state = 'active' WHERE name = 'late'")
+        between = version(relay)
+    assert version(relay) != between
+
+
+def refuse(keylookup: Database, fingerprint: str) -> None:
+    with keylookup.transaction() as tx:
+        tx.change("CALL record_refused_key(%s, '192.0.2.9')", (fingerprint,))
+
+
+def refused_lines(database: Database) -> list[str]:
+    with database.transaction() as tx:
+        rows = tx.rows(
+            "SELECT JSON_VALUE(details, '$.fingerprint') AS fingerprint FROM audit_events "
+            "WHERE kind = 'key_refused' AND actor = 'sshd' AND address = '192.0.2.9'"
+        )
+    return [row["fingerprint"] for row in rows]
+
+
+def test_refused_key_leaves_one_line_an_hour(
+    database: Database, admin_database: Database, keylookup: Database
+) -> None:
+    """A robot that keeps trying is told once; an hour later once more."""
+    for fingerprint in ("SHA256:a", "SHA256:a", "SHA256:b", "SHA256:a"):
+        refuse(keylookup, fingerprint)
+    assert refused_lines(database) == ["SHA256:a", "SHA256:b"]
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE audit_events SET at = at - INTERVAL 61 MINUTE")
+    refuse(keylookup, "SHA256:a")
+    assert refused_lines(database) == ["SHA256:a", "SHA256:b", "SHA256:a"]
+
+
+def test_refused_keys_leave_sixty_lines_a_minute(database: Database, keylookup: Database) -> None:
+    """Somebody with many keys cannot fill the disk."""
+    for number in range(65):
+        refuse(keylookup, f"SHA256:{number}")
+    assert len(refused_lines(database)) == 60
