@@ -13,8 +13,10 @@ drops          a configuration, then the end of the connection without a word
 from __future__ import annotations
 
 import asyncio
+import atexit
 import hashlib
 import json
+import shutil
 import ssl
 import subprocess
 import tempfile
@@ -35,6 +37,7 @@ WAIT_S = 10.0
 def certificate() -> Path:
     """Make a self-signed certificate for localhost with its key, as one PEM file."""
     place = Path(tempfile.mkdtemp(prefix="rt-tls-"))
+    atexit.register(shutil.rmtree, place)
     command = [
         "openssl",
         "req",
