@@ -1,0 +1,44 @@
+# What the scripts in this folder share; they source it.
+# shellcheck shell=bash
+# A script's own name stands before everything it prints.
+
+readonly PROGRAM=${0##*/}
+
+say() { printf '%s: %s\n' "$PROGRAM" "$*"; }
+fail() { printf '%s: %s\n' "$PROGRAM" "$*" >&2; exit 1; }
+
+as_root() {
+  if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi
+}
+
+need_root() { # what for
+  if [ "$(id -u)" = 0 ]; then return; fi
+  if command -v sudo >/dev/null 2>&1 && sudo -v; then return; fi
+  fail "cannot $1 as user $(id -un): neither root nor sudo. As root, run in this folder: tools/$PROGRAM"
+}
+
+# Distribution packages, quietly; apt's lists are fetched once a script.
+apt_install() {
+  command -v apt-get >/dev/null 2>&1 || fail "cannot install $*: this is no Debian or Ubuntu; install them and run this again"
+  need_root "install $*"
+  if [ -z "${apt_updated:-}" ]; then
+    as_root apt-get update -qq
+    apt_updated=1
+  fi
+  # A machine that only needs a program must not get a listening daemon with it.
+  as_root env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+# A user whom ensure_docker has just put into the group docker has not got it in this login: take it for this script.
+with_docker_group() { # the script's own arguments
+  if [ -w /var/run/docker.sock ] || [ -n "${ROBOTETHER_IN_GROUP:-}" ]; then return; fi
+  if [[ " $(id -nG "$(id -un)") " != *' docker '* ]]; then return; fi
+  local quoted
+  quoted=$(printf '%q ' "$0" "$@")
+  ROBOTETHER_IN_GROUP=1 exec sg docker -c "$quoted"
+}
+
+# The CA bundle that pip and npm need behind an inspecting proxy; empty when none is set.
+ca_bundle() {
+  if [ -n "${SSL_CERT_FILE:-}" ] && [ -s "$SSL_CERT_FILE" ]; then printf '%s\n' "$SSL_CERT_FILE"; fi
+}
