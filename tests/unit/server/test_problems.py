@@ -1,0 +1,52 @@
+"""Problems: one tree, drawn in its docstring, with codes that are each used once."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from robotether_server import problems
+from robotether_server.problems import HttpProblem, Problem, TicketExpired
+
+
+def tree(kind: type[Problem]) -> list[type[Problem]]:
+    return [kind, *(below for child in kind.__subclasses__() for below in tree(child))]
+
+
+OURS = [kind for kind in tree(Problem) if kind.__module__ == problems.__name__]
+
+
+def test_docstring_draws_the_tree() -> None:
+    """Every class stands in the picture, with its own code."""
+    picture = problems.__doc__ or ""
+    for kind in OURS[1:]:
+        line = re.search(rf"── {kind.__name__} (.*)", picture + " ")
+        assert line or f"── {kind.__name__}\n" in picture, kind
+        if line and "code" in vars(kind):
+            assert kind.code in line[1], kind
+
+
+def test_codes_are_unique() -> None:
+    """A code in a log leads to one class."""
+    codes = [kind.code for kind in OURS if "code" in vars(kind)]
+    assert len(codes) == len(set(codes))
+
+
+def test_problem_is_rendered_as_in_the_contract() -> None:
+    """The members are those of RFC 9457 and the code."""
+    assert TicketExpired("cannot open it").as_dict() == {
+        "type": "about:blank",
+        "title": "Unauthorized",
+        "status": 401,
+        "code": "ticket_expired",
+        "detail": "cannot open it",
+    }
+
+
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [(404, "not_found"), (405, "method_not_allowed"), (500, "internal_server_error")],
+)
+def test_http_errors_have_codes_too(status: int, code: str) -> None:
+    """What HTTP names, the code names alike."""
+    assert HttpProblem(status, "x").as_dict()["code"] == code

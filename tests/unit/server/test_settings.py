@@ -1,0 +1,88 @@
+"""Settings: each part demands what it needs, and a wrong value stops the start with a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+from robotether_server import settings
+from robotether_server.problems import SettingsError
+
+KEY = "k" * 32
+DATABASE = {"DB_USER": "web", "DB_PASSWORD": "s3cret-of-web"}
+WEB = DATABASE | {"TICKET_KEY": KEY, "WEB_SECRET_KEY": "x" * 32}
+RELAY = DATABASE | {"TICKET_KEY": KEY, "SESSION_KEY": "y" * 32}
+
+
+def test_defaults_are_the_documented_ones() -> None:
+    """With nothing but secrets and the account, everything else has its default."""
+    web = settings.load_web(WEB)
+    assert (web.database.host, web.database.port, web.database.name) == (
+        "mysql",
+        3306,
+        "robotether",
+    )
+    assert (web.tickets.ttl_s, web.login_ttl_h, web.log_level) == (30, 12, "info")
+    assert (web.join.policy, web.join.max_pending, web.join.public_host) == ("approve", 50, None)
+    assert web.join.ssh_ports == (2222, 443)
+    assert web.join.ssh_host_keys_dir == Path("/ssh_host_keys")
+    relay = settings.load_relay(RELAY)
+    assert (relay.tunnel_host, relay.allowed_origins) == ("sshd", ())
+    assert relay.message_limit_bytes == 10 * 1024 * 1024
+    migrate = settings.load_migrate(DATABASE)
+    assert (migrate.port_range_first, migrate.port_range_last) == (20000, 23999)
+    assert migrate.migrations_dir == Path("/usr/share/robotether/sql")
+
+
+@pytest.mark.parametrize(
+    ("load", "environ", "missing"),
+    [
+        (settings.load_database, DATABASE, "DB_USER"),
+        (settings.load_database, DATABASE, "DB_PASSWORD"),
+        (settings.load_web, WEB, "TICKET_KEY"),
+        (settings.load_web, WEB, "WEB_SECRET_KEY"),
+        (settings.load_relay, RELAY, "TICKET_KEY"),
+        (settings.load_relay, RELAY, "SESSION_KEY"),
+        (settings.load_migrate, DATABASE, "DB_PASSWORD"),
+    ],
+)
+def test_missing_secret_or_account_stops_the_start(
+    load: Callable[[Mapping[str, str]], object], environ: dict[str, str], missing: str
+) -> None:
+    """There is no default that works; a variable that is empty counts as missing."""
+    for value in (None, ""):
+        changed = {name: text for name, text in environ.items() if name != missing}
+        if value is not None:
+            changed[missing] = value
+        with pytest.raises(SettingsError, match=f"cannot start without {missing}"):
+            load(changed)
+
+
+def test_range_must_hold_a_pair() -> None:
+    """The sentence names both ends."""
+    environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
+    with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
+        settings.load_migrate(environ)
+
+
+def test_in_force_shows_everything_and_no_secret() -> None:
+    """Secrets are masked, and what is not set is said so."""
+    shown = settings.in_force(WEB | {"TICKET_TTL_S": "45"})
+    assert shown["TICKET_TTL_S"] == "45"
+    assert shown["TICKET_KEY"] == shown["DB_PASSWORD"] == settings.MASK
+    assert shown["SESSION_KEY"] == "(not set)"
+    assert not set(WEB.values()) - {"web"} & set(shown.values())
+
+
+def test_in_force_refuses_a_wrong_value() -> None:
+    """What is printed is what would start."""
+    with pytest.raises(SettingsError, match="TICKET_TTL_S='soon'"):
+        settings.in_force(WEB | {"TICKET_TTL_S": "soon"})
+
+
+def test_printing_settings_shows_no_secret() -> None:
+    """A log line with the whole object gives nothing away."""
+    loaded = (settings.load_web(WEB), settings.load_relay(RELAY))
+    for secret in {*WEB.values(), *RELAY.values()} - {"web"}:
+        assert secret not in repr(loaded)

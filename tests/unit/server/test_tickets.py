@@ -1,0 +1,90 @@
+"""Tickets: what web signs the relay can verify, and nothing else."""
+
+from __future__ import annotations
+
+import datetime as dt
+import time
+from dataclasses import asdict, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from itsdangerous import URLSafeTimedSerializer
+from robotether_server.problems import TicketExpired, TicketForged, TicketMalformed, TicketProblem
+from robotether_server.tickets import SALT, Ticket, TicketSigner, new_id
+
+KEY = "k" * 32
+SIGNER = TicketSigner(KEY, 30)
+TICKET = Ticket(new_id(), 3, "ann", 7, "sim1", "drive")
+
+
+def sign_as_contract_says(fields: object) -> str:
+    return str(URLSafeTimedSerializer(KEY, salt=SALT).dumps(fields))
+
+
+def test_ticket_comes_back_with_its_moment() -> None:
+    """Every field is the same, and the moment is aware and of now."""
+    ticket, issued_at = SIGNER.verify(SIGNER.sign(TICKET))
+    assert ticket == TICKET
+    assert abs(dt.datetime.now(dt.UTC) - issued_at) < dt.timedelta(seconds=3)
+
+
+def test_format_is_that_of_the_contract() -> None:
+    """docs/protocols.md and this class name the same serializer, salt and fields."""
+    assert SIGNER.verify(sign_as_contract_says(asdict(TICKET)))[0] == TICKET
+
+
+def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sentence says how long tickets are good."""
+    text = SIGNER.sign(TICKET)
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 32)
+    with pytest.raises(TicketExpired, match="30 s"):
+        SIGNER.verify(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TicketSigner("x" * 32, 30).sign(TICKET),
+        SIGNER.sign(TICKET)[:-2],
+        "e30" + SIGNER.sign(TICKET)[3:],
+        TicketSigner("x" * 32, 30).sign(replace(TICKET, user="a" * 500)),
+    ],
+    ids=["foreign key", "cut", "changed", "compressed"],
+)
+def test_ticket_of_another_hand_is_forged(text: str) -> None:
+    """A signature that is not ours is told from a text that is no ticket."""
+    with pytest.raises(TicketForged):
+        SIGNER.verify(text)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [],
+        {},
+        asdict(TICKET) | {"mode": "fly"},
+        asdict(TICKET) | {"user_id": "3"},
+        asdict(TICKET) | {"robot_id": True},
+        asdict(TICKET) | {"robot": None},
+        asdict(TICKET) | {"more": 1},
+    ],
+)
+def test_ticket_with_other_fields_is_malformed(fields: object) -> None:
+    """Our own signature does not make a wrong field right."""
+    with pytest.raises(TicketMalformed):
+        SIGNER.verify(sign_as_contract_says(fields))
+
+
+@given(st.text(max_size=200))
+def test_rubbish_is_refused_with_a_problem(text: str) -> None:
+    """No text from outside raises anything else."""
+    with pytest.raises(TicketProblem):
+        SIGNER.verify(text)
+
+
+def test_ids_differ() -> None:
+    """16 random bytes in hex."""
+    assert len({new_id() for _ in range(100)}) == 100
+    assert len(new_id()) == 32
