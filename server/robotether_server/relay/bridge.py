@@ -79,17 +79,23 @@ class Bridge:
             self._ended.set_result(ending)
 
     async def run(self, connect: Callable[[], Awaitable[RobotSocket]]) -> Ending:
-        """Reach the robot, pass messages, tell both sides of the end, and return it."""
+        """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
         work = asyncio.create_task(self._guard(self._work(connect)))
-        ending = endings.client_vanished(self._name)
         try:
-            ending = await self._ended
+            return await self._ended
         finally:
             # The pumps must be still before the close frame, which is the last frame.
             work.cancel()
             await asyncio.gather(work, return_exceptions=True)
-            await asyncio.gather(self._operator.finish(ending), self._leave_robot())
-        return ending
+
+    async def farewell(self, ending: Ending) -> None:
+        """Tell both sides that it ended."""
+        await asyncio.gather(self._leave_robot(), self._operator.finish(ending))
+
+    def release(self) -> None:
+        """Let the robot go, also when the operator vanished and nobody could say farewell."""
+        if self._robot is not None:
+            self._robot.drop()
 
     async def _leave_robot(self) -> None:
         if self._robot is not None:

@@ -96,15 +96,23 @@ class RosbridgeHandler:
         connection = Connection(
             permit.user.id, permit.user.name, permit.robot, permit.use, bridge.end
         )
+        try:
+            with self._connections.joined(connection):
+                ending = await self._run(bridge, permit, address)
+            await bridge.farewell(ending)
+        finally:
+            bridge.release()
+
+    async def _run(self, bridge: Bridge, permit: Permit, address: str | None) -> Ending:
         loop = asyncio.get_running_loop()
         begun_at, ending = loop.time(), endings.client_vanished(permit.robot.name)
-        with self._connections.joined(connection):
-            self._report(ConnectionReport(permit, address))
-            try:
-                ending = await bridge.run(lambda: self._reach(permit.robot))
-            finally:
-                lasted_s = loop.time() - begun_at
-                self._report(ConnectionReport(permit, address, ending, lasted_s))
+        self._report(ConnectionReport(permit, address))
+        try:
+            ending = await bridge.run(lambda: self._reach(permit.robot))
+        finally:
+            lasted_s = loop.time() - begun_at
+            self._report(ConnectionReport(permit, address, ending, lasted_s))
+        return ending
 
     async def _reach(self, robot: Robot) -> RobotSocket:
         presence = self._registry.presence(robot.id)

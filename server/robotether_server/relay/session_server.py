@@ -51,7 +51,7 @@ class SessionServer:
         self._rules = rules
         self._refused = refused
         self._server: asyncio.Server | None = None
-        self._links: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self._live: dict[RobotLink, None] = {}
         self.port = 0
 
@@ -68,25 +68,28 @@ class SessionServer:
             self._server.close()
         for link in list(self._live):
             link.end("relay_stopping", "the relay is stopping; connect again in a moment")
-        for task in list(self._links):
-            task.cancel()
-        await asyncio.gather(*self._links, return_exceptions=True)
+        if self._tasks:
+            _, unfinished = await asyncio.wait(self._tasks, timeout=2 * FAREWELL_S)
+            for task in unfinished:
+                task.cancel()
+            await asyncio.gather(*unfinished, return_exceptions=True)
 
     def take_snapshot(self, snapshot: Snapshot) -> None:
         """End the links of robots that may no longer connect; tell others their new settings."""
         for link in list(self._live):
             _apply(snapshot, link)
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None  # noqa: S101  # for mypy: this is a coroutine, so it runs in a task
-        self._links.add(task)
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.get_running_loop().create_task(self._handle(reader, writer))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _handle(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             await self._serve(reader, writer)
         except Exception:
             log.exception("a robot's connection failed")
         finally:
-            self._links.discard(task)
             writer.transport.abort()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

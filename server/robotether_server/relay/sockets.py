@@ -10,7 +10,7 @@ import asyncio
 import struct
 from typing import Any, Literal
 
-from aiohttp import ClientWebSocketResponse, WSMsgType, web
+from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
 
 from robotether_server.relay.endings import Ending
 
@@ -19,6 +19,8 @@ SEND_BUFFER_BYTES = 64 * 1024
 # How long an operator has to take what waits and to answer the close; and a robot.
 OPERATOR_FAREWELL_S = 2.0
 ROBOT_FAREWELL_S = 0.5
+# RFC 6455 reserves this code for connections that ended without a close frame.
+NEVER_SENT = 1006
 # aiohttp refuses a message that is exactly as large as its limit.
 LIMIT_MARGIN = 1
 
@@ -57,6 +59,9 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         transport = self._transport
         if transport is None or transport.is_closing():
             return
+        if ending.code == NEVER_SENT:
+            transport.abort()
+            return
         try:
             async with asyncio.timeout(OPERATOR_FAREWELL_S):
                 payload = struct.pack("!H", ending.code) + ending.reason_bytes
@@ -82,8 +87,11 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
 class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     """The robot's end; aiohttp makes it as the session's `ws_response_class`."""
 
-    def __init__(self, reader: Any, writer: Any, *args: Any, **kwargs: Any) -> None:
-        super().__init__(reader, writer, *args, **kwargs)
+    def __init__(
+        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
+    ) -> None:
+        super().__init__(reader, writer, protocol, response, *args, **kwargs)
+        self._answer: ClientResponse = response
         self._transport: asyncio.Transport = writer.transport
         self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
 
@@ -98,6 +106,10 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
                 await self.close()
         except (TimeoutError, ConnectionError):
             self._transport.abort()
+
+    def drop(self) -> None:
+        """Give the connection back, also that of a socket that broke, which aiohttp keeps."""
+        self._answer.close()
 
 
 def _waiting(transport: asyncio.Transport | None) -> int:

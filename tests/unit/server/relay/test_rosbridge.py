@@ -21,11 +21,11 @@ BOB = User(2, "bob")
 
 async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
     """Read on until the relay closes; return code and reason."""
-    while True:
-        message = await socket.receive(timeout=8)
-        if message.type is WSMsgType.CLOSE:
-            return message.data, message.extra or ""
-        assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
+    # Not receive(timeout=...), which begins anew with each ping that it answers.
+    async with asyncio.timeout(8):
+        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+            assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
+    return message.data, message.extra or ""
 
 
 async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tuple[int, str]:
@@ -319,18 +319,18 @@ async def test_a_silent_client_is_let_go(relay, robot, sim1, http):
 
 
 async def closing_without_pong(socket: aiohttp.ClientWebSocketResponse) -> int | None:
-    while True:
-        message = await socket.receive(timeout=8)
-        if message.type is WSMsgType.CLOSE:
-            return message.data
-        assert message.type is WSMsgType.PING
+    async with asyncio.timeout(8):
+        while (message := await socket.receive()).type is WSMsgType.PING:
+            pass
+    assert message.type is WSMsgType.CLOSE
+    return message.data
 
 
 async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
     """Pongs alone keep a quiet connection open beyond the limit."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         with pytest.raises(TimeoutError):
-            await socket.receive(timeout=1.5)
+            await asyncio.wait_for(socket.receive(), 1.5)
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH
 
@@ -353,6 +353,7 @@ async def test_a_client_that_never_reads_is_bounded_and_ends(relay, sim1, http):
             lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(), "the client is let go"
         )
         passed_on = relay.relay.traffic.bytes_to_client
+        socket._response.connection.transport.abort()
     # All that the kernel's buffers on the way take, and no more.
     assert passed_on < 40 * 1024 * 1024
     await robot.stop()

@@ -1,0 +1,264 @@
+"""A robot's end as the relay sees it: a session over TCP, and servers on its forwarded ports.
+
+Unit tests of the relay start it. Its misbehaviours have names:
+
+    silent             answers no heartbeat
+    wrong_key          shows another session key than the relay's
+    drops_mid_message  its rosbridge breaks off in the middle of a frame
+    port_taken         keeps its ports when its session ends
+    slow_reader        its rosbridge reads nothing
+    floods             its rosbridge sends as fast as it can
+    no_rosbridge       its ports accept and close, as a tunnel to nothing does
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+from typing import Any, Literal
+
+from aiohttp import WSMsgType, web
+
+Mode = Literal[
+    "well_behaved",
+    "silent",
+    "wrong_key",
+    "drops_mid_message",
+    "port_taken",
+    "slow_reader",
+    "floods",
+    "no_rosbridge",
+]
+
+HOST = "127.0.0.1"
+WAIT_S = 8.0
+FLOOD_MESSAGE = b"x" * 65536
+JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
+
+
+def free_port() -> int:
+    """Find a port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+class RobotSession:
+    """One TCP connection to the relay's session port."""
+
+    def __init__(self, robot_id: int, *, kind: str, session_key: str, silent: bool = False) -> None:
+        self.robot_id = robot_id
+        self.kind = kind
+        self.session_key = session_key
+        self.silent = silent
+        self.configs: list[dict[str, Any]] = []
+        self.bye: dict[str, Any] | None = None
+        self.pongs = 0
+        self.configured = asyncio.Event()
+        self.closed = asyncio.Event()
+        self._reader: asyncio.StreamReader
+        self._writer: asyncio.StreamWriter
+        self._task: asyncio.Task[None]
+
+    async def connect(self, port: int) -> None:
+        """Open the connection and write the preface."""
+        self._reader, self._writer = await asyncio.open_connection(HOST, port)
+        self.send(
+            type="preface",
+            kind=self.kind,
+            robot_id=self.robot_id,
+            address="198.51.100.7",
+            session_key=self.session_key,
+        )
+        self._task = asyncio.create_task(self._read())
+
+    def send(self, **fields: object) -> None:
+        """Write one line."""
+        self.send_raw(json.dumps(fields).encode() + b"\n")
+
+    def send_raw(self, data: bytes) -> None:
+        """Write bytes as they are."""
+        self._writer.write(data)
+
+    async def _read(self) -> None:
+        try:
+            while line := await self._reader.readline():
+                self._take(json.loads(line))
+        except ConnectionError:
+            pass
+        finally:
+            self.closed.set()
+            self._writer.close()
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if message["type"] == "config":
+            self.configs.append(message)
+            self.configured.set()
+        elif message["type"] == "ping" and not self.silent:
+            self.send(type="pong", seq=message["seq"])
+        elif message["type"] == "pong":
+            self.pongs += 1
+        elif message["type"] == "bye":
+            self.bye = message
+
+    async def close(self) -> None:
+        """Cut the connection, as a lost tunnel does."""
+        self._writer.transport.abort()
+        await self._task
+
+
+class FakeRobot:
+    """A whole robot: session, media, rosbridge and web_video_server."""
+
+    def __init__(self, robot_id: int, session_key: str, mode: Mode = "well_behaved") -> None:
+        self.mode = mode
+        key = "another key" if mode == "wrong_key" else session_key
+        silent = mode == "silent"
+        self.session = RobotSession(robot_id, kind="session", session_key=key, silent=silent)
+        self.media = RobotSession(robot_id, kind="media", session_key=key)
+        self.received: list[str | bytes] = []
+        self.video_requests: list[dict[str, Any]] = []
+        self.clients: set[web.WebSocketResponse] = set()
+        self.clients_ever = 0
+        self._runners: list[web.AppRunner] = []
+        self._closer: asyncio.Server | None = None
+        self._watch: asyncio.Task[None] | None = None
+
+    async def start(self, session_port: int) -> None:
+        """Connect, and open the ports that the relay gives, as the agent does."""
+        await self.session.connect(session_port)
+        await asyncio.wait_for(self.session.configured.wait(), WAIT_S)
+        await self._open_rosbridge(self.session.configs[0]["ros_port"])
+        await self.media.connect(session_port)
+        await asyncio.wait_for(self.media.configured.wait(), WAIT_S)
+        await self._listen(self._video_app(), self.media.configs[0]["video_port"])
+        self.session.send(type="hello", hostname="turtle", agent_version="0.1.0")
+        self.session.send(type="health", ros="ok", video="ok", detail="")
+        self._watch = asyncio.create_task(self._close_ports_with_session())
+
+    async def send_to_clients(self, data: bytes) -> None:
+        """Send a text message to everybody who is connected to rosbridge."""
+        for client in list(self.clients):
+            with contextlib.suppress(ConnectionError):
+                await client.send_frame(data, WSMsgType.TEXT)
+
+    async def stop(self) -> None:
+        """Cut everything."""
+        if self._watch is not None:
+            self._watch.cancel()
+            await asyncio.gather(self._watch, return_exceptions=True)
+        for session in (self.session, self.media):
+            if hasattr(session, "_task"):
+                await session.close()
+        await self._close_ports()
+
+    async def _close_ports_with_session(self) -> None:
+        await self.session.closed.wait()
+        if self.mode != "port_taken":
+            await self._close_ports()
+
+    async def _close_ports(self) -> None:
+        if self._closer is not None:
+            self._closer.close()
+        runners, self._runners = self._runners, []
+        for runner in runners:
+            await runner.cleanup()
+
+    async def _open_rosbridge(self, port: int) -> None:
+        if self.mode == "no_rosbridge":
+            self._closer = await asyncio.start_server(lambda _r, w: w.close(), HOST, port)
+            return
+        app = web.Application()
+        app.router.add_get("/", self._rosbridge)
+        await self._listen(app, port)
+
+    async def _listen(self, app: web.Application, port: int) -> None:
+        runner = web.AppRunner(
+            app, access_log=None, handler_cancellation=True, shutdown_timeout=0.1
+        )
+        await runner.setup()
+        await web.TCPSite(runner, HOST, port, reuse_address=True).start()
+        self._runners.append(runner)
+
+    async def _rosbridge(self, request: web.Request) -> web.WebSocketResponse:
+        client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)
+        await client.prepare(request)
+        assert request.transport is not None
+        self.clients.add(client)
+        self.clients_ever += 1
+        try:
+            if self.mode == "floods":
+                await self._flood(client)
+            elif self.mode == "slow_reader":
+                request.transport.pause_reading()  # type: ignore[attr-defined]  # it can read
+                await asyncio.Event().wait()
+            elif self.mode == "drops_mid_message":
+                # A header that announces 100 bytes, and three of them.
+                request.transport.write(b"\x81\x64abc")
+                await asyncio.sleep(0.05)
+                request.transport.abort()
+            else:
+                await self._echo(client)
+        finally:
+            self.clients.discard(client)
+        return client
+
+    async def _flood(self, client: web.WebSocketResponse) -> None:
+        with contextlib.suppress(ConnectionError):
+            while True:
+                await client.send_bytes(FLOOD_MESSAGE)
+
+    async def _echo(self, client: web.WebSocketResponse) -> None:
+        async for message in client:
+            self.received.append(message.data)
+            if message.type is WSMsgType.TEXT:
+                await client.send_str(message.data)
+            elif message.type is WSMsgType.BINARY:
+                await client.send_bytes(message.data)
+
+    def _video_app(self) -> web.Application:
+        app = web.Application()
+        app.router.add_get("/stream", self._video_stream)
+        app.router.add_get("/huge", self._huge)
+        app.router.add_get("/{path:.*}", self._snapshot)
+        return app
+
+    def _note(self, request: web.Request) -> None:
+        self.video_requests.append(
+            {"path": request.raw_path, "method": request.method, "headers": dict(request.headers)}
+        )
+
+    async def _snapshot(self, request: web.Request) -> web.Response:
+        self._note(request)
+        response = web.Response(body=JPEG, content_type="image/jpeg")
+        response.set_cookie("robot", "wants to be remembered")
+        response.headers["X-Timestamp"] = "12.5"
+        response.headers["Access-Control-Allow-Origin"] = "*"
+        return response
+
+    async def _video_stream(self, request: web.Request) -> web.StreamResponse:
+        self._note(request)
+        response = web.StreamResponse()
+        response.content_type = "multipart/x-mixed-replace;boundary=frame"
+        await response.prepare(request)
+        with contextlib.suppress(ConnectionError):
+            while True:
+                await response.write(
+                    b"--frame\r\nContent-Type: image/jpeg\r\n\r\n" + JPEG + b"\r\n"
+                )
+                await asyncio.sleep(0.01)
+        return response
+
+    async def _huge(self, request: web.Request) -> web.StreamResponse:
+        """Send without end, and count how much could be sent."""
+        self._note(request)
+        response = web.StreamResponse()
+        await response.prepare(request)
+        self.huge_sent = 0
+        with contextlib.suppress(ConnectionError):
+            while True:
+                await response.write(FLOOD_MESSAGE)
+                self.huge_sent += len(FLOOD_MESSAGE)
+        return response

@@ -1,0 +1,175 @@
+"""The real relay in the test's own process, on ports of its own, with records that tests can change.
+
+`MemoryRecords` stands in for the database where a test is not about it: it can be taken away and
+brought back at once. Whole-path tests give the relay the records of a real MariaDB.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
+from contextlib import asynccontextmanager
+from datetime import datetime, timezone
+
+from fake_robot import HOST, WAIT_S, free_port
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.credentials import credential_of
+from robotether_server.relay.liveness import Limits
+from robotether_server.relay.records import Records
+from robotether_server.relay.relay import Listen, Relay, Timing
+from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
+from robotether_server.store.fleet import (
+    Changes,
+    Credential,
+    CredentialKind,
+    Entry,
+    Level,
+    Robot,
+    SessionEntry,
+    Snapshot,
+    User,
+)
+from robotether_server.tickets import Mode, Ticket, TicketSigner
+
+SESSION_KEY = "the session key of the tests, long enough"
+TICKET_KEY = "the ticket key of the tests, long enough"
+MESSAGE_LIMIT = 10 * 1024 * 1024
+
+# Short enough for tests, with the proportions of the real ones.
+FAST = Timing(
+    limits=Limits(ping_every_s=0.2, silent_after_s=0.6, slow_after_s=1.0, look_every_s=0.05),
+    heartbeat_s=0.1,
+    timeout_s=0.5,
+    poll_every_s=0.05,
+)
+
+
+class MemoryRecords:
+    """Records in memory: robots, grants and credentials as a test sets them."""
+
+    def __init__(self) -> None:
+        self.robots: dict[int, Robot] = {}
+        self.grants: dict[tuple[int, int], Level] = {}
+        self.credentials: dict[Credential, User] = {}
+        self.seen: list[tuple[int, datetime]] = []
+        self.written: list[Entry] = []
+        self.down = False
+        self.questions = 0
+
+    def add_robot(self, robot_id: int, name: str, **grants: Level) -> Robot:
+        """Add an active robot with free ports, and grants as `u1="drive"`."""
+        robot = Robot(robot_id, name, "active", free_port(), free_port())
+        self.robots = {**self.robots, robot_id: robot}
+        for user, level in grants.items():
+            self.grants[int(user.removeprefix("u")), robot_id] = level
+        return robot
+
+    def add_credential(self, kind: CredentialKind, user: User) -> str:
+        """Add a login or token, and return its text."""
+        text = secrets.token_urlsafe()
+        self.credentials[credential_of(kind, text)] = user
+        return text
+
+    def sessions(self) -> list[SessionEntry]:
+        """The sessions that were written."""
+        return [entry for entry in self.written if isinstance(entry, SessionEntry)]
+
+    async def changes(self) -> Changes:
+        self._ask()
+        return Changes(rights=self._rights(), credentials=repr(sorted(map(repr, self.credentials))))
+
+    async def load(self) -> Snapshot:
+        self._ask()
+        return Snapshot(dict(self.robots), dict(self.grants), self._rights())
+
+    async def last_seen(self) -> list[tuple[int, datetime]]:
+        self._ask()
+        return self.seen
+
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+        self._ask()
+        return {key: self.credentials[key] for key in credentials if key in self.credentials}
+
+    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+        self._ask()
+        self.written.extend(entry for entry in entries if entry not in self.written)
+        return {place: place + 1 for place, _ in enumerate(entries)}
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+    def _ask(self) -> None:
+        self.questions += 1
+        if self.down:
+            raise StoreUnavailable("cannot reach the records: the test took them away")
+
+    def _rights(self) -> str:
+        return repr((self.robots, self.grants))
+
+
+class RelayServer:
+    """A running relay, and what a test needs to talk to it."""
+
+    def __init__(self, relay: Relay) -> None:
+        self.relay = relay
+        self.signer = TicketSigner(TICKET_KEY, 30)
+
+    @property
+    def url(self) -> str:
+        """Where it answers HTTP."""
+        return f"http://{HOST}:{self.relay.http_port}"
+
+    @property
+    def inside_url(self) -> str:
+        """Where it answers health checks."""
+        return f"http://{HOST}:{self.relay.inside_port}"
+
+    def ticket(self, robot: Robot, mode: Mode = "drive", user: User | None = None) -> str:
+        """Sign a ticket as web does."""
+        user = user or User(1, "ann")
+        ticket = Ticket(secrets.token_hex(16), user.id, user.name, robot.id, robot.name, mode)
+        return self.signer.sign(ticket)
+
+    def ros_url(self, robot: Robot, mode: Mode = "drive", user: User | None = None) -> str:
+        """An address that opens one WebSocket to the robot."""
+        return f"{self.url}/robots/{robot.name}/ros?ticket={self.ticket(robot, mode, user)}"
+
+
+def relay_settings(database: DatabaseSettings | None = None) -> RelaySettings:
+    """Settings for a relay whose tunnels end on this machine."""
+    return RelaySettings(
+        database=database or DatabaseSettings("nowhere", 1, "none", "none", "none"),
+        tickets=TicketSettings(TICKET_KEY, 30),
+        session_key=SESSION_KEY,
+        tunnel_host=HOST,
+        public_host=None,
+        allowed_origins=("https://lab.example",),
+        message_limit_bytes=MESSAGE_LIMIT,
+        log_level="info",
+    )
+
+
+@asynccontextmanager
+async def running_relay(records: Records, timing: Timing = FAST) -> AsyncIterator[RelayServer]:
+    """Run the relay inside the block."""
+    listen = Listen(host=HOST, http_port=0, session_port=0, inside_port=0)
+    relay = Relay(relay_settings(), records, listen=listen, timing=timing)
+    await relay.start()
+    try:
+        yield RelayServer(relay)
+    finally:
+        await relay.stop()
+
+
+async def until(condition: Callable[[], object], what: str, within_s: float = WAIT_S) -> None:
+    """Wait until the condition holds; fail with `what` when it does not come to."""
+    deadline = asyncio.get_running_loop().time() + within_s
+    while not condition():
+        assert asyncio.get_running_loop().time() < deadline, f"not in {within_s:g} s: {what}"
+        await asyncio.sleep(0.01)
+
+
+def utc(*parts: int) -> datetime:
+    """Shorten a moment in UTC."""
+    return datetime(*parts, tzinfo=timezone.utc)  # type: ignore[misc,arg-type]  # date and time
