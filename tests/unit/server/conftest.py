@@ -15,11 +15,13 @@ SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
 @pytest.fixture
 def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
     """What web runs with, against the real database."""
-    (tmp_path / "ssh_host_ed25519_key.pub").write_text(f"{SSH_HOST_KEY} root@sshd\n")
+    host_keys = tmp_path / "host_keys"
+    host_keys.mkdir()
+    (host_keys / "ssh_host_ed25519_key.pub").write_text(f"{SSH_HOST_KEY} root@sshd\n")
     return WebSettings(
         database=mariadb.settings("web"),
         tickets=TicketSettings(TICKET_KEY, 30),
-        join=JoinSettings("approve", 3, None, (2222, 443), tmp_path),
+        join=JoinSettings("approve", 3, None, (2222, 443), host_keys),
         secret_key="w" * 32,
         login_ttl_h=12,
         log_level="info",

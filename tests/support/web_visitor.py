@@ -1,0 +1,60 @@
+"""Visitors of web for its tests: a browser or a program behind nginx, in Flask's own client."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from flask.testing import FlaskClient
+from robotether_server import passwords
+from robotether_server.store import Database, tokens, users
+from werkzeug.test import TestResponse
+
+PASSWORD = "a long enough password"
+HASH = passwords.hash_password(PASSWORD)
+SITE = "https://robots.example"
+
+
+@dataclass
+class Browser:
+    """One visitor behind nginx, with cookies, from one address."""
+
+    client: FlaskClient
+    address: str = "198.51.100.7"
+
+    def ask(self, method: str, path: str, **options: Any) -> TestResponse:
+        """Send one request as nginx passes it on."""
+        headers = {"X-Forwarded-For": self.address, "X-Forwarded-Proto": "https"}
+        headers |= options.pop("headers", {})
+        return self.client.open(path, method=method, base_url=SITE, headers=headers, **options)
+
+    def csrf(self) -> str:
+        """The token of the page that everybody may see."""
+        return self.csrf_of("/login")
+
+    def csrf_of(self, path: str) -> str:
+        """The token that a page gives to its script."""
+        page = self.ask("GET", path, follow_redirects=True).text
+        found = re.search(r'name="csrf-token" content="([^"]+)"', page)
+        assert found, page
+        return found[1]
+
+    def log_in(self, name: str, password: str = PASSWORD, onward: str = "") -> TestResponse:
+        """Fill the form in."""
+        form = {"csrf_token": self.csrf(), "name": name, "password": password, "next": onward}
+        return self.ask("POST", "/login", data=form)
+
+
+def bearer(database: Database, user: str) -> dict[str, str]:
+    """The header of a new API token."""
+    with database.transaction() as tx:
+        text = tokens.create(tx, users.get(tx, user), "test", None)
+    return {"Authorization": f"Bearer {text}"}
+
+
+def audit_kinds(database: Database) -> list[tuple[str, str, str | None]]:
+    """Kind, actor and address of every audit event, the oldest first."""
+    with database.transaction() as tx:
+        rows = tx.rows("SELECT kind, actor, address FROM audit_events ORDER BY id")
+    return [(row["kind"], row["actor"], row["address"]) for row in rows]

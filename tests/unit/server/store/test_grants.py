@@ -1,0 +1,37 @@
+"""Grants in the real database."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.store import Database, grants, robots, users
+from robotether_server.store.grants import Level
+
+
+@pytest.mark.parametrize(
+    ("held", "asked", "may"),
+    [
+        ("observe", "observe", True),
+        ("observe", "drive", False),
+        ("drive", "observe", True),
+        ("drive", "drive", True),
+        ("drive", "manage", False),
+        ("manage", "drive", True),
+    ],
+)
+def test_level_includes_the_lower_ones(held: Level, asked: Level, may: bool) -> None:
+    """Who may drive may watch, and not the other way round."""
+    assert grants.includes(held, asked) is may
+
+
+def test_grant_is_replaced_and_taken(database: Database) -> None:
+    """One level for a user and a robot; taking it twice says so."""
+    with database.transaction() as tx:
+        user_id = users.add(tx, "ann", "x", "user")
+        robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
+        grants.give(tx, user_id, robot_id, "drive")
+        grants.give(tx, user_id, robot_id, "observe")
+        ann = users.get(tx, "ann")
+        assert [seen.level for seen in robots.list_seen(tx, ann)] == ["observe"]
+        assert grants.take(tx, user_id, robot_id)
+        assert not grants.take(tx, user_id, robot_id)
+        assert robots.list_seen(tx, ann) == []

@@ -1,0 +1,60 @@
+"""Who asks: logins and tokens that hold, and everything else that does not."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.store import Database, users
+from web_visitor import Browser, bearer
+
+
+def test_token_tells_who_asks(program: Browser, database: Database) -> None:
+    """The scheme's case does not matter."""
+    header = bearer(database, "ann")
+    answer = program.ask("GET", "/api/v1/me", headers=header)
+    assert answer.json == {"name": "ann", "role": "user"}
+    lower = {"Authorization": header["Authorization"].replace("Bearer", "bearer")}
+    assert program.ask("GET", "/api/v1/me", headers=lower).status_code == 200
+
+
+@pytest.mark.parametrize("header", ["Bearer rt_nobodys", "Bearer", "Basic YTpi", ""])
+def test_token_that_does_not_hold_is_refused(browser: Browser, header: str) -> None:
+    """Even beside a login that would do."""
+    browser.log_in("ann")
+    answer = browser.ask("GET", "/api/v1/me", headers={"Authorization": header})
+    assert (answer.status_code, answer.json["code"]) == (401, "token_invalid")
+
+
+def test_nobody_is_told_to_log_in(program: Browser) -> None:
+    """The code is the contract's."""
+    answer = program.ask("GET", "/api/v1/me")
+    assert (answer.status_code, answer.json["code"]) == (401, "login_missing")
+
+
+def test_login_tells_who_asks(browser: Browser) -> None:
+    """The cookie is kept from scripts, other sites and plain HTTP."""
+    cookie = browser.log_in("ann").headers.getlist("Set-Cookie")[0]
+    assert cookie.startswith("robotether_login=")
+    for part in ("Secure", "HttpOnly", "SameSite=Lax", "Path=/", "Max-Age=43200"):
+        assert part in cookie
+    assert browser.ask("GET", "/api/v1/me").json == {"name": "ann", "role": "user"}
+
+
+def test_disabled_user_is_out_at_once(browser: Browser, database: Database) -> None:
+    """Login and token hold no more with the next request."""
+    browser.log_in("ann")
+    header = bearer(database, "ann")
+    with database.transaction() as tx:
+        users.set_disabled(tx, users.get(tx, "ann").id, disabled=True)
+    assert browser.ask("GET", "/api/v1/me").json["code"] == "login_missing"
+    assert browser.ask("GET", "/api/v1/me", headers=header).json["code"] == "token_invalid"
+
+
+def test_login_needs_the_pages_token_to_change_something(browser: Browser) -> None:
+    """Another site can send the cookie along, but not the header."""
+    browser.log_in("ann")
+    body = {"robot": "sim1", "mode": "drive"}
+    refused = browser.ask("POST", "/api/v1/tickets", json=body)
+    assert (refused.status_code, refused.json["code"]) == (403, "csrf_refused")
+    with_token = {"X-CSRFToken": browser.csrf_of("/")}
+    answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=with_token)
+    assert answer.status_code == 201

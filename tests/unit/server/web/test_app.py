@@ -1,0 +1,20 @@
+"""The application as a whole."""
+
+from __future__ import annotations
+
+from flask import Flask
+from robotether_server.web.app import LARGEST_REQUEST_BYTES
+from web_visitor import Browser
+
+
+def test_large_request_is_refused(program: Browser) -> None:
+    """Nobody fills the memory through a form or a join."""
+    answer = program.ask("POST", "/api/v1/join", data=b"x" * (LARGEST_REQUEST_BYTES + 1))
+    assert answer.status_code == 413
+
+
+def test_form_cookie_is_kept_from_scripts_and_other_sites(app: Flask) -> None:
+    """As the login's cookie is."""
+    cookie = Browser(app.test_client()).ask("GET", "/login").headers["Set-Cookie"]
+    for part in ("Secure", "HttpOnly", "SameSite=Lax"):
+        assert part in cookie

@@ -1,0 +1,44 @@
+"""Failures: JSON under /api, a page elsewhere, and never a traceback for the visitor."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+from robotether_server.web import api
+from web_visitor import Browser
+
+
+def test_page_problem_is_a_page(browser: Browser) -> None:
+    """With the status, and a way back."""
+    answer = browser.ask("GET", "/nothing")
+    assert (answer.status_code, answer.mimetype) == (404, "text/html")
+
+
+@pytest.mark.parametrize(
+    ("path", "mimetype"), [("/api/v1/me", "application/problem+json"), ("/", "text/html")]
+)
+def test_mistake_of_ours_is_logged_and_not_shown(
+    browser: Browser,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    path: str,
+    mimetype: str,
+) -> None:
+    """500, with the traceback in the log alone."""
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("the inner reason")
+
+    monkeypatch.setattr(api.access, "page_user", fail)
+    with caplog.at_level(logging.ERROR):
+        answer = browser.ask("GET", path)
+    assert (answer.status_code, answer.mimetype) == (500, mimetype)
+    assert "inner reason" not in answer.text
+    assert "inner reason" in caplog.text
+    assert "Traceback" in caplog.text
+
+
+def test_wrong_method_says_which_are_right(program: Browser) -> None:
+    """The header Allow of HTTP is kept."""
+    assert "POST" in program.ask("GET", "/api/v1/tickets").headers["Allow"]

@@ -1,0 +1,137 @@
+"""The pages: in and out, what each needs, and where a visitor is sent."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.store import Database, robots
+from web_visitor import Browser, audit_kinds
+
+
+@pytest.mark.parametrize("path", ["/", "/robots/sim1"])
+def test_visitor_without_a_login_is_sent_to_it_and_back(browser: Browser, path: str) -> None:
+    """The page that was asked for comes after the form."""
+    sent = browser.ask("GET", path)
+    assert (sent.status_code, sent.location) == (302, f"/login?next={path}")
+    back = browser.log_in("ann", onward=path)
+    assert (back.status_code, back.location) == (303, path)
+    assert browser.ask("GET", path).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "onward",
+    [
+        "https://evil.example/",
+        "//evil.example",
+        "/\\evil.example",
+        "javascript:x",
+        "",
+        "/\t/evil.example",
+    ],
+)
+def test_login_sends_nobody_to_another_site(browser: Browser, onward: str) -> None:
+    """Anything but a path of this site is the fleet page."""
+    assert browser.log_in("ann", onward=onward).location == "/"
+
+
+def test_login_that_holds_skips_the_form(browser: Browser) -> None:
+    """Who is logged in goes on at once."""
+    browser.log_in("ann")
+    assert browser.ask("GET", "/login?next=/robots/sim1").location == "/robots/sim1"
+
+
+@pytest.mark.parametrize(("name", "password"), [("ann", "wrong"), ("nobody", "wrong"), ("", "")])
+def test_failed_login_reveals_nothing(
+    browser: Browser, database: Database, name: str, password: str
+) -> None:
+    """Unknown user and wrong password get the same page, and an audit event."""
+    answer = browser.log_in(name, password)
+    assert answer.status_code == 401
+    assert "name and password do not fit" in answer.text
+    assert browser.client.get_cookie("robotether_login", "robots.example") is None
+    assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
+
+
+def test_form_without_its_token_is_refused(browser: Browser, database: Database) -> None:
+    """Another site cannot log a visitor in as somebody else."""
+    answer = browser.ask("POST", "/login", data={"name": "ann", "password": "x"})
+    assert answer.status_code == 403
+    assert audit_kinds(database) == []
+
+
+def test_login_and_logout_leave_audit_events(browser: Browser, database: Database) -> None:
+    """And the cookie of before does not work afterwards."""
+    browser.log_in("ann")
+    cookie = browser.client.get_cookie("robotether_login", "robots.example")
+    assert cookie is not None
+    assert browser.ask("POST", "/logout").status_code == 403
+    answer = browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
+    assert answer.location == "/login"
+    browser.client.set_cookie(
+        "robotether_login", cookie.value, domain="robots.example", secure=True
+    )
+    assert browser.ask("GET", "/").status_code == 302
+    assert audit_kinds(database) == [
+        ("login", "ann", "198.51.100.7"),
+        ("logout", "ann", "198.51.100.7"),
+    ]
+
+
+def test_sixth_try_waits(browser: Browser, database: Database) -> None:
+    """Even with the right password; another user and another address are heard."""
+    for _ in range(5):
+        assert browser.log_in("ann", "wrong").status_code == 401
+    answer = browser.log_in("ann")
+    assert answer.status_code == 429
+    assert "try again at" in answer.text
+    assert 500 < int(answer.headers["Retry-After"]) <= 600
+    assert browser.log_in("olga").status_code == 303
+    browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
+    browser.address = "198.51.100.8"
+    assert browser.log_in("ann").status_code == 303
+    assert len([kind for kind, _, _ in audit_kinds(database) if kind == "login_failed"]) == 5
+
+
+def test_client_cannot_choose_its_address(browser: Browser, database: Database) -> None:
+    """Only the address that nginx found counts, the last one."""
+    form = {"csrf_token": browser.csrf(), "name": "ann", "password": "wrong"}
+    forged = {"X-Forwarded-For": "203.0.113.1, 198.51.100.7", "X-Real-IP": "203.0.113.2"}
+    browser.ask("POST", "/login", data=form, headers=forged)
+    assert audit_kinds(database) == [("login_failed", "ann", "198.51.100.7")]
+
+
+def test_fleet_page_shows_what_the_user_may_see(browser: Browser) -> None:
+    """And no other robot's name."""
+    browser.log_in("ann")
+    page = browser.ask("GET", "/").text
+    assert "sim1" in page
+    assert "sim2" not in page
+
+
+def test_drive_page_has_the_robots_settings(browser: Browser, database: Database) -> None:
+    """They reach the page's script as data."""
+    with database.transaction() as tx:
+        tx.change(
+            "UPDATE robots SET settings = %s WHERE name = 'sim1'", ('{"topic": "/my_cmd_vel"}',)
+        )
+        assert robots.get(tx, "sim1").settings == {"topic": "/my_cmd_vel"}
+    browser.log_in("ann")
+    page = browser.ask("GET", "/robots/sim1")
+    assert page.status_code == 200
+    assert "/my_cmd_vel" in page.text
+
+
+@pytest.mark.parametrize("name", ["sim2", "ghost"])
+def test_robot_that_may_not_be_seen_is_not_there(browser: Browser, name: str) -> None:
+    """Closed and unknown robots look alike."""
+    browser.log_in("ann")
+    page = browser.ask("GET", f"/robots/{name}")
+    assert page.status_code == 404
+    assert f"cannot show robot {name}" in page.text
+
+
+def test_health_and_icon_need_no_login(browser: Browser) -> None:
+    """The engine asks the one, browsers the other."""
+    assert browser.ask("GET", "/healthz").status_code == 200
+    icon = browser.ask("GET", "/favicon.ico")
+    assert (icon.status_code, icon.mimetype) == (200, "image/svg+xml")
+    icon.close()
