@@ -55,7 +55,7 @@ class MemoryRecords:
         self.seen: list[tuple[int, datetime]] = []
         self.written: list[Entry] = []
         self.down = False
-        self.questions = 0
+        self.lookups = 0
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> Robot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
@@ -89,6 +89,7 @@ class MemoryRecords:
 
     async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
         self._ask()
+        self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
@@ -100,7 +101,6 @@ class MemoryRecords:
         """Nothing to let go."""
 
     def _ask(self) -> None:
-        self.questions += 1
         if self.down:
             raise StoreUnavailable("cannot reach the records: the test took them away")
 

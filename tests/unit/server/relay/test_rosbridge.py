@@ -170,8 +170,15 @@ async def test_tickets_that_open_nothing(relay, robot, sim1, http, records, monk
         403,
         "grant_missing",
     )
-    monkeypatch.setattr("itsdangerous.timed.time.time", lambda: time.monotonic() + 4e9)
-    assert await refusal(http, f"{base}?ticket={good}") == (401, "ticket_expired")
+    assert robot.clients_ever == 0
+
+
+async def test_an_old_ticket_is_expired(relay, robot, sim1, http, monkeypatch):
+    """A ticket older than its 30 s is refused with ticket_expired."""
+    url = relay.ros_url(sim1)
+    later = time.time() + 31
+    monkeypatch.setattr("itsdangerous.timed.time.time", lambda: later)
+    assert await refusal(http, url) == (401, "ticket_expired")
     assert robot.clients_ever == 0
 
 
@@ -259,7 +266,7 @@ async def test_a_lost_tunnel_ends_its_connections_at_once(relay, robot, sim1, ht
 
 
 async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot, sim1, http):
-    """rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
+    """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         for client in list(robot.clients):
@@ -269,7 +276,7 @@ async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot,
 
 
 async def test_a_rosbridge_that_goes_away_is_down(relay, robot, sim1, http):
-    """rosbridge closes while the tunnel lives: 4504."""
+    """Rosbridge closes while the tunnel lives: 4504."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         for client in list(robot.clients):

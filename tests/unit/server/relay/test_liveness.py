@@ -1,0 +1,62 @@
+"""When a connection is silent or slow, without a network."""
+
+from __future__ import annotations
+
+from robotether_server.relay.liveness import Limits, Liveness
+
+LIMITS = Limits()
+
+
+def verdicts(looks: list[tuple[float, float, tuple[int, int], tuple[int, int]]]) -> list[str]:
+    """Judge (now, heard at, to client, to robot) one after the other."""
+    liveness = Liveness(LIMITS, 0.0)
+    return [
+        liveness.look(now, heard_at=heard_at, to_client=to_client, to_robot=to_robot)
+        for now, heard_at, to_client, to_robot in looks
+    ]
+
+
+def test_who_is_heard_is_alive():
+    """As long as something comes, nothing is wrong."""
+    assert verdicts([(t, t - 1, (0, 0), (0, 0)) for t in (2.0, 20.0, 200.0)]) == ["ok"] * 3
+
+
+def test_silence_counts_from_the_last_sign():
+    """More than 6 s without message and pong is silent, not less."""
+    assert verdicts([(5.9, 0.0, (0, 0), (0, 0)), (6.1, 0.0, (0, 0), (0, 0))]) == [
+        "ok",
+        "client_silent",
+    ]
+
+
+def test_a_full_buffer_that_does_not_move_is_slow():
+    """More than 10 s with the same bytes waiting is slow, although nothing was heard for longer."""
+    stuck = (1_000_000, 70_000)
+    looks = [(t / 2, 0.0, stuck, (0, 0)) for t in range(1, 22)]
+    assert verdicts([*looks, (11.0, 0.0, stuck, (0, 0))])[-2:] == ["ok", "client_slow"]
+
+
+def test_a_buffer_that_moves_is_neither_slow_nor_silent():
+    """One large message over a slow line may take longer than both limits."""
+    looks = [(t, 0.0, (10_000_000, 10_000_000 - t * 100_000), (0, 0)) for t in range(1, 60)]
+    assert set(verdicts(looks)) == {"ok"}
+
+
+def test_after_a_full_buffer_silence_counts_anew():
+    """A ping behind data arrives late, so its pong may be as late."""
+    looks = [
+        (1.0, 0.0, (1000, 100), (0, 0)),
+        (6.5, 0.0, (1000, 50), (0, 0)),
+        (7.0, 0.0, (1000, 0), (0, 0)),
+        (12.4, 0.0, (1000, 0), (0, 0)),
+        (12.6, 0.0, (1000, 0), (0, 0)),
+    ]
+    assert verdicts(looks) == ["ok", "ok", "ok", "ok", "client_silent"]
+
+
+def test_a_robot_that_takes_nothing_is_the_slow_one():
+    """While the robot's side is full the client is not read, and not called silent."""
+    full = (5_000_000, 70_000)
+    looks = [(float(t), 0.0, (0, 0), full) for t in range(1, 13)]
+    assert verdicts(looks)[9] == "ok"
+    assert verdicts(looks)[-1] == "robot_slow"

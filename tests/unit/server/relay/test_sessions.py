@@ -1,0 +1,126 @@
+"""The registry of robots' links, without a network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from relay_server import utc
+from robotether_server.relay.sessions import NEVER_SEEN, Change, Presence, SessionRegistry
+
+NOW = utc(2026, 1, 1, 12, 3)
+
+
+@dataclass(eq=False)
+class FakeLink:
+    robot_id: int = 7
+    kind: str = "session"
+    address: str = "198.51.100.7"
+    ended: list[str] = field(default_factory=list)
+
+    def end(self, code: str, detail: str) -> None:
+        self.ended.append(code)
+
+
+@pytest.fixture
+def changes() -> list[Change]:
+    """What a listener hears."""
+    return []
+
+
+@pytest.fixture
+def registry(changes) -> SessionRegistry:
+    """A registry with a listener, where it is always 12:03."""
+    registry = SessionRegistry(clock=lambda: NOW)
+    registry.listen(changes.append)
+    return registry
+
+
+def online(registry: SessionRegistry) -> FakeLink:
+    link = FakeLink()
+    registry.admit(link)
+    registry.established(link)
+    return link
+
+
+def test_a_robot_is_online_once_it_is_established(registry, changes):
+    """Admission alone makes nobody online."""
+    link = FakeLink()
+    assert registry.admit(link) is None
+    assert registry.presence(7) is NEVER_SEEN
+    registry.established(link)
+    assert registry.presence(7) == Presence(online=True, since=NOW, address="198.51.100.7")
+    assert [change.what for change in changes] == ["came"]
+
+
+def test_a_newer_link_makes_the_older_leave_first(registry, changes):
+    """Listeners hear that the older left before the newer came."""
+    older, newer = online(registry), FakeLink()
+    assert registry.admit(newer) is older
+    registry.established(newer)
+    registry.left(older, "link_lost")
+    assert [(change.what, change.code) for change in changes] == [
+        ("came", None),
+        ("left", "superseded"),
+        ("came", None),
+    ]
+    assert registry.presence(7).online
+
+
+def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes):
+    """A link that was superseded while it waited is not made online."""
+    older, newer = FakeLink(), FakeLink()
+    registry.admit(older)
+    registry.admit(newer)
+    registry.established(older)
+    assert changes == []
+
+
+def test_what_an_offline_or_media_link_tells_is_ignored(registry, changes):
+    """Only the established session speaks for the robot."""
+    waiting, media = FakeLink(), FakeLink(kind="media")
+    registry.admit(waiting)
+    registry.admit(media)
+    for link in (waiting, media):
+        registry.heard_hello(link, "0.1.0")
+        registry.heard_health(link, "ok", "ok")
+        registry.heard_rtt(link, 1.0)
+    assert changes == []
+
+
+def test_the_same_health_again_is_no_change(registry, changes):
+    """Listeners hear of differences only."""
+    link = online(registry)
+    registry.heard_health(link, "ok", "down")
+    registry.heard_health(link, "ok", "down")
+    assert [change.what for change in changes] == ["came", "told"]
+
+
+def test_leaving_forgets_what_holds_only_while_online(registry):
+    """Afterwards the robot is offline since now, with the version that it had."""
+    link = online(registry)
+    registry.heard_hello(link, "0.1.0")
+    registry.heard_rtt(link, 12.345)
+    assert registry.presence(7).rtt_ms == 12.3
+    registry.left(link, "timeout")
+    assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0")
+    assert registry.links() == []
+
+
+def test_the_records_tell_since_when_but_never_overrule(registry):
+    """What the records remember counts for robots of which nothing newer is known."""
+    online(registry)
+    before = utc(2025, 12, 31)
+    registry.remember([(7, before), (8, before)])
+    assert registry.presence(7).online
+    assert registry.presence(8) == Presence(since=before)
+
+
+def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
+    """What is known is never more than the fleet and its links."""
+    online(registry)
+    registry.remember([(8, NOW), (9, NOW)])
+    registry.forget_all_but([9])
+    assert registry.presence(7).online
+    assert registry.presence(8) is NEVER_SEEN
+    assert registry.presence(9).since == NOW

@@ -1,0 +1,206 @@
+"""Video from a fake robot's web server through the real relay."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from fake_robot import JPEG, FakeRobot
+from relay_server import SESSION_KEY, RelayServer, until
+from robotether_server.relay.video import path_for_robot
+from robotether_server.store.fleet import Robot, User
+from yarl import URL
+
+ANN = User(1, "ann")
+
+
+@pytest.fixture
+def login(records) -> dict[str, str]:
+    """The cookie of ann's login, among others."""
+    text = records.add_credential("login", ANN)
+    return {"Cookie": f"session=abc; robotether_login={text}"}
+
+
+def video_url(relay: RelayServer, robot: Robot, rest: str) -> str:
+    return f"{relay.url}/robots/{robot.name}/video/{rest}"
+
+
+async def test_a_snapshot_passes_with_what_describes_it(relay, robot, sim1, http, login):
+    """The picture arrives as it is; nothing of the robot's could act on our site."""
+    async with http.get(video_url(relay, sim1, "snapshot?topic=/a&x=1"), headers=login) as answer:
+        assert answer.status == 200
+        assert await answer.read() == JPEG
+        assert answer.content_type == "image/jpeg"
+        assert answer.headers["X-Timestamp"] == "12.5"
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert answer.headers["Content-Security-Policy"] == "sandbox"
+        assert "Set-Cookie" not in answer.headers
+        assert "Access-Control-Allow-Origin" not in answer.headers
+
+
+async def test_the_robot_learns_nothing_of_who_asks(relay, robot, sim1, http, records, login):
+    """Cookie, token, ticket and address stay at the relay; path and query pass as they are."""
+    token = records.add_credential("token", ANN)
+    url = video_url(relay, sim1, f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50")
+    headers = login | {
+        "Authorization": f"Bearer {token}",
+        "X-Forwarded-For": "203.0.113.9",
+        "Accept": "image/jpeg",
+    }
+    async with http.get(URL(url, encoded=True), headers=headers) as answer:
+        assert answer.status == 200
+    seen = robot.video_requests[0]
+    assert seen["path"] == "/snapshot?topic=/a%2Fb&q=50"
+    assert not {"Cookie", "Authorization", "X-Forwarded-For"} & set(seen["headers"])
+    assert seen["headers"]["Accept"] == "image/jpeg"
+
+
+async def test_a_stream_streams(relay, robot, sim1, http, login):
+    """Frames arrive while the stream goes on, and leaving ends it on the robot."""
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        assert answer.headers["Content-Type"] == "multipart/x-mixed-replace;boundary=frame"
+        for _ in range(3):
+            await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
+        assert relay.relay.connections.count("video") == 1
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
+
+
+async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
+    """For its 30 s a ticket starts as many video requests as it likes, of its own robot."""
+    ticket = relay.ticket(sim1, "observe", User(2, "bob"))
+    for _ in range(2):
+        async with http.get(video_url(relay, sim1, f"snapshot?ticket={ticket}")) as answer:
+            assert answer.status == 200
+
+
+async def test_who_may_not_see_gets_a_code(relay, robot, sim1, http, records, login):
+    """Each refusal of video has its status and code."""
+    records.add_robot(8, "sim2")
+    stranger = records.add_credential("token", User(9, "eve"))
+    url = video_url(relay, sim1, "snapshot")
+    for headers, target, expected in [
+        ({}, url, (401, "login_missing")),
+        ({"Cookie": "robotether_login=rubbish"}, url, (401, "login_missing")),
+        ({"Authorization": "Bearer rt_rubbish"}, url, (401, "token_invalid")),
+        ({"Authorization": "Basic YTpi"}, url, (401, "token_invalid")),
+        ({"Authorization": f"Bearer {stranger}"}, url, (404, "robot_unknown")),
+        (login, url.replace("sim1", "nosuch"), (404, "robot_unknown")),
+        (login, url.replace("sim1", "sim2"), (404, "robot_unknown")),
+        (login | {"Origin": "https://evil.example"}, url, (403, "origin_refused")),
+    ]:
+        async with http.get(target, headers=headers) as answer:
+            assert (answer.status, (await answer.json())["code"]) == expected
+    assert robot.video_requests == []
+
+
+async def test_video_can_only_be_read(relay, robot, sim1, http, login):
+    """POST and DELETE never reach the robot; HEAD does."""
+    url = video_url(relay, sim1, "snapshot")
+    for method in ("POST", "DELETE", "PUT"):
+        async with http.request(method, url, headers=login) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (405, "method_not_allowed")
+    async with http.head(url, headers=login) as answer:
+        assert answer.status == 200
+    assert [request["method"] for request in robot.video_requests] == ["HEAD"]
+
+
+async def test_an_offline_robot_has_no_video(relay, sim1, http, login):
+    """Without a session the answer is 503 robot_offline."""
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (503, "robot_offline")
+
+
+async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login):
+    """A tunnel to nothing is 502 video_down."""
+    await robot._close_ports()
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
+    """When the robot's session ends, its video streams are cut, not left hanging."""
+    robot.mode = "port_taken"
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        await robot.session.close()
+        await _read_until_cut(answer)
+
+
+async def test_an_ended_right_ends_the_stream(relay, robot, sim1, http, login, records):
+    """Taking the grant away cuts the stream."""
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        del records.grants[1, sim1.id]
+        await _read_until_cut(answer)
+
+
+async def test_an_ended_login_ends_the_stream(relay, robot, sim1, http, login, records):
+    """Logging out cuts the streams that the login opened."""
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        await relay.relay.fleet.poll()
+        records.credentials.clear()
+        await _read_until_cut(answer)
+
+
+async def _read_until_cut(answer) -> None:
+    async with asyncio.timeout(5):
+        try:
+            while await answer.content.readany():
+                pass
+        except Exception as exc:
+            assert type(exc).__name__ in {"ClientPayloadError", "ClientConnectionResetError"}
+
+
+async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
+    relay, robot, sim1, http, login, monkeypatch
+):
+    """The robot is not read on for a viewer that takes nothing, who is cut after a while."""
+    monkeypatch.setattr("robotether_server.relay.video.VIEWER_SLOW_AFTER_S", 0.5)
+    async with http.get(video_url(relay, sim1, "huge"), headers=login) as answer:
+        answer.connection.transport.pause_reading()
+        await until(lambda: relay.relay.connections.count("video") == 0, "the viewer is cut")
+        assert robot.huge_sent < 40 * 1024 * 1024
+        answer.close()
+
+
+async def test_login_video_without_a_database_says_so(relay, robot, sim1, http, login, records):
+    """A login that cannot be looked up gets 503 store_unavailable; a ticket still works."""
+    records.down = True
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
+    url = video_url(relay, sim1, f"snapshot?ticket={relay.ticket(sim1)}")
+    async with http.get(url) as answer:
+        assert answer.status == 200
+
+
+async def test_many_pictures_ask_the_database_once(relay, robot, sim1, http, login, records):
+    """A login is looked up once for the requests of a few seconds."""
+    before = records.lookups
+    for _ in range(5):
+        async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+            assert answer.status == 200
+    assert records.lookups - before <= 2
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "expected"),
+    [
+        ("/robots/sim1/video", "", "/"),
+        ("/robots/sim1/video/", "ticket=t", "/"),
+        ("/robots/sim1/video/stream", "topic=/a&ticket=t&q=1", "/stream?topic=/a&q=1"),
+        ("/robots/sim1/video/a/b%20c", "x=ticket=1", "/a/b%20c?x=ticket=1"),
+    ],
+)
+def test_the_robot_is_asked_for_the_rest(path, query, expected):
+    """Prefix and ticket go, the rest stays as it was written."""
+    assert path_for_robot(path, query) == expected
+
+
+async def test_a_robot_that_never_came_keeps_no_viewer(relay, sim1, http):
+    """A ticket for a robot that is offline is answered at once."""
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    url = video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")
+    async with asyncio.timeout(1), http.get(url) as answer:
+        assert answer.status == 503
+    await robot.stop()
