@@ -30,12 +30,12 @@ def user() -> None:
 def add(name: str, role: Role, password_stdin: bool) -> None:
     """Add a user. Without --password-stdin, makes a password and prints it as the last word."""
     given = _password_of_stdin() if password_stdin else None
-    password = given or passwords.new_password()
+    password = passwords.new_password() if given is None else given
     hashed = passwords.hash_password(password)
     with open_database().transaction() as tx:
         users.add(tx, name, hashed, role)
         audit.record(tx, SOURCE, Event("user_added", details={"user": name, "role": role}))
-    click.echo(f"added {role} {name}" + ("" if given else f" with password {password}"))
+    click.echo(f"added {role} {name}" + ("" if password_stdin else f" with password {password}"))
 
 
 @user.command()
@@ -44,12 +44,12 @@ def add(name: str, role: Role, password_stdin: bool) -> None:
 def password(name: str, password_stdin: bool) -> None:
     """Set a new password, and end the user's logins."""
     given = _password_of_stdin() if password_stdin else None
-    new = given or passwords.new_password()
+    new = passwords.new_password() if given is None else given
     hashed = passwords.hash_password(new)
     with open_database().transaction() as tx:
         users.set_password(tx, users.get(tx, name).id, hashed)
         audit.record(tx, SOURCE, Event("password_set", details={"user": name}))
-    click.echo(f"user {name} has a new password" + ("" if given else f": {new}"))
+    click.echo(f"user {name} has a new password" + ("" if password_stdin else f": {new}"))
 
 
 @user.command("list")

@@ -1,0 +1,26 @@
+"""Tables and waits of the commands."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.cli import common
+
+
+def test_table_has_its_columns_in_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """As wide as the widest cell, and no space at the end of a line."""
+    common.print_table(("NAME", "X"), [("a", "1"), ("longer", "2")])
+    assert capsys.readouterr().out == "NAME    X\na       1\nlonger  2\n"
+
+
+def test_wait_ends_with_what_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It asks until there is something."""
+    monkeypatch.setattr(common, "POLL_S", 0)
+    answers = iter([None, None, "there"])
+    assert common.wait_for(lambda: next(answers), 20) == "there"
+
+
+def test_wait_ends_in_time() -> None:
+    """It asks once even with no time at all."""
+    asked: list[int] = []
+    assert common.wait_for(lambda: asked.append(1), 0) is None
+    assert asked == [1]

@@ -1,0 +1,20 @@
+"""What the handlers of one application share."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+from flask import Flask
+from robotether_server.settings import WebSettings
+from robotether_server.web import create_app
+from robotether_server.web.parts import parts
+
+
+def test_each_application_has_its_own(app: Flask, web_settings: WebSettings) -> None:
+    """Two in one process, as in these tests, do not mix."""
+    other = create_app(web_settings)
+    with app.app_context():
+        ours = parts()
+    with other.app_context():
+        assert parts() is not ours
+        assert parts().login_lifetime == dt.timedelta(hours=12)
