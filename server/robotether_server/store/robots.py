@@ -123,8 +123,10 @@ def name_is_taken(tx: Transaction, name: str) -> bool:
 
 
 def count_pending(tx: Transaction) -> int:
-    """Return how many robots wait for approval."""
-    row = tx.row("SELECT COUNT(*) AS waiting FROM robots WHERE state = 'pending'")
+    """Return how many robots have shown a key and wait for approval."""
+    row = tx.row(
+        "SELECT COUNT(*) AS waiting FROM robots WHERE state = 'pending' AND fingerprint IS NOT NULL"
+    )
     return int(row["waiting"]) if row else 0
 
 

@@ -68,11 +68,13 @@ def _add_unknown(tx: Transaction, request: Request, max_pending: int) -> Robot:
             f"cannot take another unknown robot: {max_pending} wait for approval already; "
             "an admin approves or removes some first"
         )
-    robots.add(tx, request.mac, _free_name(tx, request.mac))
-    robot = robots.find_by_mac(tx, request.mac)
-    if robot is None:
-        raise StoreUnavailable("cannot join: the robot was removed meanwhile; try again")
-    return robot
+    name = _free_name(tx, request.mac)
+    try:
+        robots.add(tx, request.mac, name)
+    except RecordExists as error:
+        # The same robot asked twice at once, and the other request was first.
+        raise StoreUnavailable("cannot join: another join is at work; try again") from error
+    return robots.get(tx, name)
 
 
 def _free_name(tx: Transaction, mac: str) -> str:

@@ -299,8 +299,9 @@ def test_key_and_report_are_kept(database: Database) -> None:
     """What a robot shows when it joins stands in its row, and its key finds it."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
-        assert robots.count_pending(tx) == 1
+        assert robots.count_pending(tx) == 0
         robots.set_key(tx, robot_id, KEY)
+        assert robots.count_pending(tx) == 1
         robots.set_report(tx, robot_id, Report("turtle", "0.1.0", "192.0.2.1"))
         robots.set_state(tx, robot_id, "active")
         assert robots.count_pending(tx) == 0

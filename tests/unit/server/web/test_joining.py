@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.problems import KeyInUse, MacInUse, RobotDisabled, TooManyPending
+from robotether_server.problems import (
+    KeyInUse,
+    MacInUse,
+    RobotDisabled,
+    StoreUnavailable,
+    TooManyPending,
+)
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import Database, robots, users
 from robotether_server.store.robots import Report, Robot
@@ -73,6 +79,24 @@ def test_only_so_many_unknown_robots_may_wait(database: Database) -> None:
     with pytest.raises(TooManyPending):
         ask(database, mac="02:00:00:00:61:02", key=OTHER_KEY, limit=1)
     assert ask(database, limit=1) == first
+
+
+def test_rows_of_an_admin_are_no_unknown_robots(database: Database) -> None:
+    """A fleet that was entered beforehand does not use the waiting places up."""
+    with database.transaction() as tx:
+        for number in range(3):
+            robots.add(tx, f"02:00:00:00:62:0{number}", f"planned-{number}")
+    assert ask(database, limit=1).state == "pending"
+
+
+def test_same_robot_that_asks_twice_at_once_is_told_to_try_again(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who comes second finds the row that the other request made meanwhile."""
+    ask(database)
+    monkeypatch.setattr(robots, "find_by_mac", lambda *_: None)
+    with pytest.raises(StoreUnavailable, match="try again"):
+        ask(database)
 
 
 def test_same_last_digits_make_a_longer_name(database: Database) -> None:
