@@ -24,12 +24,12 @@ from robotether_server.store.fleet import (
     Credential,
     CredentialKind,
     Entry,
-    Level,
     Robot,
     SessionEntry,
     Snapshot,
     User,
 )
+from robotether_server.store.grants import Level
 from robotether_server.tickets import Mode, Ticket, TicketSigner
 
 SESSION_KEY = "the session key of the tests, long enough"

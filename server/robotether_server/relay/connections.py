@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
@@ -10,22 +10,25 @@ from typing import Literal
 from robotether_server.relay import endings
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.sessions import Change
-from robotether_server.store.fleet import Level, Robot, Snapshot
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.store.grants import Level, includes
 
 Use = Literal["observe", "drive", "video"]
 
-DRIVING_LEVELS: frozenset[Level] = frozenset({"drive", "manage"})
+# Video is something to see.
+NEEDED: Mapping[Use, Level] = {"observe": "observe", "drive": "drive", "video": "observe"}
 
 
-@dataclass(eq=False, frozen=True)
+@dataclass(eq=False)
 class Connection:
-    """One live connection of a user to a robot."""
+    """One live connection of a user to a robot; it counts once it has reached the robot."""
 
     user_id: int
     user: str
     robot: Robot
     use: Use
     end: Callable[[Ending], None]
+    reached: bool = False
 
     def holds_in(self, snapshot: Snapshot) -> bool:
         """Tell whether the user may still do this with this robot."""
@@ -37,7 +40,7 @@ class Connection:
 
 def permits(level: Level | None, use: Use) -> bool:
     """Tell whether a grant of this level is enough."""
-    return level in DRIVING_LEVELS if use == "drive" else level is not None
+    return level is not None and includes(level, NEEDED[use])
 
 
 class Connections:
@@ -53,31 +56,35 @@ class Connections:
 
     @contextmanager
     def joined(self, connection: Connection) -> Iterator[None]:
-        """Count the connection as live inside the block."""
+        """Have the connection ended, inside the block, when its link or right is gone."""
         robot_id = connection.robot.id
         members = self._by_robot.setdefault(robot_id, set())
         members.add(connection)
-        self._changed(robot_id)
         try:
             yield
         finally:
             members.discard(connection)
-            if not members:
-                self._by_robot.pop(robot_id, None)
-            self._changed(robot_id)
+            if not members and self._by_robot.get(robot_id) is members:
+                del self._by_robot[robot_id]
+            if connection.reached:
+                self._changed(robot_id)
+
+    def reached(self, connection: Connection) -> None:
+        """Count the connection from now on: pages that wait for a robot drive nothing."""
+        connection.reached = True
+        self._changed(connection.robot.id)
 
     def drivers(self, robot_id: int) -> list[str]:
         """Names of the users that drive the robot."""
-        members = self._by_robot.get(robot_id, ())
-        return sorted({member.user for member in members if member.use == "drive"})
+        return sorted({member.user for member in self._counted(robot_id, "drive")})
 
     def observers(self, robot_id: int) -> int:
         """How many connections observe the robot."""
-        return sum(member.use == "observe" for member in self._by_robot.get(robot_id, ()))
+        return len(self._counted(robot_id, "observe"))
 
     def count(self, use: Use) -> int:
         """How many connections of this use there are in all."""
-        return sum(member.use == use for members in self._by_robot.values() for member in members)
+        return sum(len(self._counted(robot_id, use)) for robot_id in self._by_robot)
 
     def robot(self, change: Change) -> None:
         """Something happened to a robot; with its tunnel end the connections through it."""
@@ -95,6 +102,10 @@ class Connections:
         """End every connection."""
         for member in self._all():
             member.end(ending)
+
+    def _counted(self, robot_id: int, use: Use) -> list[Connection]:
+        members = self._by_robot.get(robot_id, ())
+        return [member for member in members if member.reached and member.use == use]
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:

@@ -7,12 +7,12 @@ a page with many pictures asks the database once.
 from __future__ import annotations
 
 import asyncio
-import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from robotether_server.relay.records import Records
+from robotether_server.store.digests import digest
 from robotether_server.store.fleet import Credential, CredentialKind, User
 
 KEEP_S = 3.0
@@ -21,7 +21,7 @@ MAX_KEPT = 10_000
 
 def credential_of(kind: CredentialKind, text: str) -> Credential:
     """Name a credential by its digest, which is all that the database keeps."""
-    return Credential(kind, hashlib.sha256(text.encode()).digest())
+    return Credential(kind, digest(text))
 
 
 class Credentials:

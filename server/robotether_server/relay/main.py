@@ -12,7 +12,7 @@ import uvloop
 
 from robotether_server.problems import SettingsError
 from robotether_server.relay.records import DatabaseRecords
-from robotether_server.relay.relay import Relay
+from robotether_server.relay.relay import Listen, Relay
 from robotether_server.settings import RelaySettings, load_relay
 from robotether_server.store import Database
 
@@ -28,18 +28,19 @@ def main() -> None:
     except SettingsError as problem:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
-    uvloop.run(_run(settings))
+    uvloop.run(run(settings, Listen()))
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
     os._exit(0)
 
 
-async def _run(settings: RelaySettings) -> None:
+async def run(settings: RelaySettings, listen: Listen) -> None:
+    """Run a relay until the process is asked to stop."""
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
-    relay = Relay(settings, DatabaseRecords(Database(settings.database)))
+    relay = Relay(settings, DatabaseRecords(Database(settings.database)), listen=listen)
     await relay.start()
     await stopped.wait()
     log.info("stopping")

@@ -43,13 +43,14 @@ class Reports:
 
     def connection(self, report: ConnectionReport) -> None:
         """An operator's connection began or ended."""
-        permit, ending = report.permit, report.ending
+        connection, ending = report.connection, report.ending
         what = "began" if ending is None else f"ended after {report.lasted_s:.1f} s: {ending.name}"
-        user, robot = permit.user.name, permit.robot.name
-        log.info("robot %s: %s's %s connection %s", robot, user, permit.use, what)
+        user, robot = connection.user, connection.robot.name
+        log.info("robot %s: %s's %s connection %s", robot, user, connection.use, what)
         if ending is not None:
             self._metrics.endings.labels(ending.name).inc()
-        if permit.use == "drive":
+        # A page that waits for a robot that is offline tries again and again; that is no driving.
+        if connection.use == "drive" and connection.reached:
             self._journal.add(_audit_of(report))
 
     def _robot_came(self, change: Change) -> None:
@@ -89,9 +90,9 @@ def _audit_of(report: ConnectionReport) -> AuditEntry:
         details = {"end_code": ending.name, "lasted_s": round(report.lasted_s, 1)}
     return AuditEntry(
         at=utc_now(),
-        actor=report.permit.user.name,
+        actor=report.connection.user,
         kind="drive_began" if ending is None else "drive_ended",
-        robot=report.permit.robot.name,
+        robot=report.connection.robot.name,
         address=report.address,
         details=details,
     )

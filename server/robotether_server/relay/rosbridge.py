@@ -50,9 +50,9 @@ RETRY_S = 0.03
 
 @dataclass(frozen=True)
 class ConnectionReport:
-    """What `relay` learns of a connection, for log, audit and metrics; ending None: it began."""
+    """What `reports` learns of a connection; ending None: it has reached the robot."""
 
-    permit: Permit
+    connection: Connection
     address: str | None
     ending: Ending | None = None
     lasted_s: float = 0.0
@@ -98,20 +98,26 @@ class RosbridgeHandler:
         )
         try:
             with self._connections.joined(connection):
-                ending = await self._run(bridge, permit, address)
+                ending = await self._run(bridge, connection, address)
             await bridge.farewell(ending)
         finally:
             bridge.release()
 
-    async def _run(self, bridge: Bridge, permit: Permit, address: str | None) -> Ending:
+    async def _run(self, bridge: Bridge, connection: Connection, address: str | None) -> Ending:
         loop = asyncio.get_running_loop()
-        begun_at, ending = loop.time(), endings.client_vanished(permit.robot.name)
-        self._report(ConnectionReport(permit, address))
+        begun_at, ending = loop.time(), endings.client_vanished(connection.robot.name)
+
+        async def reach() -> RobotSocket:
+            socket = await self._reach(connection.robot)
+            self._connections.reached(connection)
+            self._report(ConnectionReport(connection, address))
+            return socket
+
         try:
-            ending = await bridge.run(lambda: self._reach(permit.robot))
+            ending = await bridge.run(reach)
         finally:
             lasted_s = loop.time() - begun_at
-            self._report(ConnectionReport(permit, address, ending, lasted_s))
+            self._report(ConnectionReport(connection, address, ending, lasted_s))
         return ending
 
     async def _reach(self, robot: Robot) -> RobotSocket:

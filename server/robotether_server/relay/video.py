@@ -100,7 +100,9 @@ class VideoHandler:
             if request.transport is not None:
                 request.transport.abort()
 
-        connection = Connection(permit.user.id, permit.user.name, permit.robot, "video", cut)
+        connection = Connection(
+            permit.user.id, permit.user.name, permit.robot, "video", cut, reached=True
+        )
         with (
             self._connections.joined(connection),
             self._credentials.held(permit.credential, cut),

@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Literal
 
 from robotether_server.store.database import Row, Transaction
+from robotether_server.store.grants import Level
 
-Level = Literal["observe", "drive", "manage"]
 CredentialKind = Literal["login", "token"]
 
 # Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says

@@ -144,7 +144,7 @@ async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, 
     assert [json.loads(text) for text in robot.received] == allowed
 
 
-async def test_tickets_that_open_nothing(relay, robot, sim1, http, records, monkeypatch):
+async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, records, monkeypatch):
     """Each kind of bad ticket is refused over HTTP with its own code."""
     other = records.add_robot(8, "sim2", u1="observe")
     hidden = records.add_robot(9, "sim3")
@@ -402,12 +402,24 @@ async def test_open_connections_go_on_without_a_database(relay, robot, sim1, htt
 async def test_drive_connections_are_in_the_audit_log(relay, robot, sim1, http, records):
     """Beginning and end of a drive connection are written with user, robot and address."""
     async with http.ws_connect(relay.ros_url(sim1), headers={"X-Forwarded-For": "203.0.113.9"}):
-        pass
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
     await until(lambda: len(_audit(records)) == 2, "both lines are written")
     began, ended = _audit(records)
     assert (began.kind, began.actor, began.robot) == ("drive_began", "ann", "sim1")
     assert began.address == "203.0.113.9"
     assert (ended.kind, ended.details["end_code"]) == ("drive_ended", "client_left")
+
+
+async def test_waiting_for_an_offline_robot_is_no_driving(relay, sim1, http, records):
+    """A page that tries again and again leaves no audit lines, and is shown to nobody."""
+    with relay.relay.board.followed_by(1) as feed:
+        feed.first()
+        for _ in range(3):
+            async with http.ws_connect(relay.ros_url(sim1)) as socket:
+                assert (await closing(socket))[0] == 4503
+        assert feed.take() == []
+    await relay.relay.journal.flush(5)
+    assert _audit(records) == []
 
 
 def _audit(records: MemoryRecords) -> list:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+import aiohttp
 import pytest
 from fake_robot import JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
@@ -38,7 +39,7 @@ async def test_a_snapshot_passes_with_what_describes_it(relay, robot, sim1, http
         assert "Access-Control-Allow-Origin" not in answer.headers
 
 
-async def test_the_robot_learns_nothing_of_who_asks(relay, robot, sim1, http, records, login):
+async def test_the_robot_learns_nothing_of_who_asks(*, relay, robot, sim1, http, records, login):
     """Cookie, token, ticket and address stay at the relay; path and query pass as they are."""
     token = records.add_credential("token", ANN)
     url = video_url(relay, sim1, f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50")
@@ -73,7 +74,7 @@ async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
             assert answer.status == 200
 
 
-async def test_who_may_not_see_gets_a_code(relay, robot, sim1, http, records, login):
+async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, records, login):
     """Each refusal of video has its status and code."""
     records.add_robot(8, "sim2")
     stranger = records.add_credential("token", User(9, "eve"))
@@ -126,7 +127,7 @@ async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
         await _read_until_cut(answer)
 
 
-async def test_an_ended_right_ends_the_stream(relay, robot, sim1, http, login, records):
+async def test_an_ended_right_ends_the_stream(*, relay, robot, sim1, http, login, records):
     """Taking the grant away cuts the stream."""
     async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
         await answer.content.readuntil(JPEG)
@@ -134,7 +135,7 @@ async def test_an_ended_right_ends_the_stream(relay, robot, sim1, http, login, r
         await _read_until_cut(answer)
 
 
-async def test_an_ended_login_ends_the_stream(relay, robot, sim1, http, login, records):
+async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login, records):
     """Logging out cuts the streams that the login opened."""
     async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
         await answer.content.readuntil(JPEG)
@@ -143,17 +144,14 @@ async def test_an_ended_login_ends_the_stream(relay, robot, sim1, http, login, r
         await _read_until_cut(answer)
 
 
-async def _read_until_cut(answer) -> None:
+async def _read_until_cut(answer: aiohttp.ClientResponse) -> None:
     async with asyncio.timeout(5):
-        try:
-            while await answer.content.readany():
-                pass
-        except Exception as exc:
-            assert type(exc).__name__ in {"ClientPayloadError", "ClientConnectionResetError"}
+        with pytest.raises(aiohttp.ClientError):
+            await answer.read()
 
 
 async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
-    relay, robot, sim1, http, login, monkeypatch
+    *, relay, robot, sim1, http, login, monkeypatch
 ):
     """The robot is not read on for a viewer that takes nothing, who is cut after a while."""
     monkeypatch.setattr("robotether_server.relay.video.VIEWER_SLOW_AFTER_S", 0.5)
@@ -164,7 +162,7 @@ async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
         answer.close()
 
 
-async def test_login_video_without_a_database_says_so(relay, robot, sim1, http, login, records):
+async def test_login_video_without_a_database_says_so(*, relay, robot, sim1, http, login, records):
     """A login that cannot be looked up gets 503 store_unavailable; a ticket still works."""
     records.down = True
     async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
@@ -174,7 +172,7 @@ async def test_login_video_without_a_database_says_so(relay, robot, sim1, http, 
         assert answer.status == 200
 
 
-async def test_many_pictures_ask_the_database_once(relay, robot, sim1, http, login, records):
+async def test_many_pictures_ask_the_database_once(*, relay, robot, sim1, http, login, records):
     """A login is looked up once for the requests of a few seconds."""
     before = records.lookups
     for _ in range(5):

@@ -1,0 +1,132 @@
+"""The relay's way to the database: what it does when that hangs, and the whole path with it."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+import pytest
+from fake_robot import FakeRobot
+from mariadb_server import MariaDb
+from relay_server import SESSION_KEY, RelayServer, running_relay, until
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.credentials import credential_of
+from robotether_server.relay.records import DatabaseRecords
+from robotether_server.settings import DatabaseSettings
+from robotether_server.store import Database, grants, logins, robots, users
+from robotether_server.store.fleet import User
+
+PUBLISH = '{"op": "publish", "topic": "/cmd_vel"}'
+
+
+@pytest.fixture
+def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
+    """A database that accepts connections and answers nothing."""
+    mariadb.container.pause()
+    try:
+        yield mariadb
+    finally:
+        mariadb.container.unpause()
+
+
+@pytest.fixture
+def ann(database: Database) -> User:
+    """A user who drives sim1."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        robots.set_state(tx, robot_id, "active")
+        ann_id = users.add(tx, "ann", "x", "user")
+        grants.give(tx, ann_id, robot_id, "drive")
+    return User(ann_id, "ann")
+
+
+@asynccontextmanager
+async def robot_of(relay: RelayServer) -> AsyncIterator[FakeRobot]:
+    """Have sim1 online and well."""
+    sim1 = relay.relay.fleet.known.by_name["sim1"]
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
+    try:
+        yield robot
+    finally:
+        await robot.stop()
+
+
+async def test_a_database_that_refuses_is_unavailable():
+    """Nobody on the port: StoreUnavailable at once."""
+    records = DatabaseRecords(Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")))
+    with pytest.raises(StoreUnavailable):
+        await records.changes()
+    records.close()
+
+
+async def test_a_database_that_hangs_is_unavailable_in_time(paused):
+    """No answer: StoreUnavailable after the limit, and the loop was never held up."""
+    records = DatabaseRecords(Database(paused.settings("relay")), answer_within_s=0.3)
+    longest_s, begun = 0.0, time.monotonic()
+    asking = asyncio.gather(*(records.changes() for _ in range(100)), return_exceptions=True)
+    while not asking.done():
+        before = time.monotonic()
+        await asyncio.sleep(0.005)
+        longest_s = max(longest_s, time.monotonic() - before)
+    assert all(isinstance(answer, StoreUnavailable) for answer in await asking)
+    assert time.monotonic() - begun < 1
+    assert longest_s < 0.2
+    records.close()
+
+
+async def test_driving_goes_on_while_the_database_hangs(mariadb, ann, http):
+    """With the real database paused, an open connection and a new ticket both work."""
+    records = DatabaseRecords(Database(mariadb.settings("relay")), answer_within_s=0.3)
+    async with running_relay(records) as relay, robot_of(relay) as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, user=ann)) as socket:
+            mariadb.container.pause()
+            try:
+                await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+                await socket.send_str(PUBLISH)
+                assert await socket.receive_str() == PUBLISH
+                async with http.ws_connect(relay.ros_url(sim1, user=ann)) as second:
+                    await second.send_str(PUBLISH)
+                    assert await second.receive_str() == PUBLISH
+                assert robot.session.bye is None
+            finally:
+                mariadb.container.unpause()
+            await until(lambda: relay.relay.fleet.store_up, "the database is back", within_s=30)
+
+
+async def test_rights_in_the_real_database_end_a_connection(mariadb, database, ann, http):
+    """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
+    records = DatabaseRecords(Database(mariadb.settings("relay")))
+    async with running_relay(records) as relay, robot_of(relay):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, user=ann)) as socket:
+            await socket.send_str(PUBLISH)
+            assert await socket.receive_str() == PUBLISH
+            with database.transaction() as tx:
+                assert grants.take(tx, ann.id, sim1.id)
+            async with asyncio.timeout(2):
+                assert (await socket.receive()).data == 4001
+        await relay.relay.journal.flush(5)
+    with database.transaction() as tx:
+        (session,) = tx.rows(
+            "SELECT robot_id, end_code, ended_at, agent_version FROM robot_sessions"
+        )
+        kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
+    assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
+    assert session["ended_at"] is not None
+    assert kinds == ["drive_began", "drive_ended"]
+
+
+async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
+    """The cookie's text leads to its user."""
+    with database.transaction() as tx:
+        text = logins.create(tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1))
+    records = DatabaseRecords(Database(mariadb.settings("relay")))
+    login = credential_of("login", text)
+    assert await records.users_of([login]) == {login: ann}
+    records.close()

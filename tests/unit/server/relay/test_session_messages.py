@@ -1,0 +1,89 @@
+"""The lines of the session, and what is wrong with them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.relay.session_messages import (
+    BrokenLineError,
+    Preface,
+    WrongKeyError,
+    bye_line,
+    config_line,
+    parse_line,
+    parse_preface,
+    pong_line,
+)
+
+PREFACE = {
+    "type": "preface",
+    "kind": "media",
+    "robot_id": 7,
+    "address": "198.51.100.7",
+    "session_key": "the key",
+}
+
+
+def preface(**changes: object) -> bytes:
+    return json.dumps(PREFACE | changes).encode()
+
+
+def test_a_preface_is_read():
+    """Kind, robot and address come out of it."""
+    assert parse_preface(preface(), "the key") == Preface("media", 7, "198.51.100.7")
+
+
+@pytest.mark.parametrize("key", ["", "the keY", None, 7, ["the key"], "schlüssel"])
+def test_a_wrong_key_is_found_first(key):
+    """Whatever else is wrong, a wrong key is what counts."""
+    with pytest.raises(WrongKeyError):
+        parse_preface(preface(session_key=key, kind=7, type="hello"), "the key")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("kind", "shell"),
+        ("kind", None),
+        ("robot_id", "7"),
+        ("robot_id", True),
+        ("robot_id", 7.5),
+        ("address", "x" * 46),
+        ("address", None),
+    ],
+)
+def test_a_wrong_field_is_named(field, value):
+    """The problem says which field it is."""
+    with pytest.raises(BrokenLineError, match=field):
+        parse_preface(preface(**{field: value}), "the key")
+
+
+def test_a_pong_carries_the_agents_clock_back():
+    """Number and time come back as they were; without a time there is none."""
+    assert json.loads(pong_line({"seq": 17, "t_ms": 123456.7})) == {
+        "type": "pong",
+        "seq": 17,
+        "t_ms": 123456.7,
+    }
+    assert json.loads(pong_line({"seq": 17})) == {"type": "pong", "seq": 17}
+    with pytest.raises(BrokenLineError, match="t_ms"):
+        pong_line({"seq": 17, "t_ms": "now"})
+
+
+def test_lines_end_where_they_should():
+    """Each line is one line, whatever a text in it holds."""
+    config = config_line(robot="a\nb", ros_port=1, video_port=2, heartbeat_s=1, timeout_s=5)
+    for line in (config, bye_line("timeout", "x\ny")):
+        assert line.count(b"\n") == 1
+        assert line.endswith(b"\n")
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_a_named_problem(data):
+    """Nothing but BrokenLineError comes out of rubbish."""
+    with contextlib.suppress(BrokenLineError):
+        assert isinstance(parse_line(data)["type"], str)
