@@ -4,16 +4,25 @@ The container `relay` starts it with `python -m robotether_server.relay`. It mus
 comes back from a robot, never wait for the database on the way of a message, and never keep an
 unbounded buffer for anybody.
 
-    main            starts and stops the parts in order
-    app             HTTP routes, one border that turns problems into answers
-    access          who asks: ticket, login, token, origin
-    fleet           the newest snapshot of robots and grants, read from the database
-    sessions        which robots are connected, and what is known of them
-    session_server  robots' sessions over TCP; one of them is a `robot_link`
-    connections     operators' live connections, for rights that end and links that are lost
-    rosbridge       an operator's WebSocket joined to a robot's rosbridge
-    operations      which rosbridge operations a connection may send
-    video           a robot's web_video_server, streamed through
-    events          the fleet as server-sent events
-    journal         writes sessions and audit lines, in the background
+    main             the process: settings, log, signals
+    relay            makes the parts, joins them, starts and stops them in order
+    app              HTTP routes, and the border that turns problems into answers
+
+    fleet            the newest robots and rights, read from the database
+    sessions         which robots are connected, and what is known of them
+    connections      operators' live connections, for rights that end and links that are lost
+    board            the fleet as operators see it, and who has yet to be told of what
+    reports          log, audit and metrics of what happens
+
+    access           who asks, and what for: ticket, login, token, origin; `credentials` looks up
+    rosbridge        lets an operator in and reaches the robot; `bridge` passes the messages on,
+                     `operations` says which, `liveness` when a side is slow or silent,
+                     `sockets` are its two ends, `endings` its close codes
+    video            a robot's web_video_server, streamed through
+    events           the fleet as server-sent events
+
+    session_server   robots' sessions over TCP; `robot_link` is one, `session_messages` its lines,
+                     `ports` waits until a robot's port is free
+    journal          writes sessions and audit lines in the background
+    records          the way to the database, on threads of its own
 """
