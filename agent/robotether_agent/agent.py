@@ -155,12 +155,10 @@ class Agent:
 
     def _no_session(self, problem: Problem) -> None:
         pending = problem.code == "not_enrolled"
-        self._board.tell(problem, "pending" if pending else "waiting")
-        self._board.set(rtt_ms=-1.0)
+        self._board.tell(problem, "pending" if pending else "waiting", rtt_ms=-1.0)
 
     def _no_media(self, problem: Problem) -> None:
-        self._board.tell(problem, self._board.status.state)
-        self._board.set(video_tunnel="closed")
+        self._board.tell(problem, self._board.status.state, video_tunnel="closed")
 
     async def _show_health(self) -> None:
         report = self._health.report

@@ -8,15 +8,34 @@ from __future__ import annotations
 
 import logging
 import socket
+from dataclasses import replace
 
 from robotether_agent import __version__
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.files import ensure_directory
 from robotether_agent.identity import find_mac
-from robotether_agent.join import JoinRequest, join
+from robotether_agent.join import Joined, JoinRequest, join
 from robotether_agent.keys import KeyPair, ensure_key
-from robotether_agent.problems import AnswerInvalid, ServerUnreachable, TlsUntrusted
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    ServerUnreachable,
+    SettingsInvalid,
+    StateUnusable,
+    TlsUntrusted,
+)
 from robotether_agent.settings import Settings
+
+# Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
+TOKEN_USELESS = frozenset({"settings_invalid", "token_invalid", "grant_missing"})
+# Faults of the web, or of this robot's own files: what was pinned is enough for the tunnel.
+HARMLESS_ONCE_ENROLLED = (
+    ServerUnreachable,
+    TlsUntrusted,
+    AnswerInvalid,
+    SettingsInvalid,
+    StateUnusable,
+)
 
 log = logging.getLogger(__name__)
 
@@ -42,10 +61,9 @@ class Enroller:
             return known
         try:
             return await self._join(key, known)
-        except (ServerUnreachable, TlsUntrusted, AnswerInvalid) as problem:
+        except HARMLESS_ONCE_ENROLLED as problem:
             if known is None:
                 raise
-            # Only the web is away: what was pinned is enough for the tunnel.
             log.warning("%s", problem)
             return known
 
@@ -55,14 +73,7 @@ class Enroller:
         mac = settings.mac or (known.mac if known else None)
         if mac is None:
             mac = find_mac(settings.interface, allow_local=settings.allow_local_mac)
-        request = JoinRequest(
-            mac=mac,
-            public_key=key.public,
-            hostname=socket.gethostname(),
-            agent_version=__version__,
-            token=settings.join_token(),
-        )
-        answer = await join(settings, request)
+        answer = await self._ask(mac, key, is_enrolled=known is not None)
         if self._store.is_of_other_server(settings.server):
             log.warning(
                 "the settings name another server now, %s: pinning its host keys", settings.server
@@ -73,6 +84,23 @@ class Enroller:
         if enrolment != known:
             log.info("%s knows this robot as %s (MAC %s)", settings.server, answer.robot, mac)
         return enrolment
+
+    async def _ask(self, mac: str, key: KeyPair, *, is_enrolled: bool) -> Joined:
+        """Join with the token, and when only that is in the way of an enrolled robot, without it."""
+        request = JoinRequest(
+            mac=mac,
+            public_key=key.public,
+            hostname=socket.gethostname(),
+            agent_version=__version__,
+        )
+        try:
+            token = self._settings.join_token()
+            return await join(self._settings, replace(request, token=token))
+        except (SettingsInvalid, JoinRefused) as problem:
+            if not is_enrolled or problem.code not in TOKEN_USELESS:
+                raise
+            log.warning("%s; joining without the token", problem)
+        return await join(self._settings, request)
 
     def doubt(self) -> None:
         """Ask the server before the next connection: its address or ports may have changed."""

@@ -6,6 +6,7 @@ Used by robotether_agent.settings only. Each raises RefusedValueError with what 
 from __future__ import annotations
 
 import re
+from ipaddress import IPv6Address
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -20,6 +21,7 @@ PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
 RUN_DIR_LIMIT = 107 - 17 - len("/session.ctl")
 LAST_PORT = 65535
 PORTS_LIMIT = 8
+PORT = re.compile(r"[0-9]{1,5}")
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -37,7 +39,7 @@ def text(value: object) -> str:
 def host(value: object) -> str:
     """Return a host name or address."""
     name = text(value)
-    if not (HOST.fullmatch(name) or (":" in name and IPV6.fullmatch(name))):
+    if not (HOST.fullmatch(name) or _is_ipv6(name)):
         raise RefusedValueError("a host name or an address")
     return name
 
@@ -45,13 +47,15 @@ def host(value: object) -> str:
 def server(value: object) -> str:
     """Return HOST or HOST:PORT, with an IPv6 address in brackets."""
     name = text(value)
+    allowed = "HOST or HOST:PORT (of https), without https:// and path"
     try:
         split = urlsplit(f"//{name}")
-        port = split.port
+        number = split.port
     except ValueError as error:
-        raise RefusedValueError("HOST or HOST:PORT (of https)") from error
-    if split.hostname is None or split.netloc != name or "@" in name or port == 0:
-        raise RefusedValueError("HOST or HOST:PORT (of https), without https:// and path")
+        raise RefusedValueError(allowed) from error
+    bare = _bracketed(split.hostname or "")
+    if name.lower() not in {bare, f"{bare}:{number}"} or number == 0:
+        raise RefusedValueError(allowed)
     host(split.hostname)
     return name
 
@@ -66,7 +70,7 @@ def fingerprint(value: object) -> bytes:
 
 def port(value: object) -> int:
     """Return a TCP port."""
-    number = int(value) if isinstance(value, str) and value.strip().isdecimal() else value
+    number = int(value) if isinstance(value, str) and PORT.fullmatch(value.strip()) else value
     if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= LAST_PORT:
         raise RefusedValueError("a port from 1 to 65535")
     return number
@@ -147,8 +151,21 @@ def _local_url(value: object, scheme: str, default_port: int) -> str:
         number = default_port if split.port is None else split.port
     except ValueError as error:
         raise RefusedValueError(example) from error
-    bare = split.path in {"", "/"} and not (split.query or split.fragment or split.username)
+    bare = split.path in {"", "/"} and not (split.query or split.fragment or "@" in split.netloc)
     if split.scheme != scheme or not split.hostname or not bare or number == 0:
         raise RefusedValueError(example)
-    name = host(split.hostname)
-    return f"{scheme}://{f'[{name}]' if ':' in name else name}:{number}"
+    return f"{scheme}://{_bracketed(host(split.hostname))}:{number}"
+
+
+def _bracketed(name: str) -> str:
+    """Return a host as it stands in a URL."""
+    return f"[{name}]" if ":" in name else name
+
+
+def _is_ipv6(name: str) -> bool:
+    """Tell an IPv6 address from a HOST:PORT of the same characters, such as 10.0.0.5:2222."""
+    try:
+        IPv6Address(name)
+    except ValueError:
+        return False
+    return IPV6.fullmatch(name) is not None

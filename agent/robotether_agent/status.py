@@ -55,6 +55,8 @@ class Status:
     problem: str = ""
     advice: str = ""
     problem_at: float = 0.0
+    # 0: the problem is not over, or there was none.
+    problem_over_at: float = 0.0
     written_at: float = 0.0
     pid: float = 0
     agent_version: str = __version__
@@ -83,18 +85,22 @@ class StatusBoard:
         self.status = replace(before, **changes)  # type: ignore[arg-type]  # fields of two types
         if self.status.state != before.state:
             self.status = replace(self.status, since=now)
+        if has_problem(self.status) and _is_whole(self.status):
+            self.status = replace(self.status, problem_over_at=now)
         if headline(self.status) != headline(before):
             self._on_state(headline(self.status))
         self.refresh()
 
-    def tell(self, problem: Problem, state: str) -> None:
-        """Note the last problem, and the state that it leads to."""
+    def tell(self, problem: Problem, state: str, **changes: str | float) -> None:
+        """Note the last problem, the state that it leads to, and what else it changes."""
         self.set(
             state=state,
             problem_code=problem.code,
             problem=problem.message,
             advice=problem.advice,
             problem_at=self._clock(),
+            problem_over_at=0.0,
+            **changes,
         )
 
     def refresh(self) -> None:
@@ -116,7 +122,12 @@ def headline(status: Status) -> str:
     if status.state == CONNECTED:
         services = f"rosbridge {status.ros}, video {status.video}"
         return f"{text} to {status.server} as {status.robot}; {services}"
-    return f"{text}: {status.problem} [{status.problem_code}]" if status.problem else text
+    return f"{text}: {_sentence(status)}" if has_problem(status) else text
+
+
+def has_problem(status: Status) -> bool:
+    """Tell whether the last problem, if there was any, still lasts."""
+    return bool(status.problem) and not status.problem_over_at
 
 
 def read_status(run_dir: Path) -> Status | None:
@@ -152,12 +163,29 @@ def render(status: Status, now: float) -> str:
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
-    if status.problem:
-        rows.append(("last problem", f"{status.problem} [{status.problem_code}]"))
-        rows.append(("", f"at {_when(status.problem_at)}"))
-    if status.problem and status.advice:
-        rows.append(("what to do", status.advice))
+    rows += _problem_rows(status)
     return "\n".join(f"{name:<13} {value}".rstrip() for name, value in rows)
+
+
+def _problem_rows(status: Status) -> list[tuple[str, str]]:
+    if not status.problem:
+        return []
+    at = _when(status.problem_at)
+    if not has_problem(status):
+        # Advice on what has mended itself would only make a person mend what works.
+        over = f"none now; the last one was over at {_when(status.problem_over_at)}"
+        return [("problem", over), ("", f"it came at {at}: {_sentence(status)}")]
+    rows = [("problem", _sentence(status)), ("", f"at {at}")]
+    return [*rows, ("what to do", status.advice)] if status.advice else rows
+
+
+def _sentence(status: Status) -> str:
+    return f"{status.problem} [{status.problem_code}]"
+
+
+def _is_whole(status: Status) -> bool:
+    """Tell whether all that the agent keeps open is open."""
+    return status.state == CONNECTED and status.video_tunnel == "open"
 
 
 def _service(state: str, detail: str) -> str:

@@ -9,6 +9,7 @@ import pytest
 from fake_cloud import eventually
 from openssh_server import listens
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged
+from robotether_agent.status import has_problem
 
 
 async def echo(port: int, text: str) -> str:
@@ -123,7 +124,7 @@ async def test_unreachable_server_is_tried_again(make_cloud, start_agent):
     cloud.ssh.stop()
     await agent.until(lambda status: status.problem_code == "server_unreachable", "unreachable")
     cloud.ssh.start()
-    await agent.until_connected()
+    assert not has_problem(await agent.until_connected())
     assert await echo(cloud.ports[0], "back") == "back"
 
 
@@ -163,6 +164,19 @@ async def test_media_failing_leaves_the_session_alone(make_cloud, start_agent):
     (await cloud.link("media")).drop()
     await cloud.link("media", number=2)
     assert len(cloud.of_kind("session", live=False)) == 1
+
+
+async def test_video_trouble_lasts_while_the_session_stands(make_cloud, start_agent):
+    """A robot that is connected but for its video shows a problem that is not over."""
+    cloud = await make_cloud()
+    holder = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    cloud.ports = (cloud.ports[0], holder.ssh.port)
+    (await cloud.link("media")).drop()
+    status = await agent.until(lambda status: status.problem_code == "port_taken", "port_taken")
+    assert status.state == "connected"
+    assert has_problem(status)
 
 
 async def test_session_failing_leaves_media_alone(make_cloud, start_agent):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 
-from robotether_agent.problems import KeyRefused
+from robotether_agent.problems import KeyRefused, LinkLost
 from robotether_agent.status import (
     STALE_S,
     Status,
     StatusBoard,
+    has_problem,
     headline,
     is_alive,
     read_status,
@@ -45,13 +46,45 @@ def test_a_connected_robot():
 
 
 def test_a_problem_and_what_to_do(place):
-    """The last problem stands there with its code, its time and an advice."""
+    """A problem that lasts stands there with its code, its time and an advice."""
     board = StatusBoard(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
     board.tell(KeyRefused("cannot log in", advice="approve it"), "waiting")
     text = render(board.status, NOW)
     assert "not connected, tries again by itself" in text
     assert "cannot log in [key_refused]" in text
     assert "what to do    approve it" in text
+
+
+def test_a_problem_that_is_over(place):
+    """Once both connections stand, a person reads that the problem is over, and no advice on it."""
+    clock = [NOW]
+    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
+    board.set(state="connected", robot="sim1", video_tunnel="open")
+    board.tell(KeyRefused("cannot log in", advice="approve it"), "waiting", video_tunnel="closed")
+    board.set(state="connected")
+    assert has_problem(board.status), "the video tunnel is still closed"
+    assert "what to do    approve it" in render(board.status, NOW)
+    clock[0] += 20
+    board.set(video_tunnel="open")
+    clock[0] += 60
+    board.set(rtt_ms=3.0)
+    assert not has_problem(board.status)
+    assert render(board.status, clock[0]).splitlines()[-2:] == [
+        "problem       none now; the last one was over at 2023-11-14 22:13:40 UTC",
+        "              it came at 2023-11-14 22:13:20 UTC: cannot log in [key_refused]",
+    ]
+    board.set(state="stopped", video_tunnel="closed")
+    assert headline(board.status) == "stopped"
+
+
+def test_a_new_problem_is_not_over(place):
+    """A problem that comes after one that is over lasts, until all is open again."""
+    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
+    board.tell(KeyRefused("cannot log in"), "waiting")
+    board.set(state="connected", video_tunnel="open")
+    board.tell(LinkLost("lost the video tunnel"), "connected", video_tunnel="closed")
+    assert has_problem(board.status)
+    assert "problem       lost the video tunnel [link_lost]" in render(board.status, NOW)
 
 
 def test_an_agent_that_no_longer_writes_is_not_running():
