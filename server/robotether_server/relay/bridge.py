@@ -88,6 +88,12 @@ class Bridge:
             work.cancel()
             await asyncio.gather(work, return_exceptions=True)
 
+    async def ending_of_gone(self) -> Ending:
+        """Return why a connection that is gone ended, by the frames that nobody has read yet."""
+        if await self._operator.said_goodbye():
+            return endings.client_left(self._name)
+        return endings.client_vanished(self._name)
+
     async def farewell(self, ending: Ending) -> None:
         """Tell both sides that it ended."""
         await asyncio.gather(self._leave_robot(), self._operator.finish(ending))

@@ -1,6 +1,6 @@
 """The relay's numbers for Prometheus, in a registry of its own.
 
-`health` serves them on the inside port. Counts that a message changes are plain integers, read here
+`app` serves them on the inside port. Counts that a message changes are plain integers, read here
 when somebody asks.
 """
 

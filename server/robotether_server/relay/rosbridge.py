@@ -115,6 +115,11 @@ class RosbridgeHandler:
 
         try:
             ending = await bridge.run(reach)
+        except asyncio.CancelledError:
+            # aiohttp cancels the handler of a connection that is gone, also before it has read
+            # the close frame of a client that does not wait for ours.
+            ending = await bridge.ending_of_gone()
+            raise
         finally:
             lasted_s = loop.time() - begun_at
             self._report(ConnectionReport(connection, address, ending, lasted_s))

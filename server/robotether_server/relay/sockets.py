@@ -70,6 +70,17 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         except (TimeoutError, ConnectionError):
             transport.abort()
 
+    async def said_goodbye(self) -> bool:
+        """Tell of a connection that is gone whether a close frame was the last that came."""
+        if self._transport is None or not self._transport.is_closing():
+            return False
+        while True:
+            message = await self.receive()
+            if message.type in {WSMsgType.CLOSE, WSMsgType.CLOSING}:
+                return self.close_code != NEVER_SENT
+            if message.type in {WSMsgType.CLOSED, WSMsgType.ERROR}:
+                return False
+
     async def _answered(self, transport: asyncio.Transport) -> None:
         """Wait for the client's close frame.
 

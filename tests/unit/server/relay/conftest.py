@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 import aiohttp
 import pytest
 import pytest_asyncio
 import uvloop
-from fake_robot import FakeRobot
+from fake_robot import FakeRobot, RobotSession
 from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay, until
 from robotether_server.store.fleet import Robot
+
+Connect = Callable[..., Awaitable[RobotSession]]
 
 
 def pytest_asyncio_loop_factories() -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
@@ -63,6 +65,23 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
     yield robot
     await robot.stop()
+
+
+@pytest_asyncio.fixture
+async def connect(relay: RelayServer, sim1: Robot) -> AsyncIterator[Connect]:
+    """Open sessions of sim1 that are closed at the end."""
+    opened: list[RobotSession] = []
+
+    async def open_session(kind: str = "session", **changes: object) -> RobotSession:
+        fields = {"robot_id": sim1.id, "session_key": SESSION_KEY} | changes
+        session = RobotSession(fields.pop("robot_id"), kind=kind, **fields)
+        await session.connect(relay.relay.session_port)
+        opened.append(session)
+        return session
+
+    yield open_session
+    for session in opened:
+        await session.close()
 
 
 @pytest_asyncio.fixture

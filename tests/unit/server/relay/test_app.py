@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-
 import pytest
-from fake_robot import FakeRobot
-from relay_server import SESSION_KEY, running_relay, until
-from robotether_server.store.fleet import User
 
 
 @pytest.mark.parametrize("path", ["/", "/robots", "/robots/sim1", "/robots/sim1/other", "/metrics"])
@@ -72,41 +66,3 @@ async def test_metrics_tell_what_happens(relay, robot, sim1, http):
     assert 'robotether_relay_message_bytes_total{to="client"} 11.0' in lines
     assert 'robotether_relay_refusals_total{code="login_missing"} 1.0' in lines
     assert any(line.startswith("process_resident_memory_bytes ") for line in lines)
-
-
-async def test_without_a_first_snapshot_everything_is_unavailable(records, http):
-    """A relay that has never reached the database refuses with store_unavailable."""
-    records.down = True
-    async with running_relay(records) as relay:
-        ticket = relay.ticket(records.robots[7])
-        for path in (f"/robots/sim1/video/x?ticket={ticket}", "/api/v1/events"):
-            async with http.get(f"{relay.url}{path}") as answer:
-                assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
-        records.down = False
-        await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
-
-
-async def test_stopping_tells_operators_and_is_quick(records, sim1, http):
-    """Operators hear 1001, streams end, robots hear bye, and all is over within 3 s."""
-    token = records.add_credential("token", User(1, "ann"))
-    robot = FakeRobot(sim1.id, SESSION_KEY)
-    async with running_relay(records) as relay:
-        await robot.start(relay.relay.session_port)
-        socket = await http.ws_connect(relay.ros_url(sim1))
-        await until(lambda: robot.clients, "the operator has reached rosbridge")
-        headers = {"Authorization": f"Bearer {token}"}
-        events = await http.get(f"{relay.url}/api/v1/events", headers=headers)
-        await events.content.readuntil(b"\n\n")
-        closing = asyncio.create_task(socket.receive())
-        begun = time.monotonic()
-    assert time.monotonic() - begun < 3
-    message = await closing
-    assert (message.data, message.extra) == (
-        1001,
-        "the relay is stopping; connect again in a moment",
-    )
-    await until(lambda: robot.session.bye is not None, "the robot hears bye")
-    assert robot.session.bye["code"] == "relay_stopping"
-    events.close()
-    await socket.close()
-    await robot.stop()

@@ -181,20 +181,6 @@ async def test_a_database_that_is_away_ends_no_stream(relay, robot, records, fol
         await events.robot_with(ros="down")
 
 
-async def test_a_client_that_does_not_read_costs_one_set(relay, robot, sim1, follow):
-    """However often a robot changes, what waits for a slow client is its newest state."""
-    board = relay.relay.board
-    with board.followed_by(1) as feed:
-        feed.first()
-        for turn in range(1000):
-            robot.session.send(type="health", ros="ok" if turn % 2 else "down", video="ok")
-        robot.session.send(type="health", ros="unknown", video="down")
-        await until(lambda: relay.relay.registry.presence(7).video == "down", "all is heard")
-        (event,) = feed.take()
-    assert event[0] == "robot"
-    assert (event[1]["ros"], event[1]["video"]) == ("unknown", "down")
-
-
 def test_events_are_written_as_the_standard_says():
     """An event is its name, one line of data, and an empty line."""
     assert render([("removed", {"name": "sim1"})]) == (b'event: removed\ndata: {"name":"sim1"}\n\n')

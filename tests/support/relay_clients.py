@@ -1,0 +1,46 @@
+"""What the relay's tests do with an operator's or a robot's connection, beside opening it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import aiohttp
+from aiohttp import WSMsgType
+from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
+from relay_server import SESSION_KEY, MemoryRecords, RelayServer
+from robotether_server.store.fleet import AuditEntry, Robot
+
+PUBLISH = '{"op": "publish",  "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}'
+
+
+async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
+    """Read on until the relay closes; return code and reason."""
+    # Not receive(timeout=...), which begins anew with each ping that it answers.
+    async with asyncio.timeout(WAIT_S):
+        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+            assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
+    return message.data, message.extra or ""
+
+
+async def ended(session: RobotSession) -> str | None:
+    """Wait for the end of a robot's session; return the code of the bye, None without one."""
+    await asyncio.wait_for(session.closed.wait(), WAIT_S)
+    return session.bye["code"] if session.bye else None
+
+
+async def configured(session: RobotSession) -> RobotSession:
+    """Wait until the relay has told the session its configuration."""
+    await asyncio.wait_for(session.configured.wait(), WAIT_S)
+    return session
+
+
+async def misbehaving(relay: RelayServer, robot: Robot, mode: Mode) -> FakeRobot:
+    """Connect a robot that does not behave; the test stops it."""
+    fake = FakeRobot(robot.id, SESSION_KEY, mode)
+    await fake.start(relay.relay.session_port)
+    return fake
+
+
+def audit_lines(records: MemoryRecords) -> list[AuditEntry]:
+    """Lines of the audit log that were written."""
+    return [entry for entry in records.written if isinstance(entry, AuditEntry)]

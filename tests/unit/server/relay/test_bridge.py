@@ -1,0 +1,244 @@
+"""Messages between operators and a fake robot through the real relay, and what ends them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+
+import aiohttp
+import pytest
+from aiohttp import WSMsgType
+from relay_clients import PUBLISH, audit_lines, closing, misbehaving
+from relay_server import MESSAGE_LIMIT, until
+from robotether_server.store.fleet import User
+
+BOB = User(2, "bob")
+
+
+async def test_text_passes_unchanged_both_ways(relay, robot, sim1, http):
+    """A text message reaches the robot with every byte as it was, and comes back so."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_binary_passes_unchanged_for_a_driver(relay, robot, sim1, http):
+    """Binary rubbish from a driver reaches rosbridge, whose business it is."""
+    rubbish = bytes(range(256)) * 3
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_bytes(rubbish)
+        assert await socket.receive_bytes(timeout=5) == rubbish
+
+
+async def test_a_message_as_large_as_the_limit_passes(relay, robot, sim1, http):
+    """10 MB to the byte is allowed, in both directions."""
+    message = '{"op": "publish", "msg": "' + "x" * (MESSAGE_LIMIT - 28) + '"}'
+    assert len(message) == MESSAGE_LIMIT
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await socket.send_str(message)
+        assert await socket.receive_str(timeout=8) == message
+
+
+async def test_a_message_over_the_limit_ends_that_connection_only(relay, robot, sim1, http):
+    """11 MB close the sender with 1009 and a reason; another operator does not notice."""
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as other,
+        http.ws_connect(relay.ros_url(sim1)) as socket,
+    ):
+        await socket.send_str('{"op": "publish", "msg": "' + "x" * 11 * 1024 * 1024 + '"}')
+        assert await closing(socket) == (1009, "you sent a message over 10 MB")
+        await other.send_str(PUBLISH)
+        assert await other.receive_str(timeout=5) == PUBLISH
+
+
+async def test_a_robots_message_over_the_limit_ends_with_1009(relay, robot, sim1, http):
+    """A robot that sends more than the limit ends the connection, and the reason names it."""
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        await robot.send_to_clients(b"x" * (MESSAGE_LIMIT + 1))
+        assert await closing(socket) == (1009, "robot sim1 sent a message over 10 MB")
+
+
+@pytest.mark.parametrize("rubbish", ["{", "", "[1]", '"publish"', "[" * 100_000, "{'op': 1}"])
+async def test_broken_json_is_answered_and_the_robot_not_bothered(
+    relay, robot, sim1, http, rubbish
+):
+    """Text that is no JSON object gets rosbridge's status error, and the connection goes on."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(rubbish)
+        status = await socket.receive_json(timeout=5)
+        assert (status["op"], status["level"]) == ("status", "error")
+        assert status["msg"].startswith("cannot read message: not JSON")
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_bytes_that_are_no_websocket_end_the_connection(relay, robot, sim1, http):
+    """A frame with reserved bits closes with 1002."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        transport = socket.get_extra_info("socket")
+        assert transport is not None
+        socket._writer.transport.write(b"\xff\xff\xff\xff")
+        code, reason = await closing(socket)
+        assert (code, reason) == (1002, "you broke the WebSocket protocol")
+
+
+async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, robot, sim1, http):
+    """What an observer may not send is answered with its id, and goes no further."""
+    allowed = [
+        {"op": "subscribe", "topic": "/pose"},
+        {"op": "call_service", "service": "/rosapi/topics", "id": "s1"},
+    ]
+    refused = [
+        {"op": "publish", "topic": "/cmd_vel", "id": "p1"},
+        {"op": "call_service", "service": "/stop_motor", "id": "p2"},
+        {"op": "advertise", "topic": "/cmd_vel", "id": "p3"},
+    ]
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        for message in refused:
+            await socket.send_json(message)
+            status = await socket.receive_json(timeout=5)
+            assert (status["op"], status["level"]) == ("status", "error")
+            assert status["id"] == message["id"]
+        await socket.send_bytes(b"\x16\x00\x00\x00bson")
+        assert "JSON text only" in (await socket.receive_json(timeout=5))["msg"]
+        for message in allowed:
+            await socket.send_json(message)
+            assert await socket.receive_json(timeout=5) == message
+    assert [json.loads(text) for text in robot.received] == allowed
+
+
+async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot, sim1, http):
+    """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in list(robot.clients):
+            client._req.transport.abort()
+        await robot.session.close()
+        assert (await closing(socket))[0] == 4505
+
+
+async def test_a_rosbridge_that_goes_away_is_down(relay, robot, sim1, http):
+    """Rosbridge closes while the tunnel lives: 4504."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in list(robot.clients):
+            await client.close()
+        assert await closing(socket) == (
+            4504,
+            "rosbridge on robot sim1 does not answer: it closed the connection",
+        )
+
+
+async def test_a_robot_that_breaks_off_mid_message(relay, sim1, http):
+    """Half a frame and a reset end with 4504; nothing of the half message arrives."""
+    robot = await misbehaving(relay, sim1, "drops_mid_message")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4504
+    await robot.stop()
+
+
+async def test_a_robot_that_reads_nothing_is_down(relay, sim1, http):
+    """A rosbridge that takes nothing any more ends with 4504, and memory stays bounded."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        message = '{"op": "publish", "msg": "' + "x" * 1_000_000 + '"}'
+        sending = asyncio.create_task(_send_until_closed(socket, message))
+        code, reason = await closing(socket)
+        assert (code, reason) == (
+            4504,
+            "rosbridge on robot sim1 does not answer: it took nothing for 1 s",
+        )
+        await sending
+    await robot.stop()
+
+
+async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: str) -> None:
+    try:
+        for _ in range(100):
+            await socket.send_str(message)
+    except ConnectionError:
+        return
+
+
+async def test_a_silent_client_is_let_go(relay, robot, sim1, http):
+    """No pong and no message for the limit closes with 4408."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        assert await closing_without_pong(socket) == 4408
+    await until(lambda: not robot.clients, "the robot's side is closed too")
+
+
+async def closing_without_pong(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+    async with asyncio.timeout(8):
+        while (message := await socket.receive()).type is WSMsgType.PING:
+            pass
+    assert message.type is WSMsgType.CLOSE
+    return message.data
+
+
+async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
+    """Pongs alone keep a quiet connection open beyond the limit."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(socket.receive(), 1.5)
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
+    """The relay answers pings of the client with the same payload."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        await socket.ping(b"hello")
+        while (message := await socket.receive(timeout=5)).type is WSMsgType.PING:
+            pass
+        assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
+
+
+async def test_a_client_that_never_reads_is_bounded_and_ends(relay, sim1, http):
+    """A flood to a client that does not read stops at the robot, and ends with client_slow."""
+    robot = await misbehaving(relay, sim1, "floods")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        socket._response.connection.transport.pause_reading()
+        await until(
+            lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(), "the client is let go"
+        )
+        passed_on = relay.relay.traffic.bytes_to_client
+        socket._response.connection.transport.abort()
+    # All that the kernel's buffers on the way take, and no more.
+    assert passed_on < 40 * 1024 * 1024
+    await robot.stop()
+
+
+async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http):
+    """Closing the operator's side closes rosbridge's connection at once."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+    await until(lambda: not robot.clients, "rosbridge's connection is closed", within_s=0.5)
+
+
+async def test_an_operator_who_vanishes_frees_the_robot(relay, robot, sim1, http):
+    """A reset of the operator's TCP closes rosbridge's connection at once."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    socket._response.connection.transport.abort()
+    await until(lambda: not robot.clients, "rosbridge's connection is closed", within_s=0.5)
+    assert relay.relay.connections.count("drive") == 0
+
+
+@pytest.mark.parametrize(
+    ("frames", "name"), [([struct.pack("!H", 1000)], "client_left"), ([], "client_vanished")]
+)
+async def test_a_client_that_closes_and_cuts_has_left(
+    *, relay, robot, sim1, http, records, frames, name
+):
+    """Who says goodbye and does not wait for the answer has not vanished."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    for frame in frames:
+        await socket.send_frame(frame, WSMsgType.CLOSE)
+    socket._response.connection.transport.abort()
+    await until(lambda: len(audit_lines(records)) == 2, "the end is written")
+    assert audit_lines(records)[1].details["end_code"] == name

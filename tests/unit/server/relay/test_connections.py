@@ -1,0 +1,151 @@
+"""Live connections and what ends them, without a network."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+
+import pytest
+from relay_server import MemoryRecords
+from robotether_server.relay import endings
+from robotether_server.relay.connections import Connection, Connections, Use, permits
+from robotether_server.relay.endings import Ending
+from robotether_server.relay.sessions import NEVER_SEEN, Change
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.store.grants import Level
+
+USERS = {1: "ann", 2: "bob"}
+
+
+class Live:
+    """Connections as the handlers make them; remembers how each ended."""
+
+    def __init__(self) -> None:
+        self.connections = Connections()
+        self.changed: list[int] = []
+        self.connections.listen(self.changed.append)
+        self.endings: dict[Connection, list[str]] = {}
+        self._open = ExitStack()
+
+    def add(self, user_id: int, robot: Robot, use: Use, *, reached: bool = True) -> Connection:
+        ended: list[str] = []
+
+        def end(ending: Ending) -> None:
+            ended.append(ending.name)
+
+        connection = Connection(user_id, USERS[user_id], robot, use, end, reached)
+        self.endings[connection] = ended
+        self._open.enter_context(self.connections.joined(connection))
+        return connection
+
+    def how(self, *connections: Connection) -> list[list[str]]:
+        return [self.endings[connection] for connection in connections]
+
+    def leave(self) -> None:
+        self._open.close()
+
+
+@pytest.fixture
+def live() -> Live:
+    """No connection yet."""
+    return Live()
+
+
+@pytest.fixture
+def sim2(records: MemoryRecords) -> Robot:
+    """A second robot, which user 1 drives."""
+    return records.add_robot(8, "sim2", u1="drive")
+
+
+def snapshot(records: MemoryRecords) -> Snapshot:
+    return Snapshot(dict(records.robots), dict(records.grants))
+
+
+@pytest.mark.parametrize(
+    ("level", "uses"),
+    [
+        (None, []),
+        ("observe", ["observe", "video"]),
+        ("drive", ["observe", "drive", "video"]),
+        ("manage", ["observe", "drive", "video"]),
+    ],
+)
+def test_a_grant_permits_its_uses_and_no_more(level: Level | None, uses: list[Use]):
+    """Video is to observe; to manage includes to drive."""
+    assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
+
+
+def test_drivers_are_named_once_and_observers_counted(live, sim1, sim2):
+    """Two windows of one user are one driver; another robot's connections do not count."""
+    for user_id, robot, use in [
+        (1, sim1, "drive"),
+        (1, sim1, "drive"),
+        (2, sim1, "observe"),
+        (2, sim1, "observe"),
+        (2, sim1, "video"),
+        (2, sim2, "drive"),
+    ]:
+        live.add(user_id, robot, use)
+    assert live.connections.drivers(sim1.id) == ["ann"]
+    assert live.connections.observers(sim1.id) == 2
+    assert [live.connections.count(use) for use in ("drive", "observe", "video")] == [3, 2, 1]
+
+
+def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
+    """A waiting connection is told to nobody, until it reaches the robot."""
+    waiting = live.add(1, sim1, "drive", reached=False)
+    assert (live.connections.drivers(sim1.id), live.changed) == ([], [])
+    live.connections.reached(waiting)
+    assert (live.connections.drivers(sim1.id), live.changed) == (["ann"], [sim1.id])
+
+
+def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
+    """Only the robot whose connection had reached it has one driver less."""
+    live.add(1, sim1, "drive", reached=True)
+    live.add(1, sim2, "drive", reached=False)
+    live.leave()
+    assert live.changed == [sim1.id]
+    assert live.connections.count("drive") == 0
+
+
+def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
+    """All uses of that robot end with link_lost, waiting ones too; other robots' go on."""
+    through = [live.add(1, sim1, "drive", reached=False), live.add(2, sim1, "video")]
+    other = live.add(1, sim2, "drive")
+    live.connections.robot(Change("left", sim1.id, NEVER_SEEN, "timeout"))
+    assert live.how(*through, other) == [["link_lost"], ["link_lost"], []]
+
+
+@pytest.mark.parametrize("what", ["came", "told", "rtt"])
+def test_nothing_else_of_a_robot_ends_anything(live, sim1, what):
+    """A robot's health or heartbeat leaves its operators alone."""
+    connection = live.add(1, sim1, "drive")
+    live.connections.robot(Change(what, sim1.id, NEVER_SEEN))
+    assert live.how(connection) == [[]]
+
+
+def test_only_what_the_newest_rights_forbid_ends(live, records, sim1):
+    """A grant lowered to observe ends the driving of that user, and not the watching."""
+    drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
+    other = live.add(2, sim1, "observe")
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(drive, watch, other) == [[], [], []]
+    records.grants[1, sim1.id] = "observe"
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(drive, watch, other) == [["rights_ended"], [], []]
+
+
+@pytest.mark.parametrize("change", [{"state": "disabled"}, {"name": "turtle"}, None])
+def test_a_robot_that_is_gone_or_another_now_ends_its_connections(live, records, sim1, change):
+    """Disabled, renamed or removed: who opened it by its name has to open it anew."""
+    connection = live.add(1, sim1, "drive")
+    records.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(connection) == [["rights_ended"]]
+
+
+def test_stopping_ends_all(live, sim1, sim2):
+    """Every connection to every robot hears why."""
+    each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
+    live.connections.end_all(endings.relay_stopping())
+    assert live.how(*each) == [["relay_stopping"]] * 3

@@ -1,0 +1,111 @@
+"""The relay as one object: the order in which its parts start, stop, and hear of what happens."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import replace
+
+import pytest
+from fake_robot import HOST, FakeRobot
+from relay_clients import closing, configured, ended
+from relay_server import SESSION_KEY, running_relay, until
+from robotether_server.store.fleet import FormerSessions, User
+
+ANN = User(1, "ann")
+
+
+async def test_sessions_are_written_when_the_database_is_back(relay, sim1, records, connect):
+    """A session that came and went while the database was away is written afterwards."""
+    records.down = True
+    session = await configured(await connect())
+    await session.close()
+    await until(lambda: not relay.relay.registry.presence(sim1.id).online, "it is offline")
+    assert records.sessions() == []
+    records.down = False
+    await until(records.sessions, "it is written")
+    assert records.sessions()[0].ended_at is not None
+
+
+async def test_former_sessions_are_closed_at_the_start(records):
+    """The first entry of a relay ends what a former one left open."""
+    async with running_relay(records):
+        await until(lambda: records.written, "something is written")
+    assert isinstance(records.written[0], FormerSessions)
+
+
+async def test_stopping_tells_operators_and_is_quick(records, sim1, http):
+    """Operators hear 1001, streams end, robots hear bye, and all is over within 3 s."""
+    token = records.add_credential("token", ANN)
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    async with running_relay(records) as relay:
+        await robot.start(relay.relay.session_port)
+        socket = await http.ws_connect(relay.ros_url(sim1))
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        headers = {"Authorization": f"Bearer {token}"}
+        events = await http.get(f"{relay.url}/api/v1/events", headers=headers)
+        await events.content.readuntil(b"\n\n")
+        heard = asyncio.create_task(closing(socket))
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 3
+    assert await heard == (1001, "the relay is stopping; connect again in a moment")
+    assert await ended(robot.session) == "relay_stopping"
+    assert records.sessions()[-1].end_code == "relay_stopping"
+    events.close()
+    await socket.close()
+    await robot.stop()
+
+
+async def test_without_a_first_snapshot_everything_is_unavailable(records, http):
+    """A relay that has never reached the database refuses with store_unavailable."""
+    records.down = True
+    async with running_relay(records) as relay:
+        ticket = relay.ticket(records.robots[7])
+        for path in (f"/robots/sim1/video/x?ticket={ticket}", "/api/v1/events"):
+            async with http.get(f"{relay.url}{path}") as answer:
+                assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
+        records.down = False
+        await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
+
+
+async def test_nothing_listens_after_the_stop(records):
+    """All three ports are free again, so that the next relay can have them."""
+    async with running_relay(records) as relay:
+        ports = (relay.relay.http_port, relay.relay.session_port, relay.relay.inside_port)
+        for port in ports:
+            _, writer = await asyncio.open_connection(HOST, port)
+            writer.close()
+    for port in ports:
+        with pytest.raises(ConnectionRefusedError):
+            await asyncio.open_connection(HOST, port)
+
+
+async def test_a_disabled_robots_operators_hear_of_their_rights(
+    *, relay, robot, sim1, http, records
+):
+    """Right and link end together; what the operator hears is the cause."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        records.robots = {sim1.id: replace(sim1, state="disabled")}
+        assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
+        assert await ended(robot.session) == "robot_disabled"
+
+
+async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, sim1, http):
+    """Connections end before watchers are told, and what is not known any more is forgotten."""
+    with relay.relay.board.followed_by(ANN.id) as feed:
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            await until(lambda: robot.clients, "the operator has reached rosbridge")
+            await robot.session.close()
+            assert (await closing(socket))[0] == 4505
+        feed.first()
+        assert feed.first()[1][0]["drivers"] == []
+
+
+async def test_a_robot_whose_row_is_gone_is_forgotten(relay, robot, sim1, records):
+    """What was known of it does not come back with a new row of the same id."""
+    row, records.robots = records.robots, {}
+    await until(lambda: relay.relay.registry.presence(sim1.id).since is None, "it is forgotten")
+    records.robots = row
+    await until(lambda: relay.relay.fleet.known.robots, "the row is back")
+    assert relay.relay.registry.presence(sim1.id).since is None

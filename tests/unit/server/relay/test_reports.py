@@ -1,0 +1,121 @@
+"""What happens, as log, journal and metrics learn it; without a network."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import pytest
+from relay_server import MemoryRecords, utc
+from robotether_server.relay import endings
+from robotether_server.relay.bridge import Traffic
+from robotether_server.relay.connections import Connection
+from robotether_server.relay.journal import Journal
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.reports import Reports
+from robotether_server.relay.rosbridge import ConnectionReport
+from robotether_server.relay.sessions import Change, Presence
+from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
+
+CAME, LEFT = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
+ONLINE = Presence(online=True, since=CAME, address="198.51.100.7")
+
+
+class Notes(Journal):
+    """A journal that keeps each entry as it was when it was added."""
+
+    def __init__(self, records: MemoryRecords) -> None:
+        super().__init__(records)
+        self.notes: list[Entry] = []
+
+    def add(self, entry: Entry) -> None:
+        self.notes.append(replace(entry))
+        super().add(entry)
+
+
+@pytest.fixture
+def journal(records: MemoryRecords) -> Notes:
+    """A journal that nobody writes down."""
+    return Notes(records)
+
+
+@pytest.fixture
+def metrics() -> Metrics:
+    """Numbers at zero."""
+    return Metrics(Traffic())
+
+
+@pytest.fixture
+def reports(records, journal, metrics, caplog) -> Reports:
+    """Reports to this journal, these metrics and the test's log."""
+    caplog.set_level(logging.INFO)
+    return Reports(journal, metrics, lambda: Snapshot(records.robots, records.grants))
+
+
+def driving(robot: Robot, *, use: str = "drive", reached: bool = True) -> Connection:
+    return Connection(1, "ann", robot, use, lambda _ending: None, reached)
+
+
+def test_a_session_is_one_entry_from_its_begin_to_its_end(reports, journal):
+    """Coming, telling a version and leaving are three states of one row."""
+    reports.robot(Change("came", 7, ONLINE))
+    reports.robot(Change("told", 7, replace(ONLINE, agent_version="0.1.0")))
+    reports.robot(Change("left", 7, Presence(since=LEFT), "timeout"))
+    begun = SessionEntry(7, CAME, "198.51.100.7")
+    assert journal.notes == [
+        begun,
+        replace(begun, agent_version="0.1.0"),
+        replace(begun, agent_version="0.1.0", ended_at=LEFT, end_code="timeout"),
+    ]
+    assert journal.waiting() == 1
+
+
+def test_health_and_heartbeats_are_not_written(reports, journal):
+    """A robot that tells of itself all the time costs the database nothing."""
+    reports.robot(Change("came", 7, ONLINE))
+    reports.robot(Change("told", 7, replace(ONLINE, ros="down")))
+    reports.robot(Change("rtt", 7, replace(ONLINE, rtt_ms=1.0)))
+    assert len(journal.notes) == 1
+
+
+def test_robots_are_logged_by_name_and_their_endings_counted(reports, records, metrics, caplog):
+    """Every line names the robot; one whose row is gone, its id."""
+    reports.robot(Change("came", 7, ONLINE))
+    records.robots = {}
+    reports.robot(Change("left", 7, Presence(since=LEFT), "robot_unknown"))
+    reports.session_refused("preface")
+    assert caplog.messages == [
+        "robot sim1 is online from 198.51.100.7",
+        "robot 7 is offline: robot_unknown",
+    ]
+    assert b'session_endings_total{code="robot_unknown"} 1.0' in metrics.render()
+    assert b'session_refusals_total{code="preface"} 1.0' in metrics.render()
+
+
+def test_a_drive_is_two_audit_lines(reports, journal, sim1):
+    """Who drove which robot from where, how long, and why it ended."""
+    connection = driving(sim1)
+    reports.connection(ConnectionReport(connection, "203.0.113.9"))
+    ending = endings.link_lost("sim1")
+    reports.connection(ConnectionReport(connection, "203.0.113.9", ending, lasted_s=12.345))
+    lines = [entry for entry in journal.notes if isinstance(entry, AuditEntry)]
+    assert [(entry.kind, entry.details) for entry in lines] == [
+        ("drive_began", {}),
+        ("drive_ended", {"end_code": "link_lost", "lasted_s": 12.3}),
+    ]
+    assert {(entry.actor, entry.robot, entry.address) for entry in lines} == {
+        ("ann", "sim1", "203.0.113.9")
+    }
+
+
+@pytest.mark.parametrize("changes", [{"use": "observe"}, {"reached": False}])
+def test_watching_and_waiting_are_logged_and_counted_but_no_audit(
+    *, reports, journal, metrics, sim1, caplog, changes
+):
+    """Only who reached the robot to drive it stands in the audit log."""
+    connection, ending = driving(sim1, **changes), endings.client_left("sim1")
+    reports.connection(ConnectionReport(connection, None, ending, lasted_s=1.0))
+    assert journal.notes == []
+    use = connection.use
+    assert caplog.messages == [f"robot sim1: ann's {use} connection ended after 1.0 s: client_left"]
+    assert b'connection_endings_total{name="client_left"} 1.0' in metrics.render()

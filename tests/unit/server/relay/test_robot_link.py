@@ -1,0 +1,188 @@
+"""A robot's link over a real socket: configuration, take-over, heartbeat, and each way it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import replace
+
+import pytest
+from fake_robot import HOST
+from relay_clients import configured, ended
+from relay_server import FAST, RelayServer, until
+from robotether_server.relay.sessions import Presence
+from robotether_server.store.fleet import Robot
+
+
+def presence(relay: RelayServer, robot: Robot) -> Presence:
+    return relay.relay.registry.presence(robot.id)
+
+
+async def test_a_session_gets_its_configuration(relay, sim1, connect):
+    """The first line is the robot's configuration, and the robot is online."""
+    session = await configured(await connect())
+    assert session.configs == [
+        {
+            "type": "config",
+            "robot": "sim1",
+            "ros_port": sim1.ros_port,
+            "video_port": sim1.video_port,
+            "heartbeat_s": FAST.heartbeat_s,
+            "timeout_s": FAST.timeout_s,
+        }
+    ]
+    assert presence(relay, sim1).online
+    assert presence(relay, sim1).address == "198.51.100.7"
+
+
+async def test_media_gets_a_configuration_but_makes_no_robot_online(relay, sim1, connect):
+    """Only the session says that a robot is online."""
+    await configured(await connect("media"))
+    assert not presence(relay, sim1).online
+
+
+async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
+    """The relay learns the round trip, and answers the agent's pings with the agent's clock."""
+    session = await connect()
+    session.send(type="ping", seq=17, t_ms=123456.7)
+    await until(lambda: session.pongs == 1, "the ping is answered")
+    await until(lambda: presence(relay, sim1).rtt_ms is not None, "the round trip is known")
+
+
+async def test_health_and_version_are_told(relay, sim1, connect):
+    """What the agent tells of itself stands in the robot's presence."""
+    session = await connect()
+    session.send(type="hello", hostname="turtle", agent_version="0.1.0")
+    session.send(type="health", ros="ok", video="down", detail="nothing on 8080")
+    session.send(type="something new", value=1)
+    await until(lambda: presence(relay, sim1).ros == "ok", "health is known")
+    assert presence(relay, sim1).video == "down"
+    assert presence(relay, sim1).agent_version == "0.1.0"
+
+
+async def test_new_ports_end_a_live_session(relay, sim1, records, connect):
+    """New ports need a new SSH login, so the session ends with ports_changed."""
+    session = await configured(await connect())
+    records.robots = {sim1.id: replace(sim1, ros_port=sim1.ros_port + 1)}
+    assert await ended(session) == "ports_changed"
+
+
+async def test_a_new_name_is_told_on_the_same_session(relay, sim1, records, connect):
+    """Renaming reaches the agent as a new configuration line."""
+    session = await configured(await connect())
+    records.robots = {sim1.id: replace(sim1, name="turtle")}
+    await until(lambda: len(session.configs) == 2, "the new name is told")
+    assert session.configs[1]["robot"] == "turtle"
+    assert session.bye is None
+
+
+async def test_a_newer_session_ends_the_older_first(relay, sim1, connect):
+    """The older session hears superseded before the newer is configured."""
+    older = await configured(await connect())
+    newer = await connect()
+    assert await ended(older) == "superseded"
+    await configured(newer)
+    assert presence(relay, sim1).online
+    assert [link.kind for link in relay.relay.registry.links()] == ["session"]
+
+
+async def test_media_and_session_do_not_end_each_other(relay, connect):
+    """Only a connection of the same kind takes over."""
+    session, media = await connect(), await connect("media")
+    await configured(session)
+    await configured(media)
+    assert len(relay.relay.registry.links()) == 2
+
+
+async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, connect):
+    """While the older tunnel's port is accepted, the newer gets no configuration."""
+    newer = await connect()
+    assert await ended(robot.session) == "superseded"
+    await configured(newer)
+    with pytest.raises(OSError, match=r"refused|111"):
+        await asyncio.open_connection(HOST, sim1.ros_port)
+
+
+async def test_a_port_that_stays_taken_is_waited_for_one_second(relay, robot, connect):
+    """A port that is never released does not keep the robot out for ever."""
+    robot.mode = "port_taken"
+    begun = time.monotonic()
+    await configured(await connect())
+    assert 0.9 < time.monotonic() - begun < 2
+
+
+async def test_of_many_sessions_at_once_one_stays(relay, connect):
+    """When several sessions of a robot come together, all but the last hear superseded."""
+    sessions = [await connect() for _ in range(5)]
+    await configured(sessions[-1])
+    assert [await ended(session) for session in sessions[:-1]] == ["superseded"] * 4
+    assert sessions[-1].bye is None
+
+
+async def test_a_silent_robot_times_out(relay, sim1, connect):
+    """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
+    session = await connect(silent=True)
+    begun = time.monotonic()
+    assert await ended(session) == "timeout"
+    assert FAST.timeout_s < time.monotonic() - begun < FAST.timeout_s + 1
+    assert not presence(relay, sim1).online
+
+
+async def test_a_robot_that_answers_stays(relay, sim1, connect):
+    """Pongs alone keep a session beyond the time-out."""
+    session = await configured(await connect())
+    await asyncio.sleep(2 * FAST.timeout_s)
+    assert session.bye is None
+    assert presence(relay, sim1).online
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"no json\n",
+        b'{"type": "health", "ros": "fine", "video": "ok"}\n',
+        b'{"type": "pong", "seq": "one"}\n',
+        b'{"type": "hello", "hostname": "h"}\n',
+        b"x" * 70_000,
+        b"[" * 60_000 + b"\n",
+    ],
+)
+async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
+    """A line that breaks the contract ends the session with protocol_error."""
+    session = await configured(await connect())
+    session.send_raw(line)
+    assert await ended(session) == "protocol_error"
+    assert not presence(relay, sim1).online
+
+
+async def test_a_cut_session_is_offline_at_once(relay, sim1, records, connect):
+    """A session that just ends makes the robot offline, and its row gets an end."""
+    session = await configured(await connect())
+    await session.close()
+    await until(lambda: not presence(relay, sim1).online, "it is offline", within_s=0.5)
+    await until(lambda: records.sessions()[0].ended_at is not None, "the row has an end")
+    assert records.sessions()[0].end_code == "link_lost"
+    assert records.sessions()[0].address == "198.51.100.7"
+
+
+async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect):
+    """Answers that a robot does not take are kept up to a limit; then its link is cut."""
+    session = await configured(await connect())
+    session._writer.transport.pause_reading()
+    # The relay answers with the agent's own clock, so a long one makes a long answer.
+    line = b'{"type": "ping", "seq": 1, "t_ms": ' + b"9" * 4000 + b"}\n"
+    async with asyncio.timeout(8):
+        while presence(relay, sim1).online:
+            session.send_raw(line * 100)
+            await asyncio.sleep(0)
+    assert b'session_endings_total{code="timeout"} 1.0' in relay.relay.metrics.render()
+    await until(lambda: not relay.relay._sessions._live, "the link is cut", within_s=2)
+
+
+async def test_a_ping_of_any_clock_is_answered_with_it(relay, connect):
+    """An agent without a clock gets its number back alone; one that lies about it is cut."""
+    session = await configured(await connect())
+    session.send(type="ping", seq=1)
+    await until(lambda: session.pongs == 1, "the ping is answered")
+    session.send(type="ping", seq=2, t_ms="noon")
+    assert await ended(session) == "protocol_error"
