@@ -70,14 +70,14 @@ CREATE OR REPLACE PROCEDURE take_ports(
 BEGIN
   DECLARE owner VARCHAR(64);
   DECLARE locked INT;
-  SELECT COUNT(*) INTO locked FROM port_pairs
+  SELECT COUNT(*) INTO locked FROM port_pairs FORCE INDEX (PRIMARY)
     WHERE ros_port IN (ros, ros - 1, video, video - 1) FOR UPDATE;
   SELECT name INTO owner FROM robots
     WHERE id <> robot_id_ AND (ros_port IN (ros, video) OR video_port IN (ros, video)) LIMIT 1;
   IF owner IS NOT NULL THEN
     CALL refuse_robot(robot, CONCAT('robot ', owner, ' has port ', ros, ' or ', video, '; choose others'));
   END IF;
-  UPDATE port_pairs SET robot_id = robot_id_
+  UPDATE port_pairs FORCE INDEX (PRIMARY) SET robot_id = robot_id_
     WHERE ros_port IN (ros, ros - 1, video, video - 1) AND robot_id IS NULL;
 END;
 
@@ -103,7 +103,7 @@ END;
 CREATE OR REPLACE TRIGGER robots_after_update AFTER UPDATE ON robots FOR EACH ROW
 BEGIN
   IF NEW.ros_port <> OLD.ros_port OR NEW.video_port <> OLD.video_port THEN
-    UPDATE port_pairs SET robot_id = NULL WHERE robot_id = NEW.id;
+    UPDATE port_pairs FORCE INDEX (port_pairs_robot) SET robot_id = NULL WHERE robot_id = NEW.id;
     CALL take_ports(NEW.id, NEW.name, NEW.ros_port, NEW.video_port);
   END IF;
 END;
