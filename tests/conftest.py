@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from stack import ROOT, Stack
+from stack import Stack
 
 
 @pytest.fixture(scope="session")
-def stack() -> Iterator[Stack]:
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
     """The whole stack with three simulated robots, removed at the end."""
-    running = Stack(ROOT / "tests" / "artifacts" / "stack")
+    running = Stack(tmp_path_factory.mktemp("stack"))
     try:
         running.up()
         yield running

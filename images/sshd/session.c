@@ -28,6 +28,7 @@
 #define KEY_FILE "/run/secrets/session_key"
 #define FORCED "/usr/lib/robotether/session "
 #define BUFFER_SIZE 16384
+#define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
 /* One direction of the join; at most one buffer is ever in flight, so a slow reader slows the writer. */
 struct flow {
@@ -187,12 +188,17 @@ static void join(int relay)
     up.from = STDIN_FILENO, up.to = relay;
     down.from = relay, down.to = STDOUT_FILENO;
     for (;;) {
-        /* A flow waits either for input or for room, never for both; -1 takes an entry out. */
-        set[0] = (struct pollfd){.fd = up.end ? -1 : up.from, .events = POLLIN};
+        /*
+         * A flow waits either for input or for room, never for both; -1 takes an entry out. A source that must wait
+         * is still watched for its end: a robot that stops reading must not keep what the relay has ended.
+         */
+        set[0] = (struct pollfd){.fd = up.from, .events = up.end ? POLLRDHUP : POLLIN};
         set[1] = (struct pollfd){.fd = up.end ? up.to : -1, .events = POLLOUT};
-        set[2] = (struct pollfd){.fd = down.end ? -1 : down.from, .events = POLLIN};
+        set[2] = (struct pollfd){.fd = down.from, .events = down.end ? POLLRDHUP : POLLIN};
         set[3] = (struct pollfd){.fd = down.end ? down.to : -1, .events = POLLOUT};
         if (poll(set, 4, -1) < 0 && errno != EINTR)
+            return;
+        if ((up.end && (set[0].revents & ENDED)) || (down.end && (set[2].revents & ENDED)))
             return;
         if (!pump(&up, set[0].revents, set[1].revents) || !pump(&down, set[2].revents, set[3].revents))
             return;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import subprocess
@@ -63,7 +64,9 @@ def _end(running: subprocess.Popen[str]) -> str:
         ("authorizedkeysfile", "none"),
         ("clientaliveinterval", "5"),
         ("clientalivecountmax", "3"),
-        ("maxstartups", "2500:30:5000"),
+        ("maxstartups", "1200:50:1500"),
+        ("persourcemaxstartups", "250"),
+        ("unusedconnectiontimeout", "10"),
         ("persourcepenalties", "no"),
     ],
 )
@@ -212,6 +215,43 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, stack: Stack) -> None
     finally:
         for running in (first, *later):
             _end(running)
+
+
+def test_connection_without_a_session_ends(key: RobotKey) -> None:
+    """A connection that only holds ports is ended, since the relay could not end it."""
+    ros, _ = key.ports()
+    holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER)
+    try:
+        assert holding.wait(timeout=20) != 0
+    finally:
+        _end(holding)
+
+
+def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack) -> None:
+    """A robot that stops reading cannot keep the connection, and its ports, that the relay has ended."""
+    running = key.start(USER, "session")
+    try:
+        _session_line(running)
+        assert running.stdin is not None
+        # Answers of 4000 digits each fill every buffer on the way back, which nobody reads.
+        digits = "9" * 4000
+        for seq in range(1000):
+            running.stdin.write(f'{{"type": "ping", "seq": {seq}, "t_ms": {digits}}}\n')
+        with contextlib.suppress(BrokenPipeError):
+            running.stdin.flush()
+        sessions = "for p in /proc/[0-9]*; do [ $(stat -c %U $p) = tunnel ] && cat $p/cmdline | tr '\\0' ' '; done"
+        [[robot_id]] = stack.sql("SELECT id FROM robots WHERE name = 'thief'")
+        mine = f"session {robot_id} "
+        stack.wait(
+            "the session command gone",
+            lambda: mine not in stack.exec("sshd", "bash", "-c", f"({sessions}) 2>/dev/null; true"),
+            "sshd",
+            "relay",
+            seconds=20,
+        )
+    finally:
+        running.kill()
+        running.communicate()
 
 
 def test_known_key_works_while_the_database_is_away(

@@ -23,7 +23,8 @@ import docker
 from docker.models.containers import Container
 
 ROOT = Path(__file__).resolve().parents[2]
-PROJECT = "robotether-test"
+# Two runs beside each other are two projects.
+PROJECT = f"robotether-test-{os.getpid()}"
 T = TypeVar("T")
 
 
