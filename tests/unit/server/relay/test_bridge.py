@@ -109,6 +109,7 @@ async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, 
             await socket.send_json(message)
             assert await socket.receive_json(timeout=5) == message
     assert [json.loads(text) for text in robot.received] == allowed
+    assert relay.relay.traffic.refused == len(refused) + 1
 
 
 async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot, sim1, http):
@@ -117,6 +118,8 @@ async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot,
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         for client in list(robot.clients):
             client._req.transport.abort()
+        # The moment between, in which the relay must not yet have judged.
+        await asyncio.sleep(0.1)
         await robot.session.close()
         assert (await closing(socket))[0] == 4505
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from fake_robot import HOST, FakeRobot
+from fake_robot import HOST, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
-from relay_server import SESSION_KEY, running_relay, until
-from robotether_server.store.fleet import FormerSessions, User
+from relay_server import SESSION_KEY, MemoryRecords, running_relay, until
+from robotether_server.store.fleet import Entry, FormerSessions, User
 
 ANN = User(1, "ann")
 
@@ -51,6 +52,8 @@ async def test_stopping_tells_operators_and_is_quick(records, sim1, http):
     assert await heard == (1001, "the relay is stopping; connect again in a moment")
     assert await ended(robot.session) == "relay_stopping"
     assert records.sessions()[-1].end_code == "relay_stopping"
+    # A stream that was cut instead of ended would raise here.
+    await events.content.read()
     events.close()
     await socket.close()
     await robot.stop()
@@ -66,6 +69,26 @@ async def test_without_a_first_snapshot_everything_is_unavailable(records, http)
                 assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
         records.down = False
         await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
+
+
+class SlowRecords(MemoryRecords):
+    """Records that take their time to write."""
+
+    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+        await asyncio.sleep(0.2)
+        return await super().write(entries)
+
+
+async def test_the_last_entries_are_written_before_the_end():
+    """A stop waits for a slow database, within its time."""
+    records = SlowRecords()
+    sim1 = records.add_robot(7, "sim1")
+    session = RobotSession(sim1.id, kind="session", session_key=SESSION_KEY)
+    async with running_relay(records) as relay:
+        await session.connect(relay.relay.session_port)
+        await configured(session)
+    assert [entry.end_code for entry in records.sessions()] == ["relay_stopping"]
+    await session.close()
 
 
 async def test_nothing_listens_after_the_stop(records):
