@@ -16,8 +16,8 @@ unbounded buffer for anybody.
 
     access           who asks, and what for: ticket, login, token, origin; `credentials` looks up
     rosbridge        lets an operator in and reaches the robot; `bridge` passes the messages on,
-                     `operations` says which, `liveness` when a side is slow or silent,
-                     `sockets` are its two ends, `endings` its close codes
+                     `operations` says which and checks their `fields`, `liveness` when a side is
+                     slow or silent, `sockets` are its two ends, `endings` its close codes
     video            a robot's web_video_server, streamed through
     events           the fleet as server-sent events
 

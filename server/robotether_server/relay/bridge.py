@@ -1,9 +1,10 @@
 """One operator's WebSocket joined to one robot's rosbridge.
 
-`rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. It passes
-messages on as the bytes they came in; it never parses what comes from a robot, and a message makes
-no task, no timer and no queue entry of its own. Reading on one side waits for writing on the
-other, so that a connection's memory is bounded by the socket buffers.
+`rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
+the robot is what `operations` returns: a driver's messages as the bytes they came in, an observer's
+written anew. It never parses what comes from a robot, and a message makes no task, no timer and no
+queue entry of its own. Reading on one side waits for writing on the other, so that a connection's
+memory is bounded by the socket buffers.
 """
 
 from __future__ import annotations
@@ -127,30 +128,30 @@ class Bridge:
 
     async def _pump_to_robot(self, robot: RobotSocket) -> Ending:
         operator, traffic, mode = self._operator, self._rules.traffic, self._mode
-        refusal: bytes | None
         while True:
             message = await operator.receive()
             self._heard_at = self._loop.time()
-            if message.type is WSMsgType.TEXT:
-                refusal = operations.refusal_of_text(message.data, mode)
-            elif message.type is WSMsgType.BINARY:
-                refusal = operations.refusal_of_binary(mode)
-            elif message.type is WSMsgType.PING:
-                await operator.pong(message.data)
-                continue
-            elif message.type is WSMsgType.PONG:
-                continue
-            else:
-                return self._ending_by_operator(message.type, message.data)
-            if refusal is not None:
+            try:
+                if message.type is WSMsgType.TEXT:
+                    data = operations.checked_text(message.data, mode)
+                elif message.type is WSMsgType.BINARY:
+                    data = operations.checked_binary(message.data, mode)
+                elif message.type is WSMsgType.PING:
+                    await operator.pong(message.data)
+                    continue
+                elif message.type is WSMsgType.PONG:
+                    continue
+                else:
+                    return self._ending_by_operator(message.type, message.data)
+            except operations.RefusedError as refused:
                 traffic.refused += 1
-                await self._send_to_client(refusal, WSMsgType.TEXT)
+                await self._send_to_client(refused.answer, WSMsgType.TEXT)
                 continue
             traffic.messages_to_robot += 1
-            traffic.bytes_to_robot += len(message.data)
-            self._bytes_to_robot += len(message.data)
+            traffic.bytes_to_robot += len(data)
+            self._bytes_to_robot += len(data)
             try:
-                await robot.send_frame(message.data, message.type)
+                await robot.send_frame(data, message.type)
             except ConnectionError:
                 return await self._ending_by_robot("its connection broke")
 

@@ -112,6 +112,17 @@ async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, 
     assert relay.relay.traffic.refused == len(refused) + 1
 
 
+async def test_an_observers_message_is_written_anew(relay, robot, sim1, http):
+    """The robot gets the checked fields alone, and none of the bytes that the observer wrote."""
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await socket.send_str(
+            '{"op": "subscribe",  "topic": "/\\u0070ose", "message_intervall": 9,'
+            ' "x": {"op": "publish", "topic": "/cmd_vel"}, "n": 111111111111111111111111111111}'
+        )
+        await socket.receive_str(timeout=5)
+    assert robot.received == ['{"op":"subscribe","topic":"/pose"}']
+
+
 async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(relay, robot, sim1, http):
     """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:

@@ -159,8 +159,8 @@ async def test_ended_rights_end_the_connection(relay, robot, sim1, http, records
         await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
         del records.grants[1, sim1.id]
         assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
-        await other.send_json({"op": "subscribe"})
-        assert await other.receive_json(timeout=5) == {"op": "subscribe"}
+        await other.send_json({"op": "subscribe", "topic": "/a"})
+        assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
 
 
 async def test_a_driver_who_may_only_observe_now_is_ended(relay, robot, sim1, http, records):

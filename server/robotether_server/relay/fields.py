@@ -1,0 +1,107 @@
+"""Checks of single fields of an observer's message; `operations` says which field gets which check.
+
+A check returns the value to send on, and raises FieldRefusedError with the reason. What passes has
+one meaning to every JSON parser, and holds no object in which a parser that lost its way could find
+an operation. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+Check = Callable[[Any], object]
+
+MAX_TEXT_LENGTH = 1024
+# Parsers written in C refuse what is longer, or make a float of it.
+WHOLE_64_BIT = (-(2**63), 2**63 - 1)
+# A field of a ROS message; `op` would make an operation of the object that it stands in.
+FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
+
+
+class FieldRefusedError(ValueError):
+    """A field may not go on; the text goes on where its name ends: "is ..."."""
+
+
+def text(value: Any) -> str:
+    """Pass a text of bounded length."""
+    if not isinstance(value, str) or len(value) > MAX_TEXT_LENGTH:
+        raise FieldRefusedError(f"is no text of up to {MAX_TEXT_LENGTH} characters")
+    try:
+        value.encode()
+    except UnicodeEncodeError as exc:
+        raise FieldRefusedError("is no Unicode: it holds half of a character") from exc
+    return value
+
+
+def whole(low: int, high: int) -> Check:
+    """Make a check for whole numbers from `low` to `high`."""
+
+    def check(value: Any) -> int:
+        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+            raise FieldRefusedError(f"is no whole number from {low} to {high}")
+        return value
+
+    return check
+
+
+def number(low: float, high: float) -> Check:
+    """Make a check for numbers from `low` to `high`."""
+
+    def check(value: Any) -> float:
+        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not fits or not low <= value <= high:
+            raise FieldRefusedError(f"is no number from {low:g} to {high:g}")
+        return float(value)
+
+    return check
+
+
+def choice(*allowed: str) -> Check:
+    """Make a check for one of some words."""
+
+    def check(value: Any) -> str:
+        for word in allowed:
+            if value == word:
+                return word
+        raise FieldRefusedError(f"is none of {', '.join(allowed)}")
+
+    return check
+
+
+def identity(value: Any) -> str | int:
+    """Pass what an answer refers to: a text or a whole number."""
+    if isinstance(value, str):
+        return text(value)
+    return _whole_64_bit(value)
+
+
+def scalars(value: Any) -> dict[str, object] | list[object]:
+    """Pass an object or array of texts, numbers and truth values; nothing stands deeper."""
+    if isinstance(value, list):
+        return [_scalar(item) for item in value]
+    if not isinstance(value, dict):
+        raise FieldRefusedError("is neither object nor array")
+    for name in value:
+        if not FIELD_NAME.fullmatch(name):
+            raise FieldRefusedError(f"has a member {name[:64]!r}, which an observer may not send")
+    return {name: _scalar(item) for name, item in value.items()}
+
+
+def _scalar(value: Any) -> object:
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        return text(value)
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    return _whole_64_bit(value)
+
+
+def _whole_64_bit(value: Any) -> int:
+    low, high = WHOLE_64_BIT
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise FieldRefusedError("holds what is neither a text nor a number of 64 bits")
+    return value

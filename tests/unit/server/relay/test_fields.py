@@ -1,0 +1,90 @@
+"""What a field of an observer's message may hold."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from robotether_server.relay import fields
+from robotether_server.relay.fields import MAX_TEXT_LENGTH, FieldRefusedError
+
+
+@pytest.mark.parametrize("value", ["", "/pose", "ü\n\0", "x" * MAX_TEXT_LENGTH])
+def test_a_text_passes_as_it_is(value):
+    """Texts of any characters pass up to their length."""
+    assert fields.text(value) == value
+
+
+@pytest.mark.parametrize("value", [None, 1, ["a"], {}, "x" * (MAX_TEXT_LENGTH + 1), "\ud800"])
+def test_what_is_no_text_is_refused(value):
+    """Half a character is none: some parsers refuse the whole message for it."""
+    with pytest.raises(FieldRefusedError):
+        fields.text(value)
+
+
+def test_numbers_have_bounds():
+    """Both ends pass, what lies outside or is no number does not."""
+    assert [fields.whole(0, 9)(value) for value in (0, 9)] == [0, 9]
+    assert fields.number(0, 9)(9) == 9.0
+    for value in (-1, 10, True, "1", None):
+        for check in (fields.whole(0, 9), fields.number(0, 9)):
+            with pytest.raises(FieldRefusedError):
+                check(value)
+    with pytest.raises(FieldRefusedError):
+        fields.whole(0, 9)(1.0)
+    with pytest.raises(FieldRefusedError):
+        fields.number(0, 9)(float("nan"))
+
+
+@pytest.mark.parametrize("value", ["C", "a ", None, 1, ["a"], {}])
+def test_only_the_listed_words_are_a_choice(value):
+    """One of the words passes, anything else does not."""
+    assert fields.choice("a", "b")("b") == "b"
+    with pytest.raises(FieldRefusedError):
+        fields.choice("a", "b")(value)
+
+
+@pytest.mark.parametrize("value", ["x1", 7, -(2**63), 2**63 - 1])
+def test_an_id_is_a_text_or_a_number(value):
+    """An id passes as it is."""
+    assert fields.identity(value) == value
+
+
+@pytest.mark.parametrize("value", [2**63, 1.5, True, None, [], {}, "\udfff"])
+def test_what_is_no_id_is_refused(value):
+    """Other types and large numbers are no ids."""
+    with pytest.raises(FieldRefusedError):
+        fields.identity(value)
+
+
+@pytest.mark.parametrize(
+    "value", [{}, [], ["a", 1, None], {"topic": "/a", "depth": 5, "x": 1.5, "y": True, "z": None}]
+)
+def test_plain_values_pass_as_they_are(value):
+    """Objects and arrays of texts, numbers and truth values pass."""
+    assert fields.scalars(value) == value
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        "text",
+        {"a": {}},
+        {"a": []},
+        [[]],
+        [{}],
+        {"op": "publish"},
+        {"": 1},
+        {"a b": 1},
+        {"a\n": 1},
+        {"x": 2**63},
+        {"x": json.loads("1e999")},
+        {"x": json.loads("NaN")},
+        {"x": "\ud800"},
+    ],
+)
+def test_nothing_nested_or_unclear_passes(value):
+    """No inner object, no member `op`, no number that parsers disagree on."""
+    with pytest.raises(FieldRefusedError):
+        fields.scalars(value)
