@@ -1,6 +1,11 @@
 // The fleet's live events (/api/v1/events of docs/protocols.md), with a state that the page can show.
+// It reads the stream itself: EventSource hides the comments that tell a quiet stream from a dead one,
+// gives up for good after an HTTP error, and does not tell an ended login from a server that is down.
 
 import { backoff } from "./backoff.js";
+import { EventReader } from "./events.js";
+
+const SILENCE_MS = 25_000; // over two of the relay's comments
 
 export class Feed {
   // `onState("connecting"|"live"|"lost"|"login")`; the other handlers get what the events carry.
@@ -8,6 +13,7 @@ export class Feed {
     this.handlers = { fleet: onFleet, robot: onRobot, removed: onRemoved };
     this.onState = onState;
     this.delays = backoff();
+    this.abort = null;
   }
 
   start() {
@@ -16,39 +22,65 @@ export class Feed {
     window.addEventListener("online", () => this.open());
   }
 
-  open() {
-    clearTimeout(this.timer);
-    this.source?.close();
-    this.source = new EventSource("/api/v1/events");
-    for (const [name, handle] of Object.entries(this.handlers)) {
-      this.source.addEventListener(name, ({ data }) => this.heard(handle, data));
-    }
-    this.source.onerror = () => this.lost();
+  async open() {
+    this.close();
+    const abort = (this.abort = new AbortController());
+    this.expectMore();
+    const answer = await ask(abort.signal);
+    if (answer?.ok) await this.listen(answer.body.getReader());
+    if (abort !== this.abort) return;
+    if (answer?.status === 401) this.endLogin();
+    else this.lose();
   }
 
-  heard(handle, data) {
+  // Until the stream ends or is cut.
+  async listen(body) {
+    const reader = new EventReader();
+    for (let bytes = await next(body); bytes; bytes = await next(body)) {
+      this.expectMore();
+      for (const event of reader.push(bytes)) this.hear(event);
+    }
+  }
+
+  hear({ name, data }) {
     this.delays = backoff();
     this.onState("live");
-    handle(JSON.parse(data));
+    this.handlers[name]?.(JSON.parse(data));
   }
 
-  // A browser gives up for good after an HTTP error such as 502, so the page opens the next one itself.
-  async lost() {
-    this.source.close();
+  // A network that goes away silently ends nothing.
+  expectMore() {
+    clearTimeout(this.silence);
+    this.silence = setTimeout(() => this.lose(), SILENCE_MS);
+  }
+
+  lose() {
+    this.close();
     this.onState("lost");
     this.timer = setTimeout(() => this.open(), this.delays.next().value);
-    if (await loginEnded()) this.end();
   }
 
-  end() {
-    clearTimeout(this.timer);
-    this.source.close();
+  endLogin() {
+    this.close();
     this.onState("login");
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    clearTimeout(this.silence);
+    this.abort?.abort();
+    this.abort = null;
   }
 }
 
-// EventSource does not tell an ended login from a server that is down; the API does.
-async function loginEnded() {
-  const answer = await fetch("/api/v1/robots", { cache: "no-store" }).catch(() => null);
-  return answer?.status === 401;
+// Gives null when the server gives no answer.
+async function ask(signal) {
+  const headers = { Accept: "text/event-stream" };
+  return fetch("/api/v1/events", { headers, signal, cache: "no-store" }).catch(() => null);
+}
+
+// Gives null at the end.
+async function next(body) {
+  const { done, value } = await body.read().catch(() => ({ done: true }));
+  return done ? null : value;
 }
