@@ -22,8 +22,16 @@ const WATCH_MS = 1000;
 export class Connection {
   // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
-  constructor({ requestTicket, openLink, prepare, onState, now = () => performance.now() }) {
-    Object.assign(this, { requestTicket, openLink, prepare, onState, now });
+  // `onLeaving()` is the last chance to say something on a live link that this page gives up.
+  constructor({
+    requestTicket,
+    openLink,
+    prepare,
+    onState,
+    onLeaving = () => {},
+    now = () => performance.now(),
+  }) {
+    Object.assign(this, { requestTicket, openLink, prepare, onState, onLeaving, now });
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
@@ -44,11 +52,16 @@ export class Connection {
   }
 
   get live() {
-    return this.state.name === "live";
+    return this.link !== null && this.state.name === "live";
   }
 
   get backlog() {
     return this.link ? this.link.backlog : 0;
+  }
+
+  // How long a live link has brought nothing.
+  get silenceMs() {
+    return this.now() - this.heardAt;
   }
 
   // For news that an attempt may work now; `asked` when a person wants it, whatever the state.
@@ -148,11 +161,12 @@ export class Connection {
 
   // A network that goes away silently closes nothing: the answers just stop.
   checkSilence() {
-    if (this.live && this.now() - this.heardAt > SILENCE_MS) this.settle(LINK_LOST);
+    if (this.live && this.silenceMs > SILENCE_MS) this.settle(LINK_LOST);
   }
 
   settle(state) {
     clearTimeout(this.timer);
+    if (this.live) this.onLeaving();
     this.dropLink();
     this.connecting = false;
     this.show(state);

@@ -1,16 +1,16 @@
-// Joins keyboard, joystick, limits and the Halt button to teleop.js, and lets go whenever the page
-// cannot be sure that the operator is looking at it.
+// Joins keyboard, joystick, limits and the Halt button to teleop.js.
 
 import { Joystick } from "./joystick.js";
 import { Keyboard } from "./keyboard.js";
 import { byTestId, part } from "./page.js";
 import { Teleop } from "./teleop.js";
 import { limits as texts } from "./texts.js";
+import { letGoWhenUnsure } from "./unsure.js";
 
 const STEPS = 20;
 const DEFAULTS = { max_linear: 1.0, max_angular: 1.5 };
 
-// `publish`, `mayQueue` and `onWanted` as of teleop.js. Gives the function that arms and disarms.
+// `publish`, `mayQueue` and `onWanted` as of teleop.js. Gives {arm, letGo}.
 export function setUpControls(root, { settings, publish, mayQueue, onWanted }) {
   const stick = byTestId(root, "joystick");
   const limits = setUpLimits(root, { ...DEFAULTS, ...settings });
@@ -19,18 +19,21 @@ export function setUpControls(root, { settings, publish, mayQueue, onWanted }) {
   const teleop = new Teleop({ publish, mayQueue, onWanted, limits, onDrop });
   inputs.push(setUpKeyboard(teleop), setUpJoystick(teleop, stick));
   setUpHalt(teleop, byTestId(root, "halt"));
-  letGoWhenUnwatched(teleop);
-  return (armed) => {
+  letGoWhenUnsure(() => teleop.letGo());
+  const arm = (armed) => {
     teleop.arm(armed);
     stick.dataset.armed = String(armed);
   };
+  return { arm, letGo: () => teleop.letGo() };
 }
 
 function setUpKeyboard(teleop) {
   const keyboard = new Keyboard({
+    accepts: () => teleop.armed,
     onHold: (input) => teleop.hold("keyboard", input),
     onRelease: () => teleop.release("keyboard"),
     onHalt: () => teleop.halt(),
+    onLetGo: () => teleop.letGo(),
   });
   keyboard.listen(window);
   return keyboard;
@@ -40,6 +43,7 @@ function setUpJoystick(teleop, element) {
   return new Joystick({
     element,
     knob: part(element, "knob"),
+    accepts: () => teleop.armed,
     onHold: (input) => teleop.hold("joystick", input),
     onRelease: () => teleop.release("joystick"),
   });
@@ -50,12 +54,6 @@ function setUpJoystick(teleop, element) {
 function setUpHalt(teleop, button) {
   button.addEventListener("pointerdown", () => teleop.halt());
   button.addEventListener("click", ({ detail }) => detail === 0 && teleop.halt());
-}
-
-function letGoWhenUnwatched(teleop) {
-  window.addEventListener("blur", () => teleop.letGo());
-  window.addEventListener("pagehide", () => teleop.letGo());
-  document.addEventListener("visibilitychange", () => document.hidden && teleop.letGo());
 }
 
 // The sliders go up to the robot's own limits and start there.

@@ -15,6 +15,7 @@ import { requestTicket } from "./tickets.js";
 import { View } from "./view.js";
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
+const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
 
 const root = document.querySelector("main.drive");
 const { robot, level } = root.dataset;
@@ -29,6 +30,7 @@ const connection = new Connection({
   openLink,
   prepare: (call) => discovery.run(call),
   onState: showState,
+  onLeaving: () => controls.letGo(), // a cut network may yet deliver the link's last commands
 });
 
 const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }) });
@@ -43,13 +45,13 @@ const readback = new Readback({
   onSpeed: (speed) => readings.speed(speed),
 });
 const drive = { type: null, publisher: null };
-const arm = driving ? setUpControls(root, controlOptions()) : () => {};
+const controls = driving ? setUpControls(root, controlOptions()) : { arm() {}, letGo() {} };
 
 function controlOptions() {
   return {
     settings,
     publish: (twist) => drive.publisher?.publish(twistMessage(drive.type, twist)),
-    mayQueue: () => connection.backlog < BACKLOG_BYTES,
+    mayQueue: () => connection.backlog < BACKLOG_BYTES && connection.silenceMs < SILENCE_MS,
     onWanted: (twist) => readings.wanted(twist),
   };
 }
@@ -57,7 +59,7 @@ function controlOptions() {
 function showState(state) {
   banner.show(state, facts);
   const live = state.name === "live";
-  arm(live);
+  controls.arm(live);
   if (live) {
     rtt.start();
     view.retryNow();
@@ -104,7 +106,10 @@ const feed = new Feed({
 
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
-window.addEventListener("pagehide", () => connection.stop());
+window.addEventListener("pagehide", () => {
+  controls.arm(false);
+  connection.stop();
+});
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 connection.start();
 view.start();

@@ -1,11 +1,14 @@
 // A joystick for touch, pen and mouse as an input of teleop.js, on pointer events. It follows the one
-// pointer that pressed it, so that a second finger elsewhere on the screen changes nothing.
+// pointer that pressed it while driving was armed, so that a second finger elsewhere on the screen
+// changes nothing.
 
 const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
+const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
 export class Joystick {
-  constructor({ element, knob, onHold, onRelease }) {
-    Object.assign(this, { element, knob, onHold, onRelease });
+  // `accepts()` says whether a press counts now.
+  constructor({ element, knob, accepts, onHold, onRelease }) {
+    Object.assign(this, { element, knob, accepts, onHold, onRelease });
     this.pointer = null;
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
@@ -16,7 +19,7 @@ export class Joystick {
   }
 
   down(event) {
-    if (this.pointer !== null || event.button !== 0) return;
+    if (this.pointer !== null || event.button !== 0 || !this.accepts()) return;
     event.preventDefault();
     this.pointer = event.pointerId;
     this.element.setPointerCapture(event.pointerId);
@@ -26,6 +29,7 @@ export class Joystick {
 
   move(event) {
     if (event.pointerId !== this.pointer) return;
+    if (!(event.buttons & PRESSED)) return this.up(event); // a native menu or drag took the pointerup
     const { left, top, width, height } = this.element.getBoundingClientRect();
     const radius = (width - this.knob.offsetWidth) / 2;
     const x = event.clientX - (left + width / 2);

@@ -1,5 +1,8 @@
 // W A S D and the arrow keys as an input of teleop.js. Keys go by their place on the keyboard, so that
-// other layouts than QWERTY drive with the same fingers.
+// other layouts than QWERTY drive with the same fingers. Only a press that it sees while driving is armed
+// counts, never the repeats of a key that is down already.
+
+import { TYPING, matches } from "./page.js";
 
 const DIRECTIONS = {
   KeyW: { forward: 1, turn: 0 },
@@ -12,23 +15,28 @@ const DIRECTIONS = {
   ArrowRight: { forward: 0, turn: -1 },
 };
 
-const TYPING = "input:not([type=range]), textarea, select, [contenteditable]";
+// A key held elsewhere repeats into a window that gets the focus, and not every browser says so.
+const FOCUS_MS = 300;
+
 const PRESSABLE = "button, a, summary";
 
 export class Keyboard {
-  constructor({ onHold, onRelease, onHalt }) {
-    Object.assign(this, { onHold, onRelease, onHalt });
+  // `accepts()` says whether a press counts now. `onLetGo()` asks to let go of everything.
+  constructor({ accepts, onHold, onRelease, onHalt, onLetGo }) {
+    Object.assign(this, { accepts, onHold, onRelease, onHalt, onLetGo });
     this.pressed = new Set();
+    this.focusedAt = -Infinity;
   }
 
   listen(target) {
     target.addEventListener("keydown", (event) => this.down(event));
     target.addEventListener("keyup", (event) => this.up(event));
+    target.addEventListener("focus", ({ timeStamp }) => (this.focusedAt = timeStamp));
   }
 
   down(event) {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
-    if (event.ctrlKey || event.metaKey || event.altKey) return this.letGo();
+    if (event.ctrlKey || event.metaKey || event.altKey) return this.onLetGo();
     if (matches(event.target, TYPING)) return;
     if (event.code === "Space") this.space(event);
     else if (event.code in DIRECTIONS && !this.meantForSlider(event)) this.direction(event);
@@ -41,18 +49,17 @@ export class Keyboard {
 
   direction(event) {
     event.preventDefault();
-    if (event.repeat) return; // a key that a halt dropped stays dropped until it is pressed anew
+    if (!this.isNewPress(event) || !this.accepts()) return;
     this.pressed.add(event.code);
     this.tell();
   }
 
-  up(event) {
-    if (this.pressed.delete(event.code)) this.tell();
+  isNewPress({ repeat, timeStamp }) {
+    return !repeat && timeStamp - this.focusedAt > FOCUS_MS;
   }
 
-  letGo() {
-    this.drop();
-    this.onRelease();
+  up(event) {
+    if (this.pressed.delete(event.code)) this.tell();
   }
 
   drop() {
@@ -80,5 +87,3 @@ export function direction(codes) {
 }
 
 const total = (values) => [...values].reduce((a, b) => a + b, 0);
-
-const matches = (target, selector) => Boolean(target?.closest?.(selector));

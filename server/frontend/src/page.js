@@ -6,6 +6,11 @@ export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
 
 export const byTestId = (root, name) => root.querySelector(`[data-testid="${name}"]`);
 
+// What takes keys for itself.
+export const TYPING = "input:not([type=range]), textarea, select, [contenteditable]";
+
+export const matches = (target, selector) => Boolean(target?.closest?.(selector));
+
 // Writes only what changed, so that live regions and layout stay quiet.
 export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;

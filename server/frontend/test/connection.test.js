@@ -152,6 +152,27 @@ test("news that the network is gone ends a live link at once", async () => {
   assert.equal(links[0].closed, true);
 });
 
+test("the last that a link carries which the page gives up is what onLeaving says", async () => {
+  connection.start();
+  await goLive();
+  const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
+  connection.onLeaving = () => publisher.publish("zero");
+  connection.cut();
+  assert.deepEqual(links[0].published, ["zero"]);
+  connection.cut();
+  await pass(500);
+  links[1].onOpen();
+  links[1].onClose({ code: 4503, reason: "" });
+  assert.deepEqual(links[1].published, []);
+});
+
+test("a connection that was stopped is not live", async () => {
+  connection.start();
+  await goLive();
+  connection.stop();
+  assert.equal(connection.live, false);
+});
+
 test("events of a link that was given up change nothing", async () => {
   connection.start();
   await goLive();

@@ -3,10 +3,11 @@ import { beforeEach, test } from "node:test";
 
 import { Joystick, stick } from "../src/joystick.js";
 
-let told, element, joystick;
+let told, armed, element, joystick;
 
 beforeEach(() => {
   told = [];
+  armed = true;
   const captured = new Set();
   element = {
     dataset: {},
@@ -22,13 +23,14 @@ beforeEach(() => {
   joystick = new Joystick({
     element,
     knob: { offsetWidth: 40, style: {} },
+    accepts: () => armed,
     onHold: (input) => told.push(input),
     onRelease: () => told.push("released"),
   });
 });
 
-function pointer(name, pointerId, clientX, clientY) {
-  element.handlers[name]({ pointerId, clientX, clientY, button: 0, preventDefault() {} });
+function pointer(name, pointerId, clientX, clientY, buttons = 1) {
+  element.handlers[name]({ pointerId, clientX, clientY, button: 0, buttons, preventDefault() {} });
 }
 
 test("up is forward and left is a left turn, full at the rim and no more beyond it", () => {
@@ -69,4 +71,23 @@ test("after a drop the same drag drives no longer until it is pressed anew", () 
   assert.equal(told.length, 1);
   pointer("pointerdown", 1, 120, 20);
   assert.equal(told.length, 2);
+});
+
+test("a press while driving is not armed never counts, however it moves after arming", () => {
+  armed = false;
+  pointer("pointerdown", 1, 120, 20);
+  armed = true;
+  pointer("pointermove", 1, 120, 21);
+  pointer("pointerup", 1, 120, 21);
+  assert.deepEqual(told, []);
+  pointer("pointerdown", 1, 120, 20);
+  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
+});
+
+test("a pointer that moves without being pressed has been let go elsewhere", () => {
+  pointer("pointerdown", 1, 120, 20);
+  pointer("pointermove", 1, 120, 20, 0);
+  assert.equal(told.at(-1), "released");
+  pointer("pointermove", 1, 120, 20, 1);
+  assert.equal(told.at(-1), "released");
 });

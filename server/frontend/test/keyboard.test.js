@@ -3,7 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { Keyboard, direction } from "../src/keyboard.js";
 
-let told, keyboard;
+let told, armed, keyboard;
 
 // An element that stands inside exactly the given kinds of elements.
 const element = (...kinds) => ({
@@ -14,17 +14,20 @@ const TEXT_FIELD = element("input:not([type=range])");
 const SLIDER = element("input[type=range]");
 
 function key(code, more = {}) {
-  const event = { code, target: BODY, prevented: false, ...more };
+  const event = { code, target: BODY, timeStamp: 1000, prevented: false, ...more };
   event.preventDefault = () => (event.prevented = true);
   return event;
 }
 
 beforeEach(() => {
   told = [];
+  armed = true;
   keyboard = new Keyboard({
+    accepts: () => armed,
     onHold: (input) => told.push(input),
     onRelease: () => told.push("released"),
     onHalt: () => told.push("halt"),
+    onLetGo: () => told.push("let go"),
   });
 });
 
@@ -90,9 +93,36 @@ test("the space bar on a button halts and still presses the button", () => {
   assert.equal(space.prevented, false);
 });
 
-test("a browser shortcut lets go of everything, since it may swallow the keyup", () => {
+for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
+  test(`${modifier} lets go of everything, since what it opens may swallow the keyup`, () => {
+    keyboard.down(key("KeyW"));
+    keyboard.down(key("KeyD", { [modifier]: true }));
+    assert.deepEqual(told, [{ forward: 1, turn: 0 }, "let go"]);
+  });
+}
+
+test("a key pressed while driving is not armed never counts, not by its repeats nor with another key", () => {
+  armed = false;
   keyboard.down(key("KeyW"));
-  keyboard.down(key("KeyD", { metaKey: true }));
-  assert.equal(told.at(-1), "released");
-  assert.equal(keyboard.pressed.size, 0);
+  armed = true;
+  keyboard.down(key("KeyW", { repeat: true }));
+  assert.deepEqual(told, []);
+  keyboard.down(key("KeyD"));
+  keyboard.up(key("KeyD"));
+  keyboard.up(key("KeyW"));
+  assert.deepEqual(told, [{ forward: 0, turn: -1 }, "released"]);
+  keyboard.down(key("KeyW"));
+  assert.deepEqual(told.at(-1), { forward: 1, turn: 0 });
+});
+
+test("a key that repeats into a window that just got the focus does not count", () => {
+  const target = new EventTarget();
+  keyboard.listen(target);
+  const focus = new Event("focus");
+  target.dispatchEvent(focus);
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 40 }));
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400, repeat: true }));
+  assert.deepEqual(told, []);
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400 }));
+  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
 });

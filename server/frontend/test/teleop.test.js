@@ -6,11 +6,12 @@ import { Teleop } from "../src/teleop.js";
 const FORWARD = { forward: 1, turn: 0 };
 const STILL = { forward: 0, turn: 0 };
 
-let sent, wanted, drops, mayQueue, teleop;
+let clock, sent, wanted, drops, mayQueue, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
+  clock = 0;
   sent = [];
   wanted = [];
   drops = 0;
@@ -21,14 +22,28 @@ beforeEach(() => {
     mayQueue: () => mayQueue,
     onDrop: () => (drops += 1),
     onWanted: (twist) => wanted.push(twist),
+    now: () => clock,
   });
   teleop.arm(true);
+  drops = 0;
 });
+
+function pass(ms) {
+  for (const end = clock + ms; clock < end; ) {
+    clock += 10;
+    mock.timers.tick(10);
+  }
+}
+
+// What a frozen tab, a sleeping machine or an open dialog does: time passes and no timer runs.
+function freeze(ms) {
+  clock += ms;
+}
 
 test("holding sends at once and then at 20 Hz, in the limits' units", () => {
   teleop.hold("keyboard", { forward: 1, turn: -1 });
   assert.deepEqual(sent, [{ forward: 0.5, turn: -2 }]);
-  mock.timers.tick(1000);
+  pass(1000);
   assert.equal(sent.length, 21);
 });
 
@@ -37,7 +52,7 @@ test("a change of a held input goes out with the next period, not faster", () =>
   for (let i = 1; i <= 10; i++) teleop.hold("joystick", { forward: i / 10, turn: 0 });
   assert.equal(sent.length, 1);
   teleop.hold("joystick", { forward: 0.5, turn: 0 });
-  mock.timers.tick(50);
+  pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.25, turn: 0 });
 });
 
@@ -46,17 +61,17 @@ test("release sends zero at once, a few times, and then nothing", () => {
   sent.length = 0;
   teleop.release("keyboard");
   assert.deepEqual(sent, [STILL]);
-  mock.timers.tick(10_000);
+  pass(10_000);
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
 test("two inputs add up to no more than the limit, and the last release stops", () => {
   teleop.hold("keyboard", FORWARD);
   teleop.hold("joystick", { forward: 0.5, turn: 0.25 });
-  mock.timers.tick(50);
+  pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.5, turn: 0.5 });
   teleop.release("keyboard");
-  mock.timers.tick(50);
+  pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.25, turn: 0.5 });
   teleop.release("joystick");
   assert.deepEqual(sent.at(-1), STILL);
@@ -68,17 +83,18 @@ test("halt zeroes at once, drops what is held, and tells the inputs", () => {
   teleop.halt();
   assert.deepEqual(sent, [STILL]);
   assert.equal(drops, 1);
-  mock.timers.tick(10_000);
+  pass(10_000);
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
 test("a page that nobody looks at zeroes what is held, and is silent when nothing is", () => {
   teleop.letGo();
   assert.deepEqual(sent, []);
+  assert.equal(drops, 1);
   teleop.hold("joystick", FORWARD);
   teleop.letGo();
   assert.deepEqual(sent.at(-1), STILL);
-  assert.equal(drops, 1);
+  assert.equal(drops, 2);
 });
 
 test("a hold during the zeros of the last release drives again", () => {
@@ -86,7 +102,7 @@ test("a hold during the zeros of the last release drives again", () => {
   teleop.release("keyboard");
   teleop.hold("keyboard", FORWARD);
   sent.length = 0;
-  mock.timers.tick(500);
+  pass(500);
   assert.deepEqual(sent, Array(10).fill({ forward: 0.5, turn: 0 }));
 });
 
@@ -96,32 +112,92 @@ test("disarming stops sending, and what was held before stays dropped when armed
   teleop.arm(false);
   teleop.hold("keyboard", FORWARD);
   teleop.arm(true);
-  mock.timers.tick(10_000);
+  pass(10_000);
+  assert.deepEqual(sent, []);
+  assert.deepEqual(wanted.at(-1), STILL);
+});
+
+test("inputs are told to drop what they hold when the link ends and again when it returns", () => {
+  teleop.arm(false);
+  assert.equal(drops, 1);
+  teleop.arm(true);
+  assert.equal(drops, 2);
+});
+
+test("a new link drops what the old one drove, even when nothing told of a cut", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  teleop.arm(true);
+  pass(10_000);
   assert.deepEqual(sent, []);
   assert.equal(drops, 1);
-  assert.deepEqual(wanted.at(-1), STILL);
+});
+
+test("what was held when the page froze does not drive on when it thaws", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  freeze(10_000);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+  assert.equal(drops, 1);
+});
+
+test("a press during the thaw does not revive what was held before", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  freeze(10_000);
+  teleop.hold("joystick", FORWARD);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+});
+
+test("zeros that a freeze held back are not sent after it, since somebody else may drive", () => {
+  teleop.hold("keyboard", FORWARD);
+  teleop.release("keyboard");
+  sent.length = 0;
+  freeze(10_000);
+  pass(1000);
+  assert.deepEqual(sent, []);
+});
+
+test("a busy page that is late by less than the robot's own patience drives on", () => {
+  teleop.hold("keyboard", FORWARD);
+  freeze(400);
+  pass(1000);
+  assert.deepEqual(sent.at(-1), { forward: 0.5, turn: 0 });
 });
 
 test("nothing is sent while disarmed, not even by halt", () => {
   teleop.arm(false);
   teleop.halt();
   teleop.release("keyboard");
-  mock.timers.tick(1000);
+  pass(1000);
   assert.deepEqual(sent, []);
 });
 
 test("commands are left out while older ones wait in the browser, zero is not", () => {
   mayQueue = false;
   teleop.hold("keyboard", FORWARD);
-  mock.timers.tick(500);
+  pass(500);
   assert.deepEqual(sent, []);
   teleop.release("keyboard");
   assert.deepEqual(sent, [STILL]);
 });
 
+test("a network that is stuck for longer than the robot's patience needs a new press", () => {
+  teleop.hold("keyboard", FORWARD);
+  mayQueue = false;
+  pass(600);
+  mayQueue = true;
+  sent.length = 0;
+  pass(1000);
+  assert.ok(sent.every((twist) => twist.forward === 0));
+  assert.equal(drops, 1);
+});
+
 test("a limit that changes while driving counts from the next command on", () => {
   teleop.hold("keyboard", FORWARD);
   teleop.limits.linear = 0.1;
-  mock.timers.tick(50);
+  pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.1, turn: 0 });
 });
