@@ -22,7 +22,7 @@ unbounded buffer for anybody.
     events           the fleet as server-sent events
 
     session_server   robots' sessions over TCP; `robot_link` is one, `session_messages` its lines,
-                     `ports` waits until a robot's port is free
+                     `allowance` how many, `ports` waits until a robot's port is free
     journal          writes sessions and audit lines in the background
     records          the way to the database, on threads of its own
 """

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotether_server.relay import session_messages as lines
+from robotether_server.relay.allowance import Allowance
 from robotether_server.relay.ports import wait_released
 from robotether_server.relay.session_messages import BrokenLineError, Preface
 from robotether_server.relay.sessions import ByeCode, Kind, SessionRegistry
@@ -25,6 +26,9 @@ log = logging.getLogger(__name__)
 MAX_UNSENT_BYTES = 256 * 1024
 # Heartbeats that may be unanswered; the time-out ends the link well before.
 MAX_PINGS_OPEN = 64
+# An agent sends some three lines a second; reading without a limit would starve everybody else.
+LINES_PER_S = 200
+LINES_AT_ONCE = 400
 # A bye that cannot be sent in this time is not sent.
 FAREWELL_S = 0.5
 
@@ -121,15 +125,16 @@ class RobotLink:
             self._configure()
 
     async def _take_over(self) -> None:
+        """End the older link, and this one too if somebody else still holds the robot's port."""
         older = self._registry.admit(self)
         if older is not None:
             older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
         port = self._robot.ros_port if self.kind == "session" else self._robot.video_port
         host, wait_s = self._rules.tunnel_host, self._rules.release_wait_s
         if not await wait_released(host, port, within_s=wait_s):
-            log.warning(
-                "robot %s: port %d is still in use after %g s", self._robot.name, port, wait_s
-            )
+            # It would be that holder who gets the operators: an SSH connection without a session,
+            # which the relay cannot end. sshd drops it when it is dead.
+            self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
 
     def _configure(self) -> None:
         self._send(
@@ -144,6 +149,7 @@ class RobotLink:
 
     async def _listen(self) -> None:
         self._heard_at = self._loop.time()
+        allowance = Allowance(self._heard_at, per_s=LINES_PER_S, at_once=LINES_AT_ONCE)
         while not self._ended:
             try:
                 line = await self._reader.readline()
@@ -152,6 +158,8 @@ class RobotLink:
             if not line.endswith(b"\n"):
                 return
             self._heard_at = self._loop.time()
+            if not allowance.take(self._heard_at):
+                raise BrokenLineError(f"cannot read on: more than {LINES_PER_S} lines a second")
             self._take(lines.parse_line(line))
 
     def _take(self, message: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ ByeCode = Literal[
     "robot_disabled",
     "robot_unknown",
     "ports_changed",
+    "port_taken",
     "not_ready",
     "relay_stopping",
     "protocol_error",

@@ -103,12 +103,39 @@ async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, conne
         await asyncio.open_connection(HOST, sim1.ros_port)
 
 
-async def test_a_port_that_stays_taken_is_waited_for_one_second(relay, robot, connect):
-    """A port that is never released does not keep the robot out for ever."""
+@pytest.mark.parametrize("kind", ["session", "media"])
+async def test_a_port_that_stays_taken_goes_to_nobody(relay, robot, sim1, connect, kind):
+    """Who holds a port that is never released gets no operators: the robot is not online."""
     robot.mode = "port_taken"
+    await robot.session.close()
+    await until(lambda: not presence(relay, sim1).online, "it is offline")
     begun = time.monotonic()
-    await configured(await connect())
+    session = await connect(kind)
+    assert await ended(session) == "port_taken"
     assert 0.9 < time.monotonic() - begun < 2
+    assert session.configs == []
+    assert not presence(relay, sim1).online
+
+
+async def test_a_port_that_is_released_can_be_taken_over_later(relay, robot, sim1, connect):
+    """After port_taken the same robot comes in as soon as its port is free."""
+    robot.mode = "port_taken"
+    await robot.session.close()
+    assert await ended(await connect()) == "port_taken"
+    await robot._close_ports()
+    await configured(await connect())
+    assert presence(relay, sim1).online
+
+
+async def test_more_lines_than_allowed_end_the_session(relay, sim1, connect):
+    """Lines without end are a broken protocol; a short burst is not."""
+    session = await configured(await connect())
+    session.send_raw(b'{"type": "health", "ros": "ok", "video": "ok"}\n' * 300)
+    await until(lambda: presence(relay, sim1).ros == "ok", "the burst is read")
+    session.send(type="ping", seq=1)
+    await until(lambda: session.pongs == 1, "the session goes on")
+    session.send_raw(b'{"type": "news"}\n' * 1000)
+    assert await ended(session) == "protocol_error"
 
 
 async def test_of_many_sessions_at_once_one_stays(relay, connect):
@@ -165,8 +192,9 @@ async def test_a_cut_session_is_offline_at_once(relay, sim1, records, connect):
     assert records.sessions()[0].address == "198.51.100.7"
 
 
-async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect):
+async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect, monkeypatch):
     """Answers that a robot does not take are kept up to a limit; then its link is cut."""
+    monkeypatch.setattr("robotether_server.relay.robot_link.LINES_AT_ONCE", 1_000_000)
     session = await configured(await connect())
     session._writer.transport.pause_reading()
     # The relay answers with the agent's own clock, so a long one makes a long answer.

@@ -1,0 +1,26 @@
+"""How often somebody may do something: so many times a second on average, and some at once.
+
+`robot_link` keeps one for the lines of a robot. Pure: no network, no clock of its own.
+"""
+
+from __future__ import annotations
+
+
+class Allowance:
+    """A token bucket."""
+
+    def __init__(self, now: float, *, per_s: float, at_once: int) -> None:
+        self._per_s = per_s
+        self._most = at_once
+        self._left = float(at_once)
+        self._filled_at = now
+
+    def take(self, now: float) -> bool:
+        """Use the allowance once; False when there is none left."""
+        filled = self._left + (now - self._filled_at) * self._per_s
+        self._filled_at = now
+        self._left = min(filled, self._most)
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True

@@ -1,0 +1,35 @@
+"""The allowance's sums, with a clock of the test's own."""
+
+from __future__ import annotations
+
+from robotether_server.relay.allowance import Allowance
+
+
+def taken(allowance: Allowance, now: float, tries: int) -> int:
+    return sum(allowance.take(now) for _ in range(tries))
+
+
+def test_so_many_at_once_and_no_more():
+    """A full allowance is used up at once."""
+    assert taken(Allowance(0.0, per_s=10, at_once=5), 0.0, 100) == 5
+
+
+def test_it_fills_again_with_time():
+    """After a while there is as much as the rate gives, and never more than at first."""
+    allowance = Allowance(0.0, per_s=10, at_once=5)
+    assert taken(allowance, 0.0, 100) == 5
+    assert taken(allowance, 0.25, 100) == 2
+    assert taken(allowance, 60.0, 100) == 5
+
+
+def test_a_steady_use_below_the_rate_is_never_refused():
+    """Who keeps to the average has no need of the reserve."""
+    allowance = Allowance(0.0, per_s=10, at_once=2)
+    assert all(allowance.take(step / 9) for step in range(1000))
+
+
+def test_trying_in_vain_costs_nothing():
+    """Refusals do not delay the next success."""
+    allowance = Allowance(0.0, per_s=1, at_once=1)
+    assert taken(allowance, 0.0, 1000) == 1
+    assert allowance.take(1.0)
