@@ -79,6 +79,8 @@ class Agent:
 
     async def _session_attempt(self, uptime: Uptime) -> None:
         key = await self._enroller.key()
+        # While the robot waits for its approval, the admin compares this with what the server got.
+        self._board.set(fingerprint=key.fingerprint)
         enrolment = await self._enroller.enrolment(key)
         self._board.set(state="connecting", robot=enrolment.robot)
         role = Role(

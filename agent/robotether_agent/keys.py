@@ -6,6 +6,8 @@ Called by the enroller at the start. The private half never leaves the state dir
 from __future__ import annotations
 
 import asyncio
+import base64
+import hashlib
 import logging
 import re
 import tempfile
@@ -18,7 +20,8 @@ from robotether_agent.tasks import within
 
 KEYGEN_TIMEOUT_S = 30.0
 NAME = "id_ed25519"
-PUBLIC = re.compile(r"ssh-ed25519 [A-Za-z0-9+/]+={0,2}")
+# The type, in words and again inside the base64, and the 36 bytes of length and point.
+PUBLIC = re.compile(r"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5[A-Za-z0-9+/]{48}(?![A-Za-z0-9+/=])")
 
 log = logging.getLogger(__name__)
 
@@ -29,6 +32,12 @@ class KeyPair:
 
     path: Path
     public: str
+
+    @property
+    def fingerprint(self) -> str:
+        """The public key's SHA-256 as `ssh-keygen -l` prints it."""
+        digest = hashlib.sha256(base64.b64decode(self.public.split()[1])).digest()
+        return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
 
 
 async def ensure_key(state_dir: Path) -> KeyPair:

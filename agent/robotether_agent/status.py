@@ -45,6 +45,7 @@ class Status:
     since: float = 0.0
     server: str = ""
     robot: str = ""
+    fingerprint: str = ""
     rtt_ms: float = -1.0
     ros: str = "unknown"
     ros_detail: str = ""
@@ -155,6 +156,7 @@ def render(status: Status, now: float) -> str:
         ("state", f"{state} since {_when(status.since)}"),
         ("robot", status.robot or "(no name yet)"),
         ("server", status.server),
+        ("key", status.fingerprint or "(none yet)"),
     ]
     if status.state == CONNECTED and is_alive(status, now):
         rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"

@@ -8,6 +8,7 @@ import aiohttp
 import pytest
 from fake_cloud import eventually
 from openssh_server import listens
+from robotether_agent.keys import ensure_key
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged
 from robotether_agent.status import has_problem
 
@@ -62,6 +63,8 @@ async def test_waits_for_approval_and_says_how(make_cloud, start_agent, caplog):
     status = await agent.until(lambda status: status.state == "pending", "pending")
     assert status.problem_code == "not_enrolled"
     assert "robotether robot approve robot-00000a" in caplog.text
+    key = await ensure_key(agent.settings.state_dir)
+    assert status.fingerprint == key.fingerprint
     await eventually(lambda: len(cloud.joins) >= 3, lambda: "asks again")
     cloud.approve()
     await agent.until_connected()

@@ -26,6 +26,22 @@ async def test_public_half_is_made_again(place):
     assert await ensure_key(place) == first
 
 
+async def test_fingerprint_is_ssh_keygens(place):
+    """What the status shows is what `ssh-keygen -l` and the server say."""
+    key = await ensure_key(place)
+    command = ["ssh-keygen", "-l", "-f", str(key.path)]
+    said = await asyncio.to_thread(subprocess.run, command, check=True, capture_output=True)
+    assert key.fingerprint == said.stdout.decode().split()[1]
+
+
+async def test_damaged_public_half_is_told(place):
+    """A .pub that was cut short is key_unusable, with what to do."""
+    key = await ensure_key(place)
+    key.path.with_suffix(".pub").write_text(key.public[:-3])
+    with pytest.raises(KeyUnusable, match="not ssh-ed25519"):
+        await ensure_key(place)
+
+
 async def test_open_mode_is_mended(place):
     """A key that others could read is closed, because ssh would refuse it."""
     key = await ensure_key(place)

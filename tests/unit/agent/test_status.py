@@ -22,6 +22,7 @@ UP = Status(
     since=NOW - 60,
     server="robots.example.com",
     robot="sim1",
+    fingerprint="SHA256:abc",
     rtt_ms=12.34,
     ros="ok",
     video="down",
@@ -38,11 +39,20 @@ def test_a_connected_robot():
         "state         connected since 2023-11-14 22:12:20 UTC",
         "robot         sim1",
         "server        robots.example.com",
+        "key           SHA256:abc",
         "round trip    12.3 ms",
         "video tunnel  open",
         "rosbridge     ok",
         "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
     ]
+
+
+def test_a_robot_that_waits_shows_its_key(place):
+    """The admin who approves it compares this with what the server got; before there is a key it says so."""
+    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
+    assert "key           (none yet)" in render(board.status, NOW).splitlines()
+    board.set(fingerprint="SHA256:abc", state="pending")
+    assert "key           SHA256:abc" in render(board.status, NOW).splitlines()
 
 
 def test_a_problem_and_what_to_do(place):
