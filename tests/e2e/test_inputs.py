@@ -1,0 +1,225 @@
+"""What an operator holds drives only as long as the page can be sure that it is still meant.
+
+Each test holds something in a real browser, takes the certainty away (a cut, a menu, a finger that lifts) and looks at
+the robot itself: it stands, and it goes on only after a new press.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, expect
+from sim_watch import SimWatch
+from stack import Stack
+
+DESKTOP = {"viewport": {"width": 1280, "height": 800}}
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+ZERO = {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
+
+
+@pytest.fixture
+def context(browser: Browser, request: pytest.FixtureRequest) -> Iterator[BrowserContext]:
+    """A desktop's browser, or what the test's parameter says."""
+    options: dict[str, Any] = getattr(request, "param", DESKTOP)
+    made = browser.new_context(ignore_https_errors=True, **options)
+    yield made
+    made.close()
+
+
+def _open_robot(page: Page, name: str) -> None:
+    page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
+    page.wait_for_url(f"**/robots/{name}")
+    _expect_live(page, seconds=10)
+
+
+def _expect_live(page: Page, seconds: float) -> None:
+    state = page.get_by_test_id("state")
+    expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
+
+
+@contextmanager
+def _cut(page: Page, stack: Stack, sim: str) -> Iterator[None]:
+    """Switch the robot off for the `with` block, and leave it when the page is live again."""
+    stack.container(sim).stop(timeout=5)
+    try:
+        state = page.get_by_test_id("state")
+        expect(state).not_to_have_attribute("data-state", "live", timeout=10_000)
+        yield
+    finally:
+        stack.container(sim).start()
+    _expect_live(page, seconds=30)
+
+
+class Stick:
+    """Where the joystick is on the screen, and the mouse that pushes it."""
+
+    def __init__(self, page: Page) -> None:
+        stick = page.get_by_test_id("joystick")
+        stick.scroll_into_view_if_needed()
+        box = stick.bounding_box()
+        assert box is not None
+        self.x = box["x"] + box["width"] / 2
+        self.centre = box["y"] + box["height"] / 2
+        self.forward = self.centre - box["height"] / 3
+        self._mouse = page.mouse
+
+    def push(self) -> None:
+        """Press the stick with the mouse and drag it forward."""
+        self._mouse.move(self.x, self.centre)
+        self._mouse.down()
+        self._mouse.move(self.x, self.forward, steps=4)
+
+    def move_a_little(self, pixels: int) -> None:
+        """Move the mouse without pressing or letting go."""
+        self._mouse.move(self.x, self.forward + pixels)
+
+
+def _moving(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] > 0.1
+
+
+def _standing(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] == 0 and pose["angular_velocity"] == 0
+
+
+def _assert_no_motion(
+    watch: SimWatch, go_on: Callable[[int], None], since: float, seconds: float = 1.5
+) -> None:
+    """Nothing but zero reaches the wheels while the operator goes on (`go_on` gets 0, 1, 2 ...)."""
+    end = time.monotonic() + seconds
+    for step in itertools.count():
+        go_on(step)
+        moved = [seen.msg for seen in watch.commands(since) if seen.msg != ZERO]
+        assert moved == [], f"the robot was driven by what was never pressed anew: {moved[:3]}"
+        assert _standing(watch.pose)
+        if time.monotonic() > end:
+            return
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("pressed", ["before", "during"])
+def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
+    page: Page, stack: Stack, pressed: str
+) -> None:
+    """Neither W nor the stick, pressed before or during a cut and never let go, drives when the link is back."""
+    _open_robot(page, "sim2")
+    stick = Stick(page)
+
+    def press() -> None:
+        page.keyboard.down("w")
+        stick.push()
+
+    def go_on(step: int) -> None:
+        page.keyboard.down("w")  # of a key that is down, a repeat
+        stick.move_a_little(step % 2)
+
+    if pressed == "before":
+        with SimWatch(stack, "sim2") as watch:
+            press()
+            watch.wait_pose("moving", _moving)
+    with _cut(page, stack, "sim2"):
+        if pressed == "during":
+            press()
+        go_on(0)
+    with SimWatch(stack, "sim2") as watch:
+        _assert_no_motion(watch, go_on, since=0)
+        page.keyboard.press("d", delay=200)
+        watch.wait_pose("standing after D", _standing)
+        _assert_no_motion(watch, go_on, since=time.monotonic())
+        page.mouse.up()
+        page.keyboard.up("w")
+        page.keyboard.down("w")
+        watch.wait_pose("moving by a new press of W", _moving)
+        page.keyboard.up("w")
+        watch.wait_pose("standing", _standing)
+        stick.push()
+        watch.wait_pose("moving by a new press of the stick", _moving)
+        page.mouse.up()
+        watch.wait_pose("standing", _standing)
+
+
+def _right_click(page: Page) -> None:
+    page.get_by_test_id("view").click(button="right", position={"x": 20, "y": 20})
+
+
+def _drag_a_link(page: Page) -> None:
+    box = page.get_by_role("link", name="Robots").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 5, box["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 60, box["y"] + 60, steps=4)
+    page.mouse.up()
+
+
+def _hold_control(page: Page) -> None:
+    page.keyboard.down("Control")
+    page.keyboard.up("Control")
+
+
+def _open_a_list(page: Page) -> None:
+    page.get_by_test_id("quality").click()
+
+
+@pytest.mark.parametrize(
+    "swallow",
+    [_right_click, _drag_a_link, _hold_control, _open_a_list],
+    ids=["context menu", "drag", "shortcut", "list"],
+)
+def test_what_may_swallow_the_release_stops_the_robot(
+    page: Page, stack: Stack, swallow: Callable[[Page], None]
+) -> None:
+    """Where the browser may keep the keyup for itself W is let go, and its repeats do not drive on."""
+    _open_robot(page, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", _moving)
+        swallow(page)
+        watch.wait_pose("standing", _standing, seconds=1)
+        _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=time.monotonic())
+        page.keyboard.up("w")
+
+
+def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack) -> None:
+    """After two seconds in which the page ran no timer the robot stands, although W was never released."""
+    _open_robot(page, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", _moving)
+        page.evaluate("{ const end = Date.now() + 2000; while (Date.now() < end); }")
+        thawed = time.monotonic()
+        watch.wait_pose("standing", _standing, seconds=1)
+        _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=thawed)
+        page.keyboard.up("w")
+
+
+@pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
+@pytest.mark.parametrize("end", ["touchEnd", "touchCancel"])
+def test_a_finger_on_a_phone_drives_until_it_lifts(page: Page, stack: Stack, end: str) -> None:
+    """A finger that holds the stick still goes on driving, past the time of a long press, and stops as it leaves."""
+    _open_robot(page, "sim1")
+    stick = Stick(page)
+    touch = page.context.new_cdp_session(page)
+
+    def finger(kind: str, *points: tuple[float, float]) -> None:
+        at = [{"x": x, "y": y} for x, y in points]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+
+    with SimWatch(stack, "sim1") as watch:
+        finger("touchStart", (stick.x, stick.forward))
+        watch.wait_pose("moving", _moving)
+        driven_until = time.monotonic() + 1.5
+        watch.wait_pose(
+            "held for 1.5 s",
+            lambda pose: time.monotonic() > driven_until or not _moving(pose),
+        )
+        assert _moving(watch.pose), "the robot stopped although the finger held the stick"
+        finger("touchMove", (stick.x - 40, stick.forward))
+        watch.wait_pose("turning left", lambda pose: pose["angular_velocity"] > 0.1)
+        finger(end)
+        watch.wait_pose("standing", _standing, seconds=1)
+        _assert_no_motion(watch, lambda _: None, since=time.monotonic())
