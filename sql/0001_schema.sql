@@ -20,6 +20,8 @@ CREATE TABLE IF NOT EXISTS users (
 
 -- `INSERT INTO robots (mac, name)` is enough to add one: 0002 allots the ports. A robot without a key
 -- has not joined yet. The name stands in URLs and is checked by 0002, as is the spelling of the MAC.
+-- hostname, agent_version, join_address and joined_at tell of the join that brought the key. stranger: nobody
+-- announced the robot, a join made the row, and no admin has had a hand in it since; such rows expire.
 CREATE TABLE IF NOT EXISTS robots (
   id INT UNSIGNED NOT NULL AUTO_INCREMENT PRIMARY KEY,
   mac CHAR(17) NOT NULL UNIQUE,
@@ -33,6 +35,8 @@ CREATE TABLE IF NOT EXISTS robots (
   hostname VARCHAR(253) NULL,
   agent_version VARCHAR(32) NULL,
   join_address VARCHAR(45) NULL,
+  joined_at TIMESTAMP(6) NULL DEFAULT NULL,
+  stranger BOOLEAN NOT NULL DEFAULT FALSE,
   created_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6),
   updated_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6) ON UPDATE CURRENT_TIMESTAMP(6),
   KEY robots_updated_at (updated_at),
@@ -101,6 +105,6 @@ CREATE TABLE IF NOT EXISTS audit_events (
   details JSON NOT NULL DEFAULT '{}',
   KEY audit_events_at (at),
   KEY audit_events_kind (kind, at),
-  KEY audit_events_address (address, kind, at),
+  KEY audit_events_actor (actor, kind, at),
   KEY audit_events_robot (robot, at)
 );

@@ -23,7 +23,7 @@ def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robo
     stack.robotether("robot", "add", "thief", "--mac", "02:00:00:00:61:01")
     status, _ = robot.join("02:00:00:00:61:01")
     assert status == 202
-    stack.robotether("robot", "approve", "thief")
+    stack.robotether("robot", "approve", "thief", "--yes")
     yield robot
     stack.robotether("robot", "disable", "thief")
 

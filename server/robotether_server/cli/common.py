@@ -1,6 +1,7 @@
 """What the commands share: the database, how they sign the audit log, and tables."""
 
 import os
+import sys
 from collections.abc import Callable, Sequence
 from time import monotonic, sleep
 from typing import TypeVar
@@ -27,6 +28,21 @@ class NotDone(Problem):
 def open_database() -> Database:
     """Return the database that the environment names."""
     return Database(settings.load_database(os.environ))
+
+
+def agree(deed: str, question: str, without_terminal: str) -> None:
+    """Ask the person at the terminal; raise NotDone for a no, or when there is nobody to ask."""
+    if not sys.stdin.isatty():
+        raise NotDone(f"cannot {deed}: there is no terminal to ask on; {without_terminal}")
+    if not click.confirm(question):
+        raise NotDone(f"did not {deed}: the answer was no")
+
+
+def print_fields(fields: Sequence[tuple[str, str]]) -> None:
+    """Print one record, a field a line."""
+    width = max(len(name) for name, _ in fields)
+    for name, value in fields:
+        click.echo(f"{name.ljust(width)}  {value}")
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

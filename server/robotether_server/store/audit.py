@@ -5,8 +5,10 @@ Written by web and cli in the transaction of the change that it tells of. Never 
 
 import datetime as dt
 import json
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
+from robotether_server.networks import Network
 from robotether_server.store.database import Transaction
 
 LONGEST_ACTOR = 63
@@ -29,6 +31,15 @@ class Event:
     details: dict[str, object] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Occurrence:
+    """One event that was found: what, whose, when."""
+
+    kind: str
+    actor: str
+    at: dt.datetime
+
+
 def record(tx: Transaction, source: Source, event: Event) -> None:
     """Add one event, as of now."""
     tx.insert(
@@ -44,12 +55,37 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
     )
 
 
-def recent_moments(
-    tx: Transaction, kind: str, address: str, since: dt.datetime
-) -> list[tuple[str, dt.datetime]]:
-    """Return actor and moment of the events of one kind from one address, the oldest first."""
+def recent_from(
+    tx: Transaction, kinds: Collection[str], network: Network, since: dt.datetime
+) -> list[Occurrence]:
+    """Return the events of these kinds that came from one network, the oldest first."""
     rows = tx.rows(
-        "SELECT actor, at FROM audit_events WHERE kind = %s AND address = %s AND at > %s ORDER BY at",
-        (kind, address, since),
+        "SELECT kind, actor, at FROM audit_events WHERE kind IN %s AND at > %s "
+        "AND INET6_ATON(address) BETWEEN %s AND %s ORDER BY at, id",
+        (tuple(kinds), since, *_bounds(network)),
     )
-    return [(row["actor"], row["at"]) for row in rows]
+    return [Occurrence(row["kind"], row["actor"], row["at"]) for row in rows]
+
+
+def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> list[dt.datetime]:
+    """Return the moments of one actor's events of one kind, from anywhere, the oldest first."""
+    rows = tx.rows(
+        "SELECT at FROM audit_events WHERE actor = %s AND kind = %s AND at > %s ORDER BY at",
+        (actor, kind, since),
+    )
+    return [row["at"] for row in rows]
+
+
+def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> bool:
+    """Tell whether the log has an event of that kind and actor from that network."""
+    found = tx.row(
+        "SELECT 1 FROM audit_events WHERE actor = %s AND kind = %s "
+        "AND INET6_ATON(address) BETWEEN %s AND %s LIMIT 1",
+        (actor, kind, *_bounds(network)),
+    )
+    return found is not None
+
+
+def _bounds(network: Network) -> tuple[bytes, bytes]:
+    """Return the first and the last address as INET6_ATON has them: 4 bytes are IPv4, 16 are IPv6."""
+    return network[0].packed, network[-1].packed

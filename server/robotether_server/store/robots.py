@@ -16,13 +16,14 @@ from robotether_server.store.users import User
 
 State = Literal["pending", "active", "disabled"]
 
-SELECT = (
-    "SELECT r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings "
-    "FROM robots r "
+COLUMNS = (
+    "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
+    "r.hostname, r.agent_version, r.join_address, r.joined_at"
 )
+SELECT = f"SELECT {COLUMNS} FROM robots r "  # noqa: S608 - the module's own text
 # The newest session tells presence: one that has not ended is a robot that is online.
 SELECT_SEEN = (
-    "SELECT r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
+    f"SELECT {COLUMNS}, "  # noqa: S608 - the module's own text
     "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
     "COALESCE(s.ended_at, s.started_at) AS since, "
     "IF(%(admin)s, 'manage', g.level) AS level "
@@ -35,8 +36,20 @@ SELECT_SEEN = (
 
 
 @dataclass(frozen=True)
+class Report:
+    """What a robot told about itself when it joined; `address` is where the join came from."""
+
+    hostname: str
+    agent_version: str
+    address: str
+
+
+@dataclass(frozen=True)
 class Robot:
-    """One robot's record. No fingerprint: it has not shown a key yet."""
+    """One robot's record.
+
+    No fingerprint: it has not shown a key yet; `report` and `joined_at` tell of the join that did.
+    """
 
     id: int
     mac: str
@@ -46,6 +59,8 @@ class Robot:
     video_port: int
     fingerprint: str | None
     settings: dict[str, Any] = field(hash=False)
+    report: Report | None = None
+    joined_at: dt.datetime | None = None
 
 
 @dataclass(frozen=True)
@@ -58,15 +73,6 @@ class SeenRobot:
     level: Level
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a robot tells about itself when it joins."""
-
-    hostname: str
-    agent_version: str
-    address: str
-
-
 def _robot(row: Row) -> Robot:
     return Robot(
         id=row["id"],
@@ -77,7 +83,15 @@ def _robot(row: Row) -> Robot:
         video_port=row["video_port"],
         fingerprint=row["fingerprint"],
         settings=json.loads(row["settings"]),
+        report=_report(row),
+        joined_at=row["joined_at"],
     )
+
+
+def _report(row: Row) -> Report | None:
+    if row["hostname"] is None:
+        return None
+    return Report(row["hostname"], row["agent_version"], row["join_address"])
 
 
 def _seen(row: Row) -> SeenRobot:
@@ -122,18 +136,33 @@ def name_is_taken(tx: Transaction, name: str) -> bool:
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None
 
 
-def count_pending(tx: Transaction) -> int:
-    """Return how many robots have shown a key and wait for approval."""
-    row = tx.row(
-        "SELECT COUNT(*) AS waiting FROM robots WHERE state = 'pending' AND fingerprint IS NOT NULL"
+def strangers(tx: Transaction) -> list[str]:
+    """Return where the joins of the strangers came from: robots that nobody announced or approved."""
+    rows = tx.rows("SELECT join_address FROM robots WHERE state = 'pending' AND stranger")
+    return [row["join_address"] or "" for row in rows]
+
+
+def remove_strangers(tx: Transaction, before: dt.datetime) -> None:
+    """Remove the strangers that joined before that moment, but for those that somebody has a grant for."""
+    # Asked first without locks: mostly there is none, and a join must not wait for all other joins.
+    expired = tx.rows(
+        "SELECT id FROM robots WHERE state = 'pending' AND stranger AND joined_at < %s "
+        "AND id NOT IN (SELECT robot_id FROM grants) ORDER BY id",
+        (before,),
     )
-    return int(row["waiting"]) if row else 0
+    for row in expired:
+        # Perhaps an admin has just approved it.
+        tx.change(
+            "DELETE FROM robots WHERE id = %s AND state = 'pending' AND stranger", (row["id"],)
+        )
 
 
-def add(tx: Transaction, mac: str, name: str) -> int:
+def add(tx: Transaction, mac: str, name: str, *, stranger: bool = False) -> int:
     """Add a robot; the database allots its ports. Raises RecordExists or RecordRefused."""
     try:
-        return tx.insert("INSERT INTO robots (mac, name) VALUES (%s, %s)", (mac, name))
+        return tx.insert(
+            "INSERT INTO robots (mac, name, stranger) VALUES (%s, %s, %s)", (mac, name, stranger)
+        )
     except RecordExists as error:
         taken = f"MAC {mac}" if error.key == "mac" else f"name {name}"
         raise RecordExists(
@@ -142,21 +171,39 @@ def add(tx: Transaction, mac: str, name: str) -> int:
 
 
 def set_state(tx: Transaction, robot_id: int, state: State) -> None:
-    """Approve, disable or enable a robot."""
-    tx.change("UPDATE robots SET state = %s WHERE id = %s", (state, robot_id))
-
-
-def set_key(tx: Transaction, robot_id: int, key: PublicKey) -> None:
-    """Write down the key that proves to be this robot. Raises RecordExists."""
+    """Approve, disable or enable a robot. Whoever an admin has dealt with is no stranger any more."""
     tx.change(
-        "UPDATE robots SET public_key = %s, fingerprint = %s WHERE id = %s",
-        (key.line, key.fingerprint, robot_id),
+        "UPDATE robots SET state = %(state)s, stranger = stranger AND %(state)s = 'pending' "
+        "WHERE id = %(id)s",
+        {"state": state, "id": robot_id},
     )
 
 
-def set_report(tx: Transaction, robot_id: int, report: Report) -> None:
-    """Write down what the robot told when it joined."""
+def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> None:
+    """Write down the key that a robot showed, and what it told with it. Raises RecordExists."""
     tx.change(
-        "UPDATE robots SET hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
-        (report.hostname, report.agent_version, report.address, robot_id),
+        "UPDATE robots SET public_key = %s, fingerprint = %s, joined_at = CURRENT_TIMESTAMP(6), "
+        "hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
+        (
+            key.line,
+            key.fingerprint,
+            report.hostname,
+            report.agent_version,
+            report.address,
+            robot_id,
+        ),
     )
+
+
+def forget_key(tx: Transaction, robot_id: int) -> None:
+    """Forget the key and the join that brought it, so that the next join brings another."""
+    tx.change(
+        "UPDATE robots SET public_key = NULL, fingerprint = NULL, joined_at = NULL, "
+        "hostname = NULL, agent_version = NULL, join_address = NULL, stranger = FALSE WHERE id = %s",
+        (robot_id,),
+    )
+
+
+def remove(tx: Transaction, robot_id: int) -> None:
+    """Remove a robot with its grants and its sessions; its ports are free again."""
+    tx.change("DELETE FROM robots WHERE id = %s", (robot_id,))

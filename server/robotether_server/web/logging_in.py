@@ -5,14 +5,18 @@ Used by pages.py. An unknown name, a disabled user and a wrong password look the
 
 import datetime as dt
 import math
+from itertools import takewhile
 
 from robotether_server import passwords
+from robotether_server.networks import Network, network_of
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.store import Database, Transaction, audit, logins, users
 from robotether_server.store.audit import Event, Source
 from robotether_server.web import throttle
+from robotether_server.web.throttle import Failures
 
 FAILED = "login_failed"
+SUCCEEDED = "login"
 
 
 def log_in(database: Database, source: Source, password: str, lifetime: dt.timedelta) -> str:
@@ -28,7 +32,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
         if user is None or user.disabled or not right:
             audit.record(tx, source, Event(FAILED))
         else:
-            audit.record(tx, source, Event("login"))
+            audit.record(tx, source, Event(SUCCEEDED))
             return logins.create(tx, user, source.address or "", lifetime)
     raise LoginFailed("cannot log in: name and password do not fit")
 
@@ -41,9 +45,8 @@ def log_out(database: Database, source: Source, text: str) -> None:
 
 
 def _check_throttle(tx: Transaction, source: Source) -> None:
-    now = dt.datetime.now(dt.UTC)
-    failures = audit.recent_moments(tx, FAILED, source.address or "", now - throttle.WINDOW)
-    free_at = throttle.free_at(failures, source.actor)
+    now, network = dt.datetime.now(dt.UTC), network_of(source.address or "")
+    free_at = throttle.free_at(_failures(tx, source.actor, network, now - throttle.WINDOW))
     if free_at is None or free_at <= now:
         return
     wait_s = math.ceil((free_at - now).total_seconds())
@@ -51,4 +54,16 @@ def _check_throttle(tx: Transaction, source: Source) -> None:
         f"cannot log in now: too many tries failed; try again at {free_at:%H:%M:%S} UTC "
         f"(in {math.ceil(wait_s / 60)} min)",
         wait_s,
+    )
+
+
+def _failures(tx: Transaction, user: str, network: Network, since: dt.datetime) -> Failures:
+    tries = audit.recent_from(tx, (FAILED, SUCCEEDED), network, since)
+    own = [one for one in tries if one.actor == user]
+    since_success = takewhile(lambda one: one.kind == FAILED, reversed(own))
+    is_known = audit.has_come_from(tx, SUCCEEDED, user, network)
+    return Failures(
+        of_pair=[one.at for one in since_success][::-1],
+        of_network=[one.at for one in tries if one.kind == FAILED],
+        of_user=[] if is_known else audit.recent_of(tx, FAILED, user, since),
     )

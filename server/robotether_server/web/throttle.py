@@ -1,25 +1,43 @@
-"""When the next try to log in is heard: counts failures of the last minutes, in the audit log.
+"""When the next try to log in is heard: pure rules over the failures of the last minutes.
 
-Used by logging_in.py. One address that tries many users and one that tries many passwords of one
-user are both slowed down; somebody else's failures never lock a user out of another address.
+Used by logging_in.py, which reads the failures from the audit log. Three limits, each against one attacker:
+
+* one network that tries many passwords of one user; a success ends what that pair has failed before;
+* one network that tries many users;
+* many networks that try one user. This one does not count where that user has logged in before, so that
+  nobody can lock a user out of the usual places by failing on purpose.
 """
 
 import datetime as dt
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 WINDOW = dt.timedelta(minutes=10)
-PER_USER_AND_ADDRESS = 5
-PER_ADDRESS = 30
+PER_USER_AND_NETWORK = 5
+PER_NETWORK = 30
+PER_USER = 50
 
 
-def free_at(failures: Sequence[tuple[str, dt.datetime]], user: str) -> dt.datetime | None:
-    """Return the moment from which a try is heard, or None when it is heard now.
+@dataclass(frozen=True)
+class Failures:
+    """Moments within WINDOW, the oldest first.
 
-    `failures`: user and moment of those from one address within WINDOW, the oldest first.
+    `of_pair`: of this user from this network since they last fitted; `of_network`: of any user from it;
+    `of_user`: of this user from anywhere, empty where the user has logged in before.
     """
-    all_moments = [moment for _, moment in failures]
-    own_moments = [moment for name, moment in failures if name == user]
-    ends = (_free_at(all_moments, PER_ADDRESS), _free_at(own_moments, PER_USER_AND_ADDRESS))
+
+    of_pair: Sequence[dt.datetime] = ()
+    of_network: Sequence[dt.datetime] = ()
+    of_user: Sequence[dt.datetime] = ()
+
+
+def free_at(failures: Failures) -> dt.datetime | None:
+    """Return the moment from which a try is heard, or None when it is heard now."""
+    ends = (
+        _free_at(failures.of_pair, PER_USER_AND_NETWORK),
+        _free_at(failures.of_network, PER_NETWORK),
+        _free_at(failures.of_user, PER_USER),
+    )
     return max((end for end in ends if end is not None), default=None)
 
 

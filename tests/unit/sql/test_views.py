@@ -8,7 +8,7 @@ import pytest
 from mariadb_server import MariaDb
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import Database, Transaction, grants, logins, robots, tokens, users
-from robotether_server.store.robots import State
+from robotether_server.store.robots import Report, State
 
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 HOUR = dt.timedelta(hours=1)
@@ -40,7 +40,7 @@ def test_only_active_robots_may_open_a_tunnel(
     """A key of a robot that waits or is disabled is as good as unknown."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
-        robots.set_key(tx, robot_id, KEY)
+        robots.set_key(tx, robot_id, KEY, Report("turtle", "0.1.0", "192.0.2.1"))
         robots.set_state(tx, robot_id, state)
     with keylookup.transaction() as tx:
         rows = tx.rows("SELECT * FROM tunnel_keys WHERE fingerprint = %s", (KEY.fingerprint,))

@@ -24,6 +24,13 @@ class Done(NamedTuple):
 Run = Callable[..., Done]
 
 
+class Terminal(StringIO):
+    """Standard input that somebody sits at."""
+
+    def isatty(self) -> bool:
+        return True
+
+
 @pytest.fixture
 def run(
     mariadb: MariaDb,
@@ -31,7 +38,7 @@ def run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Run:
-    """Run a command as in the web container; `stdin` is what it may read."""
+    """Run a command as in the web container; `stdin` is what it may read, `terminal` what a person types."""
     settings = mariadb.settings("web")
     for name, value in (
         ("DB_HOST", settings.host),
@@ -41,9 +48,10 @@ def run(
     ):
         monkeypatch.setenv(name, value)
 
-    def run_command(*arguments: str, stdin: str = "") -> Done:
+    def run_command(*arguments: str, stdin: str = "", terminal: str | None = None) -> Done:
         monkeypatch.setattr(sys, "argv", ["robotether", *arguments])
-        monkeypatch.setattr(sys, "stdin", StringIO(stdin))
+        typed = StringIO(stdin) if terminal is None else Terminal(terminal)
+        monkeypatch.setattr(sys, "stdin", typed)
         with pytest.raises(SystemExit) as ended:
             main()
         printed = capsys.readouterr()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from io import StringIO
+
 import pytest
 from robotether_server.cli import common
 
@@ -24,3 +27,16 @@ def test_wait_ends_in_time() -> None:
     asked: list[int] = []
     assert common.wait_for(lambda: asked.append(1), 0) is None
     assert asked == [1]
+
+
+def test_record_has_its_values_in_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """After the longest name."""
+    common.print_fields([("a", "1"), ("longer", "2")])
+    assert capsys.readouterr().out == "a       1\nlonger  2\n"
+
+
+def test_nobody_to_ask_is_no_yes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sentence says what was not done and what to do."""
+    monkeypatch.setattr(sys, "stdin", StringIO("y\n"))
+    with pytest.raises(common.NotDone, match="cannot fly: there is no terminal to ask on; walk"):
+        common.agree("fly", "Fly?", "walk")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import threading
 from collections.abc import Callable
 
 import pytest
-from mariadb_server import MariaDb
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mariadb_server import MariaDb
 from robotether_server import macs
 from robotether_server.problems import (
     FieldInvalid,
@@ -23,6 +24,7 @@ from robotether_server.store.robots import Report
 
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
 def mac(number: int) -> str:
@@ -308,22 +310,100 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
     assert (offline.since - online.since).total_seconds() == 3600
 
 
-def test_key_and_report_are_kept(database: Database) -> None:
-    """What a robot shows when it joins stands in its row, and its key finds it."""
+def test_key_and_report_are_kept_together(database: Database) -> None:
+    """What a robot shows when it joins stands in its row with the time, until the key is forgotten."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
-        assert robots.count_pending(tx) == 0
-        robots.set_key(tx, robot_id, KEY)
-        assert robots.count_pending(tx) == 1
-        robots.set_report(tx, robot_id, Report("turtle", "0.1.0", "192.0.2.1"))
+        robots.set_key(tx, robot_id, KEY, REPORT)
         robots.set_state(tx, robot_id, "active")
-        assert robots.count_pending(tx) == 0
         robot = robots.find_by_mac(tx, MAC)
         assert robot is not None
-        assert (robot.fingerprint, robot.state) == (KEY.fingerprint, "active")
+        assert (robot.fingerprint, robot.state, robot.report) == (
+            KEY.fingerprint,
+            "active",
+            REPORT,
+        )
+        assert robot.joined_at is not None
         second = robots.add(tx, mac(1), "b")
         with pytest.raises(RecordExists):
-            robots.set_key(tx, second, KEY)
+            robots.set_key(tx, second, KEY, REPORT)
+        robots.forget_key(tx, robot_id)
+        robots.set_key(tx, second, KEY, REPORT)
+        robot = robots.get(tx, "a")
+    assert (robot.fingerprint, robot.report, robot.joined_at) == (None, None, None)
+
+
+def add_stranger(tx: Transaction, number: int, name: str) -> int:
+    robot_id = robots.add(tx, mac(number), name, stranger=True)
+    robots.set_key(tx, robot_id, PublicKey("ssh-ed25519 A", f"SHA256:{number}"), REPORT)
+    return robot_id
+
+
+def test_strangers_are_those_that_no_admin_has_dealt_with(database: Database) -> None:
+    """An approval, a disabling and a forgotten key each end it; announced robots never were any."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
+        ids = [add_stranger(tx, number, f"s{number}") for number in range(1, 5)]
+        assert robots.strangers(tx) == ["192.0.2.1"] * 4
+        robots.set_state(tx, ids[0], "pending")
+        assert len(robots.strangers(tx)) == 4
+        robots.set_state(tx, ids[0], "active")
+        robots.set_state(tx, ids[1], "disabled")
+        robots.set_state(tx, ids[1], "pending")
+        robots.forget_key(tx, ids[2])
+        assert len(robots.strangers(tx)) == 1
+
+
+def test_only_old_strangers_are_removed(database: Database, admin_database: Database) -> None:
+    """Rows of admins, approved robots, those with a grant and newer ones stay; the ports are free again."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
+        ids = {
+            name: add_stranger(tx, n, name) for n, name in enumerate(("old", "known", "granted"))
+        }
+        robots.set_state(tx, ids["known"], "active")
+        robots.set_state(tx, ids["known"], "pending")
+        grants.give(tx, users.add(tx, "ann", "x", "user"), ids["granted"], "drive")
+        tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 25 HOUR")
+        add_stranger(tx, 9, "new")
+        robots.remove_strangers(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
+        names = {seen.robot.name for seen in robots.list_all(tx)}
+    assert names == {"announced", "known", "granted", "new"}
+    assert ids["old"] not in pair_owners(admin_database).values()
+
+
+def test_removed_robot_takes_its_grants_and_frees_its_ports(
+    database: Database, admin_database: Database
+) -> None:
+    """Its MAC and its name may be given again."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        grants.give(tx, users.add(tx, "ann", "x", "user"), robot_id, "drive")
+        robots.remove(tx, robot_id)
+        assert tx.rows("SELECT * FROM grants") == []
+        assert robots.find_by_mac(tx, MAC) is None
+    assert pair_owners(admin_database) == {}
+    with database.transaction() as tx:
+        assert robots.add(tx, MAC, "a") != robot_id
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ("name = 'Bad_Name'", "a name has a-z"),
+        ("mac = 'rubbish'", "is no MAC address"),
+        ("ros_port = 80", "give two different ports"),
+        ("ros_port = 20003, video_port = 30000", "robot b has port 20003 or 30000"),
+    ],
+)
+def test_refused_update_says_change(database: Database, change: str, why: str) -> None:
+    """The sentence tells what was tried with which robot, by the name that it has."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "a")
+        robots.add(tx, mac(1), "b")
+        with pytest.raises(RecordRefused, match=r"^cannot change robot a: ") as refused:
+            tx.change(f"UPDATE robots SET {change} WHERE name = 'a'")
+    assert why in refused.value.detail
 
 
 def test_unknown_robot_is_said_so(database: Database) -> None:

@@ -7,8 +7,8 @@ import datetime as dt
 import pytest
 from robotether_server import passwords
 from robotether_server.problems import LoginFailed, Throttled
-from robotether_server.store import Database, logins, users
-from robotether_server.store.audit import Source
+from robotether_server.store import Database, audit, logins, users
+from robotether_server.store.audit import Event, Source
 from robotether_server.web.logging_in import log_in, log_out
 from web_visitor import HASH, PASSWORD
 
@@ -55,3 +55,57 @@ def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.Mon
     monkeypatch.setattr(passwords, "matches", None)
     with pytest.raises(Throttled):
         log_in(database, ANN, PASSWORD, HOUR)
+
+
+def fail(database: Database, name: str, address: str, times: int = 1) -> None:
+    """Failures as the log has them; hashing so many passwords would take long."""
+    with database.transaction() as tx:
+        for _ in range(times):
+            audit.record(tx, Source(name, address), Event("login_failed"))
+
+
+def is_heard(database: Database, name: str, address: str) -> bool:
+    try:
+        log_in(database, Source(name, address), PASSWORD, HOUR)
+    except Throttled:
+        return False
+    except LoginFailed:
+        return True
+    return True
+
+
+def test_addresses_of_one_ipv6_network_count_together(database: Database) -> None:
+    """Who has a whole /64 gets no more tries than who has one address."""
+    for host in range(5):
+        fail(database, "ann", f"2001:db8::{host:x}")
+    assert not is_heard(database, "ann", "2001:db8::99")
+    assert is_heard(database, "ann", "2001:db8:0:1::1")
+
+
+def test_success_ends_what_the_pair_failed_before(database: Database) -> None:
+    """A user who mistypes now and then is not added up; the network's own count goes on."""
+    fail(database, "ann", "192.0.2.1", 4)
+    assert is_heard(database, "ann", "192.0.2.1")
+    fail(database, "ann", "192.0.2.1", 4)
+    assert is_heard(database, "ann", "192.0.2.1")
+    fail(database, "bob", "192.0.2.1", 22)
+    assert not is_heard(database, "ann", "192.0.2.1")
+
+
+def test_success_of_one_does_not_clear_another(database: Database) -> None:
+    """An attacker's own account is no way to more tries with somebody else's."""
+    with database.transaction() as tx:
+        users.add(tx, "mallory", HASH, "user")
+    fail(database, "ann", "192.0.2.1", 5)
+    assert is_heard(database, "mallory", "192.0.2.1")
+    assert not is_heard(database, "ann", "192.0.2.1")
+
+
+def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Database) -> None:
+    """New addresses wait, for that user alone; where the user has logged in before all goes on."""
+    assert is_heard(database, "ann", "192.0.2.1")
+    for host in range(50):
+        fail(database, "ann", f"198.51.100.{host}")
+    assert not is_heard(database, "ann", "203.0.113.5")
+    assert is_heard(database, "nobody", "203.0.113.5")
+    assert is_heard(database, "ann", "192.0.2.1")

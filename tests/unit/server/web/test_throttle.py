@@ -5,43 +5,43 @@ from __future__ import annotations
 import datetime as dt
 
 import pytest
-from robotether_server.web.throttle import PER_ADDRESS, PER_USER_AND_ADDRESS, WINDOW, free_at
+from robotether_server.web.throttle import (
+    PER_NETWORK,
+    PER_USER,
+    PER_USER_AND_NETWORK,
+    WINDOW,
+    Failures,
+    free_at,
+)
 
 START = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
-def failures(*names: str) -> list[tuple[str, dt.datetime]]:
+def moments(count: int) -> list[dt.datetime]:
     """One failure a second."""
-    return [(name, START + dt.timedelta(seconds=at)) for at, name in enumerate(names)]
+    return [START + dt.timedelta(seconds=at) for at in range(count)]
+
+
+def test_try_is_heard_below_all_limits() -> None:
+    """One failure fewer than each limit, all together."""
+    failures = Failures(
+        moments(PER_USER_AND_NETWORK - 1), moments(PER_NETWORK - 1), moments(PER_USER - 1)
+    )
+    assert free_at(failures) is None
+    assert free_at(Failures()) is None
 
 
 @pytest.mark.parametrize(
-    "names",
-    [
-        [],
-        ["ann"] * (PER_USER_AND_ADDRESS - 1),
-        ["bob"] * 10,
-        [f"u{n}" for n in range(PER_ADDRESS - 1)],
-    ],
+    ("kind", "limit"),
+    [("of_pair", PER_USER_AND_NETWORK), ("of_network", PER_NETWORK), ("of_user", PER_USER)],
 )
-def test_try_is_heard_below_both_limits(names: list[str]) -> None:
-    """Another user's failures count for the address alone."""
-    assert free_at(failures(*names), "ann") is None
+def test_each_limit_waits_until_the_oldest_that_counts_is_forgotten(kind: str, limit: int) -> None:
+    """With two failures too many the third is the one whose end leaves one fewer than the limit."""
+    failures = Failures(**{kind: moments(limit + 2)})
+    assert free_at(failures) == START + dt.timedelta(seconds=2) + WINDOW
 
 
-def test_user_waits_until_the_oldest_that_counts_is_forgotten() -> None:
-    """Of seven failures the third is the one whose end leaves four."""
-    assert free_at(failures(*["ann"] * 7), "ann") == START + dt.timedelta(seconds=2) + WINDOW
-
-
-def test_address_waits_whatever_the_name() -> None:
-    """Many names from one address are one attacker."""
-    names = [f"u{number}" for number in range(PER_ADDRESS)]
-    assert free_at(failures(*names), "ann") == START + WINDOW
-
-
-def test_later_of_both_ends_counts() -> None:
-    """Both limits must be free again."""
-    names = [f"u{number}" for number in range(PER_ADDRESS)] + ["ann"] * PER_USER_AND_ADDRESS
-    end = free_at(failures(*names), "ann")
-    assert end == START + dt.timedelta(seconds=PER_ADDRESS) + WINDOW
+def test_latest_of_the_ends_counts() -> None:
+    """All limits must be free again."""
+    failures = Failures(of_network=moments(PER_NETWORK), of_user=moments(PER_USER + 7))
+    assert free_at(failures) == START + dt.timedelta(seconds=7) + WINDOW
