@@ -1,0 +1,113 @@
+"""tools/up, with programs in the place of Docker and the other tools that note how they are called."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+# Answers the lists from a file, and what `tools/compose` itself knows; notes all that it is asked.
+COMPOSE = """#!/bin/sh
+echo "$*" >> calls
+case "$*" in
+  --secrets-dir) echo secrets ;;
+  --env*) ;;
+  *'user list') cat users ;;
+  *'robot list') cat robots ;;
+  *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
+esac
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with tools/up and nothing that needs Docker; it has an admin and no robot."""
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in ("up", "common.sh"):
+        shutil.copy(ROOT / "tools" / name, tools)
+    for name in ("ensure_docker", "ensure_base_image", "build"):
+        (tools / name).write_text("#!/bin/sh\n")
+    (tools / "compose").write_text(COMPOSE)
+    for path in tools.iterdir():
+        path.chmod(0o755)
+    (tmp_path / "compose").mkdir()
+    (tmp_path / "compose" / ".env").write_text("")
+    (tmp_path / "users").write_text("NAME   ROLE   STATE\nadmin  admin  enabled\n")
+    (tmp_path / "robots").write_text("NAME  STATE\n")
+    return tmp_path
+
+
+def up(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run tools/up there."""
+    environment = {"PATH": os.environ["PATH"]}
+    command = ["tools/up", *arguments]
+    return subprocess.run(
+        command, cwd=checkout, env=environment, check=False, capture_output=True, text=True
+    )
+
+
+def calls(checkout: Path) -> str:
+    return (checkout / "calls").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "is_made"), [("admin", False), ("admin-2", True), ("admin.old", True), ("root", True)]
+)
+def test_only_the_name_itself_is_the_admin(checkout: Path, name: str, is_made: bool) -> None:
+    """A user whose name only begins so, or has the role, is another one."""
+    (checkout / "users").write_text(f"NAME  ROLE   STATE\n{name}  admin  enabled\n")
+    assert up(checkout).returncode == 0
+    assert ("user add admin --role admin" in calls(checkout)) is is_made
+
+
+def test_demo_makes_the_robots_that_are_missing(checkout: Path) -> None:
+    """A robot whose name only begins so is another one; the first keys of simulators need no question."""
+    (checkout / "robots").write_text("NAME    STATE\nsim1-b  active\nsim2    active\n")
+    done = up(checkout, "--demo")
+    assert done.returncode == 0, done.stderr
+    said = calls(checkout)
+    for name, is_added in (("sim1", True), ("sim2", False), ("sim3", True)):
+        assert (f"robot add {name} --mac" in said) is is_added
+        assert f"robot approve {name} --yes --wait-for-key 60" in said
+
+
+@pytest.mark.parametrize("content", [None, (), ("ticket_key",)])
+def test_folder_of_our_secrets_is_closed(checkout: Path, content: tuple[str, ...] | None) -> None:
+    """Whether it was made now, was empty, or has secrets of an earlier start, which stay."""
+    secrets = checkout / "secrets"
+    if content is not None:
+        secrets.mkdir()
+        secrets.chmod(0o755)
+        for name in content:
+            (secrets / name).write_text("kept")
+    assert up(checkout).returncode == 0
+    assert secrets.stat().st_mode & 0o777 == 0o700
+    assert ((secrets / "ticket_key").read_text() == "kept") is bool(content)
+    assert len((secrets / "admin_password").read_text()) > 40
+
+
+def test_folder_that_others_use_is_left_alone(checkout: Path) -> None:
+    """One sentence says what to do, and nothing is written or closed."""
+    secrets = checkout / "secrets"
+    secrets.mkdir()
+    secrets.chmod(0o750)
+    (secrets / "letters").write_text("")
+    done = up(checkout)
+    assert done.returncode == 1
+    assert "cannot keep secrets in secrets: other users may read it" in done.stderr
+    assert secrets.stat().st_mode & 0o777 == 0o750
+    assert [path.name for path in secrets.iterdir()] == ["letters"]
+
+
+def test_closed_folder_may_hold_more(checkout: Path) -> None:
+    """Somebody's own vault is as good as a folder of ours."""
+    secrets = checkout / "secrets"
+    secrets.mkdir(mode=0o700)
+    (secrets / "letters").write_text("")
+    assert up(checkout).returncode == 0
+    assert (secrets / "ticket_key").exists()
