@@ -5,24 +5,30 @@ docs/protocols.md. Must never say more about a bad ticket than its code does.
 """
 
 import datetime as dt
+import re
 import secrets
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from itsdangerous import BadData, BadSignature, SignatureExpired, URLSafeTimedSerializer
 
 from robotether_server.problems import TicketExpired, TicketForged, TicketMalformed
 
 Mode = Literal["observe", "drive"]
+CredentialKind = Literal["login", "token"]
 MODES: tuple[Mode, ...] = ("observe", "drive")
 SALT = "robotether.ticket"
 ID_BYTES = 16
+SHA256 = re.compile(r"[0-9a-f]{64}")
 PARTS = 3  # payload, moment, signature
 
 
 @dataclass(frozen=True)
 class Ticket:
-    """What a ticket permits, to whom, on which robot."""
+    """What a ticket permits, to whom, on which robot, and the login or token that asked for it.
+
+    What the ticket opens ends with that login or token, of which it holds what the database does.
+    """
 
     id: str
     user_id: int
@@ -30,6 +36,8 @@ class Ticket:
     robot_id: int
     robot: str
     mode: Mode
+    credential: CredentialKind
+    credential_sha256: str
 
 
 def new_id() -> str:
@@ -85,10 +93,14 @@ def _ticket(fields: object) -> Ticket:
         ticket = Ticket(**fields)
     except TypeError as error:
         raise problem from error
-    texts = (ticket.id, ticket.user, ticket.robot)
+    texts = (ticket.id, ticket.user, ticket.robot, ticket.credential_sha256)
     numbers = (ticket.user_id, ticket.robot_id)
     if not all(type(text) is str for text in texts) or ticket.mode not in MODES:
         raise problem
     if not all(type(number) is int for number in numbers):
+        raise problem
+    if ticket.credential not in get_args(CredentialKind):
+        raise problem
+    if not SHA256.fullmatch(ticket.credential_sha256):
         raise problem
     return ticket

@@ -22,7 +22,6 @@ from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSe
 from robotether_server.store.fleet import (
     Changes,
     Credential,
-    CredentialKind,
     Entry,
     Robot,
     SessionEntry,
@@ -30,7 +29,7 @@ from robotether_server.store.fleet import (
     User,
 )
 from robotether_server.store.grants import Level
-from robotether_server.tickets import Mode, Ticket, TicketSigner
+from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
 
 SESSION_KEY = "the session key of the tests, long enough"
 TICKET_KEY = "the ticket key of the tests, long enough"
@@ -111,9 +110,10 @@ class MemoryRecords:
 class RelayServer:
     """A running relay, and what a test needs to talk to it."""
 
-    def __init__(self, relay: Relay) -> None:
+    def __init__(self, relay: Relay, records: Records) -> None:
         self.relay = relay
         self.signer = TicketSigner(TICKET_KEY, 30)
+        self._records = records
 
     @property
     def url(self) -> str:
@@ -125,15 +125,35 @@ class RelayServer:
         """Where it answers health checks."""
         return f"http://{HOST}:{self.relay.inside_port}"
 
-    def ticket(self, robot: Robot, mode: Mode = "drive", user: User | None = None) -> str:
-        """Sign a ticket as web does."""
+    def ticket(
+        self,
+        robot: Robot,
+        mode: Mode = "drive",
+        user: User | None = None,
+        credential: Credential | None = None,
+    ) -> str:
+        """Sign a ticket as web does, for a login of the user unless the test names a credential."""
         user = user or User(1, "ann")
-        ticket = Ticket(secrets.token_hex(16), user.id, user.name, robot.id, robot.name, mode)
-        return self.signer.sign(ticket)
+        by = credential or self._login_of(user)
+        fields = (user.id, user.name, robot.id, robot.name, mode, by.kind, by.digest.hex())
+        return self.signer.sign(Ticket(secrets.token_hex(16), *fields))
 
-    def ros_url(self, robot: Robot, mode: Mode = "drive", user: User | None = None) -> str:
+    def ros_url(
+        self,
+        robot: Robot,
+        mode: Mode = "drive",
+        user: User | None = None,
+        credential: Credential | None = None,
+    ) -> str:
         """An address that opens one WebSocket to the robot."""
-        return f"{self.url}/robots/{robot.name}/ros?ticket={self.ticket(robot, mode, user)}"
+        ticket = self.ticket(robot, mode, user, credential)
+        return f"{self.url}/robots/{robot.name}/ros?ticket={ticket}"
+
+    def _login_of(self, user: User) -> Credential:
+        login = credential_of("login", f"the login of {user.name}")
+        if isinstance(self._records, MemoryRecords):
+            self._records.credentials.setdefault(login, user)
+        return login
 
 
 def relay_settings(database: DatabaseSettings | None = None) -> RelaySettings:
@@ -157,7 +177,7 @@ async def running_relay(records: Records, timing: Timing = FAST) -> AsyncIterato
     relay = Relay(relay_settings(), records, listen=listen, timing=timing)
     await relay.start()
     try:
-        yield RelayServer(relay)
+        yield RelayServer(relay, records)
     finally:
         await relay.stop()
 

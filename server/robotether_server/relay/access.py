@@ -10,7 +10,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Literal
 from urllib.parse import urlsplit
 
 from robotether_server.problems import (
@@ -27,7 +26,7 @@ from robotether_server.problems import (
 from robotether_server.relay.connections import Use, permits
 from robotether_server.relay.credentials import Credentials, credential_of
 from robotether_server.store.fleet import Credential, Robot, Snapshot, User
-from robotether_server.tickets import Ticket, TicketSigner
+from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "robotether_login"
 MAX_USED_TICKETS = 100_000
@@ -56,12 +55,12 @@ class Asker:
 
 @dataclass(frozen=True)
 class Permit:
-    """A user may use this robot so; `credential` is None when a ticket said so."""
+    """A user may use this robot so, as long as the credential holds."""
 
     user: User
     robot: Robot
     use: Use
-    credential: Credential | None = None
+    credential: Credential
 
 
 class UsedTickets:
@@ -175,7 +174,7 @@ class Access:
             raise TokenInvalid("cannot tell who asks: the token is unknown or has expired")
         return asker
 
-    async def _asker(self, kind: Literal["login", "token"], text: str) -> Asker | None:
+    async def _asker(self, kind: CredentialKind, text: str) -> Asker | None:
         if not 0 < len(text) <= MAX_CREDENTIAL_LENGTH:
             return None
         credential = credential_of(kind, text)
@@ -194,7 +193,8 @@ class Access:
             raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
         if not permits(self._snapshot().level(user.id, robot.id), use):
             raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
-        return Permit(user, robot, use)
+        credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
+        return Permit(user, robot, use, credential)
 
     def _visible_robot(self, user: User, name: str) -> Robot:
         snapshot = self._snapshot()

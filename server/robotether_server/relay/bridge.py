@@ -81,6 +81,8 @@ class Bridge:
 
     async def run(self, connect: Callable[[], Awaitable[RobotSocket]]) -> Ending:
         """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
+        if self._ended.done():
+            return self._ended.result()
         work = asyncio.create_task(self._guard(self._work(connect)))
         try:
             return await self._ended

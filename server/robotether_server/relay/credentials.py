@@ -1,7 +1,8 @@
 """Logins and API tokens: who they belong to, and ending what hangs on one that is gone.
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
-a page with many pictures asks the database once.
+a page with many pictures asks the database once. `fleet` has those that something live hangs on
+asked again.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from contextlib import contextmanager
 
 from robotether_server.relay.records import Records
 from robotether_server.store.digests import digest
-from robotether_server.store.fleet import Credential, CredentialKind, User
+from robotether_server.store.fleet import Credential, User
+from robotether_server.tickets import CredentialKind
 
 KEEP_S = 3.0
 MAX_KEPT = 10_000
@@ -31,6 +33,8 @@ class Credentials:
         self._records = records
         self._kept: OrderedDict[Credential, tuple[float, User | None]] = OrderedDict()
         self._held: dict[Credential, set[Callable[[], None]]] = {}
+        self._unsure: set[Credential] = set()
+        self._rechecks = 0
 
     async def user_of(self, credential: Credential) -> User | None:
         """Tell who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
@@ -38,34 +42,49 @@ class Credentials:
         kept = self._kept.get(credential)
         if kept is not None and now - kept[0] < KEEP_S:
             return kept[1]
+        rechecks = self._rechecks
         user = (await self._records.users_of([credential])).get(credential)
-        self._kept[credential] = (now, user)
-        self._kept.move_to_end(credential)
-        while len(self._kept) > MAX_KEPT:
-            self._kept.popitem(last=False)
+        # An answer to a question of before a change may be the old one.
+        if rechecks == self._rechecks:
+            self._keep(credential, now, user)
         return user
 
     @contextmanager
-    def held(self, credential: Credential | None, end: Callable[[], None]) -> Iterator[None]:
-        """Call `end` when the credential stops holding inside the block."""
-        if credential is None:
-            yield
-            return
+    def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
+        """Call `end` when the credential stops holding inside the block, or did so just before."""
         ends = self._held.setdefault(credential, set())
         ends.add(end)
+        self._unsure.add(credential)
         try:
             yield
         finally:
             ends.discard(end)
-            if not ends:
-                self._held.pop(credential, None)
+            if not ends and self._held.get(credential) is ends:
+                del self._held[credential]
+                self._unsure.discard(credential)
 
     async def recheck(self) -> None:
         """Ask again for all that is held, and end what hangs on the rest."""
         self._kept.clear()
-        if not self._held:
+        self._rechecks += 1
+        await self._ask_again(list(self._held))
+
+    async def check_new(self) -> None:
+        """Ask for those held since the last time: they may have ended while the way was long."""
+        await self._ask_again(list(self._unsure))
+
+    async def _ask_again(self, asked: list[Credential]) -> None:
+        if not asked:
             return
-        valid = await self._records.users_of(list(self._held))
-        for credential in [held for held in self._held if held not in valid]:
-            for end in list(self._held.get(credential, ())):
-                end()
+        valid = await self._records.users_of(asked)
+        self._unsure.difference_update(asked)
+        for credential in asked:
+            if credential not in valid:
+                for end in list(self._held.get(credential, ())):
+                    end()
+
+    def _keep(self, credential: Credential, now: float, user: User | None) -> None:
+        self._kept[credential] = (now, user)
+        self._kept.move_to_end(credential)
+        while len(self._kept) > MAX_KEPT:
+            self._kept.popitem(last=False)

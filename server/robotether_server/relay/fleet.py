@@ -31,12 +31,14 @@ class Fleet:
         *,
         rights_changed: Callable[[Snapshot], None],
         credentials_changed: Callable[[], Awaitable[None]],
+        check_new_credentials: Callable[[], Awaitable[None]],
         last_seen: Callable[[list[tuple[int, datetime]]], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
         self._records = records
         self._rights_changed = rights_changed
         self._credentials_changed = credentials_changed
+        self._check_new_credentials = check_new_credentials
         self._last_seen = last_seen
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
@@ -89,6 +91,8 @@ class Fleet:
         if overdue or before is None or before.credentials != now.credentials:
             await self._credentials_changed()
             self._rechecked_at = time
+        else:
+            await self._check_new_credentials()
         self._changes = now
 
     def _set_store_up(self, up: bool, why: str = "") -> None:

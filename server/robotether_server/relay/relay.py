@@ -136,6 +136,7 @@ class Relay:
             records,
             rights_changed=self._take_snapshot,
             credentials_changed=self.credentials.recheck,
+            check_new_credentials=self.credentials.check_new,
             last_seen=self.registry.remember,
             poll_every_s=self._timing.poll_every_s,
         )
@@ -184,6 +185,7 @@ class Relay:
         )
         rosbridge = RosbridgeHandler(
             access=access,
+            credentials=self.credentials,
             registry=self.registry,
             connections=self.connections,
             client=self._client,

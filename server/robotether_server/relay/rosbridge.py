@@ -10,6 +10,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, cast
 
 from aiohttp import (
@@ -26,6 +27,7 @@ from robotether_server.relay import endings
 from robotether_server.relay.access import Access, Permit, request_of
 from robotether_server.relay.bridge import Bridge, BridgeRules, EndedError
 from robotether_server.relay.connections import Connection, Connections
+from robotether_server.relay.credentials import Credentials
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.sessions import Presence, SessionRegistry, utc_now
 from robotether_server.relay.sockets import (
@@ -65,6 +67,7 @@ class RosbridgeHandler:
         self,
         *,
         access: Access,
+        credentials: Credentials,
         registry: SessionRegistry,
         connections: Connections,
         client: ClientSession,
@@ -73,6 +76,7 @@ class RosbridgeHandler:
         report: Callable[[ConnectionReport], None],
     ) -> None:
         self._access = access
+        self._credentials = credentials
         self._registry = registry
         self._connections = connections
         self._client = client
@@ -82,23 +86,27 @@ class RosbridgeHandler:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
-        operator = OperatorSocket(self._rules.message_limit)
-        if not operator.can_prepare(request):
+        if not web.WebSocketResponse().can_prepare(request):
             raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
         asked = request_of(request.headers, request.cookies, request.query)
         permit = self._access.for_rosbridge(asked, request.match_info["name"])
-        await operator.open(request)
-        await self._serve(operator, permit, request.headers.get("X-Forwarded-For"))
+        operator = OperatorSocket(self._rules.message_limit)
+        await self._serve(operator, permit, request)
         return operator
 
-    async def _serve(self, operator: OperatorSocket, permit: Permit, address: str | None) -> None:
-        bridge = Bridge(permit.robot.name, _mode(permit), operator, self._rules)
-        connection = Connection(
-            permit.user.id, permit.user.name, permit.robot, permit.use, bridge.end
-        )
+    async def _serve(self, operator: OperatorSocket, permit: Permit, request: web.Request) -> None:
+        robot = permit.robot
+        bridge = Bridge(robot.name, _mode(permit), operator, self._rules)
+        connection = Connection(permit.user.id, permit.user.name, robot, permit.use, bridge.end)
+        gone = partial(bridge.end, endings.rights_ended(robot.name))
         try:
-            with self._connections.joined(connection):
-                ending = await self._run(bridge, connection, address)
+            # Before anything waits: a right that ends in the meantime must end this connection.
+            with (
+                self._connections.joined(connection),
+                self._credentials.held(permit.credential, gone),
+            ):
+                await operator.open(request)
+                ending = await self._run(bridge, connection, request.headers.get("X-Forwarded-For"))
             await bridge.farewell(ending)
         finally:
             bridge.release()

@@ -11,12 +11,10 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
-from typing import Literal
 
 from robotether_server.store.database import Row, Transaction
 from robotether_server.store.grants import Level
-
-CredentialKind = Literal["login", "token"]
+from robotether_server.tickets import CredentialKind
 
 # Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says
 # about itself must not be able to refuse the row.

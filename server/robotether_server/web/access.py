@@ -7,8 +7,9 @@ from flask import Request
 from werkzeug.wrappers import Response
 
 from robotether_server.problems import LoginMissing, TokenInvalid
-from robotether_server.store import Transaction, logins, tokens
+from robotether_server.store import Transaction, digests, logins, tokens
 from robotether_server.store.users import User
+from robotether_server.tickets import CredentialKind
 from robotether_server.web.parts import csrf, parts
 
 COOKIE = "robotether_login"
@@ -36,6 +37,14 @@ def api_user(tx: Transaction, request: Request) -> User:
         raise LoginMissing("cannot tell who asks: log in, or send an API token as Bearer")
     csrf.protect()
     return user
+
+
+def credential_of(request: Request) -> tuple[CredentialKind, str]:
+    """Return the kind and the SHA-256, in hex, of what `api_user` knows the user of a request by."""
+    header = request.headers.get("Authorization")
+    if header is not None:
+        return "token", digests.digest(_bearer(header)).hex()
+    return "login", digests.digest(request.cookies.get(COOKIE, "")).hex()
 
 
 def token_user(tx: Transaction, text: str) -> User:

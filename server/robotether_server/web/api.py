@@ -60,7 +60,10 @@ def create_ticket() -> tuple[Response, int]:
     if not grants.includes(seen.level, mode):
         raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
     signer = parts().signer
-    text = signer.sign(Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode))
+    kind, sha256 = access.credential_of(request)
+    text = signer.sign(
+        Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode, kind, sha256)
+    )
     ticket = {
         "ticket": text,
         "robot": name,

@@ -15,7 +15,7 @@ from robotether_server.tickets import SALT, Ticket, TicketSigner, new_id
 
 KEY = "k" * 32
 SIGNER = TicketSigner(KEY, 30)
-TICKET = Ticket(new_id(), 3, "ann", 7, "sim1", "drive")
+TICKET = Ticket(new_id(), 3, "ann", 7, "sim1", "drive", "login", "0f" * 32)
 
 
 def sign_as_contract_says(fields: object) -> str:
@@ -69,6 +69,10 @@ def test_ticket_of_another_hand_is_forged(text: str) -> None:
         asdict(TICKET) | {"robot_id": True},
         asdict(TICKET) | {"robot": None},
         asdict(TICKET) | {"more": 1},
+        asdict(TICKET) | {"credential": "key"},
+        asdict(TICKET) | {"credential_sha256": "0f" * 31},
+        asdict(TICKET) | {"credential_sha256": None},
+        {name: value for name, value in asdict(TICKET).items() if name != "credential_sha256"},
     ],
 )
 def test_ticket_with_other_fields_is_malformed(fields: object) -> None:

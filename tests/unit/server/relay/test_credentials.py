@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Collection
+
 import pytest
 from relay_server import MemoryRecords
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay import credentials as module
 from robotether_server.relay.credentials import Credentials, credential_of
-from robotether_server.store.fleet import User
+from robotether_server.store.fleet import Credential, User
 
 ANN = User(1, "ann")
 
@@ -55,7 +58,6 @@ async def test_what_hangs_on_an_ended_credential_ends(credentials, records):
         credentials.held(gone, lambda: ended.append("first")),
         credentials.held(gone, lambda: ended.append("second")),
         credentials.held(stays, lambda: ended.append("other")),
-        credentials.held(None, lambda: ended.append("ticket")),
     ):
         await credentials.recheck()
         assert ended == []
@@ -64,10 +66,81 @@ async def test_what_hangs_on_an_ended_credential_ends(credentials, records):
     assert sorted(ended) == ["first", "second"]
 
 
+async def test_what_ended_before_it_was_held_ends_too(credentials, records):
+    """The way from a ticket to its connection is long; what is new is asked for once."""
+    gone = credential_of("login", "the login of somebody who has logged out")
+    stays = credential_of("login", records.add_credential("login", ANN))
+    ended: list[str] = []
+    with (
+        credentials.held(gone, lambda: ended.append("gone")),
+        credentials.held(stays, lambda: ended.append("stays")),
+    ):
+        await credentials.check_new()
+        assert ended == ["gone"]
+        asked = records.lookups
+        await credentials.check_new()
+        assert records.lookups == asked
+
+
+async def test_what_is_new_while_the_database_is_away_is_asked_for_later(credentials, records):
+    """An outage leaves it live, and in doubt."""
+    ended: list[str] = []
+    with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
+        records.down = True
+        with pytest.raises(StoreUnavailable):
+            await credentials.check_new()
+        assert ended == []
+        records.down = False
+        await credentials.check_new()
+    assert ended == ["gone"]
+
+
+class SlowRecords(MemoryRecords):
+    """Records whose next answer waits until the test lets it go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+        answer = await super().users_of(credentials)
+        self.asked.set()
+        await self.go_on.wait()
+        return answer
+
+
+async def test_who_comes_during_a_recheck_is_not_ended_by_it():
+    """The answer tells nothing of a credential that was not in the question."""
+    records = SlowRecords()
+    credentials = Credentials(records)
+    login, late = (credential_of("login", records.add_credential("login", ANN)) for _ in range(2))
+    with credentials.held(login, lambda: pytest.fail("it holds")):
+        recheck = asyncio.create_task(credentials.recheck())
+        await records.asked.wait()
+        with credentials.held(late, lambda: pytest.fail("it holds, too")):
+            records.go_on.set()
+            await recheck
+
+
+async def test_an_answer_of_before_a_change_is_not_kept():
+    """A login that ends while it is looked up is looked up again the next time."""
+    records = SlowRecords()
+    credentials = Credentials(records)
+    login = credential_of("login", records.add_credential("login", ANN))
+    asking = asyncio.create_task(credentials.user_of(login))
+    await records.asked.wait()
+    records.credentials.clear()
+    await credentials.recheck()
+    records.go_on.set()
+    assert await asking == ANN
+    assert await credentials.user_of(login) is None
+
+
 async def test_who_is_no_longer_live_is_not_told(credentials, records):
     """After the block nothing is held, and nothing is asked."""
     login = credential_of("login", "rubbish")
     with credentials.held(login, lambda: pytest.fail("not live any more")):
         pass
     await credentials.recheck()
+    await credentials.check_new()
     assert records.lookups == 0

@@ -15,10 +15,14 @@ class Heard:
     def __init__(self) -> None:
         self.snapshots: list[Snapshot] = []
         self.rechecks = 0
+        self.checks_of_new = 0
         self.last_seen: list[object] = []
 
     async def recheck(self) -> None:
         self.rechecks += 1
+
+    async def check_new(self) -> None:
+        self.checks_of_new += 1
 
 
 @pytest.fixture
@@ -34,6 +38,7 @@ def fleet(records: MemoryRecords, heard: Heard) -> Fleet:
         records,
         rights_changed=heard.snapshots.append,
         credentials_changed=heard.recheck,
+        check_new_credentials=heard.check_new,
         last_seen=heard.last_seen.append,
     )
 
@@ -64,6 +69,13 @@ async def test_a_new_login_is_no_new_snapshot(fleet, records, heard):
     records.add_credential("login", User(1, "ann"))
     await fleet.poll()
     assert (len(heard.snapshots), heard.rechecks) == (1, 2)
+
+
+async def test_new_credentials_are_looked_at_when_nothing_changed(fleet, heard):
+    """What came since the last change may hang on what that change has ended."""
+    for _ in range(3):
+        await fleet.poll()
+    assert (heard.rechecks, heard.checks_of_new) == (1, 2)
 
 
 async def test_without_a_first_answer_there_is_no_snapshot(fleet, records):

@@ -11,13 +11,23 @@ from contextlib import asynccontextmanager
 import pytest
 from fake_robot import FakeRobot
 from mariadb_server import MariaDb
+from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.records import DatabaseRecords
+from robotether_server.relay.relay import Timing
 from robotether_server.settings import DatabaseSettings
-from robotether_server.store import Database, grants, logins, robots, users
-from robotether_server.store.fleet import User
+from robotether_server.store import (
+    Database,
+    Transaction,
+    grants,
+    logins,
+    robots,
+    tokens,
+    users,
+)
+from robotether_server.store.fleet import Credential, User
 
 PUBLISH = '{"op": "publish", "topic": "/cmd_vel"}'
 
@@ -41,6 +51,13 @@ def ann(database: Database) -> User:
         ann_id = users.add(tx, "ann", "x", "user")
         grants.give(tx, ann_id, robot_id, "drive")
     return User(ann_id, "ann")
+
+
+def log_in(database: Database) -> Credential:
+    """Log ann in."""
+    with database.transaction() as tx:
+        text = logins.create(tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1))
+    return credential_of("login", text)
 
 
 @asynccontextmanager
@@ -79,18 +96,19 @@ async def test_a_database_that_hangs_is_unavailable_in_time(paused):
     records.close()
 
 
-async def test_driving_goes_on_while_the_database_hangs(mariadb, ann, http):
+async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
     """With the real database paused, an open connection and a new ticket both work."""
     records = DatabaseRecords(Database(mariadb.settings("relay")), answer_within_s=0.3)
+    login = log_in(database)
     async with running_relay(records) as relay, robot_of(relay) as robot:
         sim1 = relay.relay.fleet.known.by_name["sim1"]
-        async with http.ws_connect(relay.ros_url(sim1, user=ann)) as socket:
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
             mariadb.container.pause()
             try:
                 await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
                 await socket.send_str(PUBLISH)
                 assert await socket.receive_str() == PUBLISH
-                async with http.ws_connect(relay.ros_url(sim1, user=ann)) as second:
+                async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as second:
                     await second.send_str(PUBLISH)
                     assert await second.receive_str() == PUBLISH
                 assert robot.session.bye is None
@@ -102,9 +120,10 @@ async def test_driving_goes_on_while_the_database_hangs(mariadb, ann, http):
 async def test_rights_in_the_real_database_end_a_connection(mariadb, database, ann, http):
     """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
     records = DatabaseRecords(Database(mariadb.settings("relay")))
+    login = log_in(database)
     async with running_relay(records) as relay, robot_of(relay):
         sim1 = relay.relay.fleet.known.by_name["sim1"]
-        async with http.ws_connect(relay.ros_url(sim1, user=ann)) as socket:
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
             await socket.send_str(PUBLISH)
             assert await socket.receive_str() == PUBLISH
             with database.transaction() as tx:
@@ -122,11 +141,66 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
     assert kinds == ["drive_began", "drive_ended"]
 
 
+def log_out(tx: Transaction, ann: users.User, text: str) -> None:
+    assert logins.end(tx, text)
+
+
+def change_password(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_password(tx, ann.id, "y")
+
+
+def disable(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_disabled(tx, ann.id, disabled=True)
+
+
+def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
+    tokens.delete(tx, ann, "lab")
+
+
+@pytest.mark.parametrize(
+    ("kind", "deed", "ends"),
+    [
+        ("login", log_out, True),
+        ("login", change_password, True),
+        ("login", disable, True),
+        ("token", disable, True),
+        ("token", delete_token, True),
+        ("token", change_password, False),
+    ],
+)
+async def test_what_ends_a_credential_ends_what_it_opened(
+    *, mariadb, database, ann, http, kind, deed, ends
+):
+    """In the real database: logins end with log-out and new password, tokens when deleted."""
+    with database.transaction() as tx:
+        user = users.get(tx, "ann")
+        if kind == "login":
+            text = logins.create(tx, user, "192.0.2.1", dt.timedelta(hours=1))
+        else:
+            text = tokens.create(tx, user, "lab", None)
+    credential = credential_of(kind, text)
+    records = DatabaseRecords(Database(mariadb.settings("relay")))
+    # This client answers pings only while it receives.
+    async with running_relay(records, Timing(poll_every_s=0.1)) as relay, robot_of(relay):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, credential)) as socket:
+            await socket.send_str(PUBLISH)
+            assert await socket.receive_str() == PUBLISH
+            await relay.relay.fleet.poll()
+            with database.transaction() as tx:
+                deed(tx, user, text)
+            await relay.relay.fleet.poll()
+            if ends:
+                async with asyncio.timeout(2):
+                    assert (await closing(socket))[0] == 4001
+            else:
+                await socket.send_str(PUBLISH)
+                assert await socket.receive_str() == PUBLISH
+
+
 async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
     """The cookie's text leads to its user."""
-    with database.transaction() as tx:
-        text = logins.create(tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1))
+    login = log_in(database)
     records = DatabaseRecords(Database(mariadb.settings("relay")))
-    login = credential_of("login", text)
     assert await records.users_of([login]) == {login: ann}
     records.close()

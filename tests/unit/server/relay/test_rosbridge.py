@@ -5,12 +5,17 @@ from __future__ import annotations
 import time
 
 import aiohttp
+import pytest
+from aiohttp import web
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import until, utc
+from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.rosbridge import LONGEST_PATIENCE_S, patience_s
 from robotether_server.relay.sessions import Presence
+from robotether_server.relay.sockets import OperatorSocket
 from robotether_server.store.fleet import User
 
+ANN = User(1, "ann")
 BOB = User(2, "bob")
 
 
@@ -169,6 +174,49 @@ async def test_a_driver_who_may_only_observe_now_is_ended(relay, robot, sim1, ht
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         records.grants[1, sim1.id] = "observe"
         assert (await closing(socket))[0] == 4001
+
+
+@pytest.mark.parametrize("mode", ["observe", "drive"])
+@pytest.mark.parametrize("kind", ["login", "token"])
+async def test_what_a_credential_opened_ends_with_it(
+    *, relay, robot, sim1, http, records, mode, kind
+):
+    """Logging out or deleting the token closes with 4001; the same user's other login goes on."""
+    gone = credential_of(kind, records.add_credential(kind, ANN))
+    async with (
+        http.ws_connect(relay.ros_url(sim1, mode, ANN, gone)) as socket,
+        http.ws_connect(relay.ros_url(sim1, "drive", ANN)) as other,
+    ):
+        await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
+        await relay.relay.fleet.poll()
+        del records.credentials[gone]
+        assert (await closing(socket))[0] == 4001
+        await other.send_str(PUBLISH)
+        assert await other.receive_str(timeout=5) == PUBLISH
+
+
+async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
+    """A ticket of somebody who has logged out since closes with 4001 soon after it opened."""
+    gone = credential_of("login", "a login that ended before the ticket was shown")
+    async with http.ws_connect(relay.ros_url(sim1, "drive", ANN, gone)) as socket:
+        assert (await closing(socket))[0] == 4001
+
+
+async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
+    *, relay, robot, sim1, http, records, monkeypatch
+):
+    """Nothing may slip in between the check of the grant and the watch on it."""
+    really_open = OperatorSocket.open
+
+    async def open_late(self: OperatorSocket, request: web.Request) -> None:
+        del records.grants[1, sim1.id]
+        await relay.relay.fleet.poll()
+        await really_open(self, request)
+
+    monkeypatch.setattr(OperatorSocket, "open", open_late)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4001
+    assert robot.clients_ever == 0
 
 
 async def test_open_connections_go_on_without_a_database(relay, robot, sim1, http, records):

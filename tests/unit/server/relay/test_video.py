@@ -144,6 +144,15 @@ async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login
         await _read_until_cut(answer)
 
 
+async def test_a_tickets_stream_ends_with_its_login(*, relay, robot, sim1, http, records):
+    """The stream that a ticket opened is cut when the login that asked for the ticket is over."""
+    async with http.get(video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")) as answer:
+        await answer.content.readuntil(JPEG)
+        await relay.relay.fleet.poll()
+        records.credentials.clear()
+        await _read_until_cut(answer)
+
+
 async def _read_until_cut(answer: aiohttp.ClientResponse) -> None:
     async with asyncio.timeout(5):
         with pytest.raises(aiohttp.ClientError):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.store import Database, users
+from robotether_server.store import Database, digests, users
+from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, bearer
 
 
@@ -58,3 +59,15 @@ def test_login_needs_the_pages_token_to_change_something(browser: Browser) -> No
     with_token = {"X-CSRFToken": browser.csrf_of("/")}
     answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=with_token)
     assert answer.status_code == 201
+
+
+def test_a_ticket_names_the_login_that_asked_for_it(browser: Browser) -> None:
+    """What it opens ends when this browser logs out, and not when another one does."""
+    browser.log_in("ann")
+    body, headers = {"robot": "sim1", "mode": "drive"}, {"X-CSRFToken": browser.csrf_of("/")}
+    answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=headers)
+    ticket, _ = TicketSigner("t" * 32, 30).verify(answer.json["ticket"])
+    cookie = browser.client.get_cookie("robotether_login", "robots.example")
+    assert cookie is not None
+    sha256 = digests.digest(cookie.value).hex()
+    assert (ticket.credential, ticket.credential_sha256) == ("login", sha256)

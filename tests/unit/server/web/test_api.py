@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from robotether_server.settings import WebSettings
-from robotether_server.store import Database, robots, users
+from robotether_server.store import Database, digests, robots, users
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import create_app
 from web_visitor import Browser, audit_kinds, bearer
@@ -76,7 +76,8 @@ def test_ticket_is_given_within_the_grant(
 ) -> None:
     """The relay can verify it, and it names user, robot and mode."""
     body = {"robot": "sim1", "mode": mode}
-    answer = program.ask("POST", "/api/v1/tickets", json=body, headers=bearer(database, user))
+    token = bearer(database, user)
+    answer = program.ask("POST", "/api/v1/tickets", json=body, headers=token)
     assert answer.status_code == 201
     text = answer.json["ticket"]
     assert answer.json == {
@@ -91,6 +92,8 @@ def test_ticket_is_given_within_the_grant(
         robot, owner = robots.get(tx, "sim1"), users.get(tx, user)
     assert (ticket.user_id, ticket.user) == (owner.id, user)
     assert (ticket.robot_id, ticket.robot, ticket.mode) == (robot.id, "sim1", mode)
+    sha256 = digests.digest(token["Authorization"].removeprefix("Bearer ")).hex()
+    assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
 
 
 @pytest.mark.parametrize(
