@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from pages import log_in
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from stack import ROOT, Stack
 
+DESKTOP = {"viewport": {"width": 1280, "height": 800}}
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
@@ -30,9 +33,10 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    """A browser context that accepts the test stack's self-signed certificate."""
-    made = browser.new_context(ignore_https_errors=True, viewport={"width": 1280, "height": 800})
+def context(browser: Browser, request: pytest.FixtureRequest) -> Iterator[BrowserContext]:
+    """A desktop's browser, or what the test's parameter says; it accepts the self-signed certificate."""
+    options: dict[str, Any] = getattr(request, "param", DESKTOP)
+    made = browser.new_context(ignore_https_errors=True, **options)
     yield made
     made.close()
 
@@ -48,12 +52,3 @@ def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) 
     name = re.sub(r"\W+", "_", request.node.name)
     opened.screenshot(path=ROOT / "tests" / "artifacts" / f"{name}.png")
     assert errors == [], f"the page raised {errors}"
-
-
-def log_in(page: Page, stack: Stack, name: str = "admin", password: str | None = None) -> None:
-    """Log in through the form as a person does."""
-    page.goto(f"{stack.url}/login")
-    page.get_by_test_id("login-name").fill(name)
-    page.get_by_test_id("login-password").fill(password or stack.admin_password)
-    page.get_by_test_id("login-submit").click()
-    page.wait_for_url(f"{stack.url}/")

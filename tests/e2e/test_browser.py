@@ -6,15 +6,10 @@ import math
 import time
 
 import pytest
+from pages import log_in, open_robot
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
-
-
-def _open_robot(page: Page, name: str) -> None:
-    page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
-    page.wait_for_url(f"**/robots/{name}")
-    expect(page.get_by_test_id("state")).to_have_attribute("data-state", "live", timeout=10_000)
 
 
 def _distance(a: dict[str, float], b: dict[str, float]) -> float:
@@ -57,7 +52,7 @@ def test_fleet_follows_a_robot_that_goes_and_comes(page: Page, stack: Stack) -> 
 @pytest.mark.parametrize("key", ["w", "ArrowUp"])
 def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key: str) -> None:
     """The robot moves while the key is down, and stands after it is released."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         stack_start = dict(watch.pose)
         page.keyboard.down(key)
@@ -69,7 +64,7 @@ def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key:
 
 def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
     """Dragging the stick up and left drives forward in a left turn; letting go stops."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     box = page.get_by_test_id("joystick").bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -97,7 +92,7 @@ def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
 )
 def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -> None:
     """A key held while the window loses focus or is hidden drives no longer."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         page.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
@@ -108,7 +103,7 @@ def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -
 
 def test_halt_stops_a_held_key(page: Page, stack: Stack) -> None:
     """The space bar ends the motion although W is still held."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         page.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
@@ -117,9 +112,9 @@ def test_halt_stops_a_held_key(page: Page, stack: Stack) -> None:
         page.keyboard.up("w")
 
 
-def test_video_shows_the_robots_camera(page: Page) -> None:
+def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
     """The picture is there, with the size of a camera frame."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     page.wait_for_function(
         "() => { const i = document.querySelector('[data-testid=video]'); return i && i.naturalWidth >= 160 }",
         timeout=10_000,
@@ -128,7 +123,7 @@ def test_video_shows_the_robots_camera(page: Page) -> None:
 
 def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
     """When the robot's tunnel is cut the page says so, comes back without a reload, and drives again."""
-    _open_robot(page, "sim2")
+    open_robot(page, stack, "sim2")
     page.evaluate("window.sameDocument = true")
     state = page.get_by_test_id("state")
     stack.container("sim2").restart(timeout=5)
@@ -155,13 +150,10 @@ def test_observer_sees_and_cannot_drive(page: Page, stack: Stack) -> None:
     context = other.new_context(ignore_https_errors=True)
     try:
         watching = context.new_page()
-        watching.goto(f"{stack.url}/login")
-        watching.get_by_test_id("login-name").fill("olga")
-        watching.get_by_test_id("login-password").fill("a long enough password")
-        watching.get_by_test_id("login-submit").click()
+        log_in(watching, stack, "olga", "a long enough password")
         expect(watching.get_by_test_id("robot-card-sim1")).to_be_visible()
         expect(watching.get_by_test_id("robot-card-sim2")).to_have_count(0)
-        _open_robot(watching, "sim1")
+        open_robot(watching, stack, "sim1")
         expect(watching.get_by_test_id("joystick")).to_have_count(0)
         with SimWatch(stack, "sim1") as watch:
             watching.keyboard.down("w")

@@ -10,36 +10,15 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from pages import expect_live, open_robot
+from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
 
-DESKTOP = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 ZERO = {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
-
-
-@pytest.fixture
-def context(browser: Browser, request: pytest.FixtureRequest) -> Iterator[BrowserContext]:
-    """A desktop's browser, or what the test's parameter says."""
-    options: dict[str, Any] = getattr(request, "param", DESKTOP)
-    made = browser.new_context(ignore_https_errors=True, **options)
-    yield made
-    made.close()
-
-
-def _open_robot(page: Page, name: str) -> None:
-    page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
-    page.wait_for_url(f"**/robots/{name}")
-    _expect_live(page, seconds=10)
-
-
-def _expect_live(page: Page, seconds: float) -> None:
-    state = page.get_by_test_id("state")
-    expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
 
 
 @contextmanager
@@ -52,7 +31,7 @@ def _cut(page: Page, stack: Stack, sim: str) -> Iterator[None]:
         yield
     finally:
         stack.container(sim).start()
-    _expect_live(page, seconds=30)
+    expect_live(page, seconds=30)
 
 
 class Stick:
@@ -107,7 +86,7 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
     page: Page, stack: Stack, pressed: str
 ) -> None:
     """Neither W nor the stick, pressed before or during a cut and never let go, drives when the link is back."""
-    _open_robot(page, "sim2")
+    open_robot(page, stack, "sim2")
     stick = Stick(page)
 
     def press() -> None:
@@ -174,7 +153,7 @@ def test_what_may_swallow_the_release_stops_the_robot(
     page: Page, stack: Stack, swallow: Callable[[Page], None]
 ) -> None:
     """Where the browser may keep the keyup for itself W is let go, and its repeats do not drive on."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
@@ -186,7 +165,7 @@ def test_what_may_swallow_the_release_stops_the_robot(
 
 def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack) -> None:
     """After two seconds in which the page ran no timer the robot stands, although W was never released."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
@@ -201,7 +180,7 @@ def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack)
 @pytest.mark.parametrize("end", ["touchEnd", "touchCancel"])
 def test_a_finger_on_a_phone_drives_until_it_lifts(page: Page, stack: Stack, end: str) -> None:
     """A finger that holds the stick still goes on driving, past the time of a long press, and stops as it leaves."""
-    _open_robot(page, "sim1")
+    open_robot(page, stack, "sim1")
     stick = Stick(page)
     touch = page.context.new_cdp_session(page)
 

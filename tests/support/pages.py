@@ -1,0 +1,67 @@
+"""How a test's operator moves between the pages in a real browser.
+
+Chromium drops every request when a network interface of this machine comes or goes, and the engine adds and removes
+some for each container that these tests stop and start. That is the test machine's doing: a page that Chromium itself
+replaced by its error page for that reason is opened again, and for no other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from playwright.sync_api import Error, Page, expect
+from stack import Stack
+
+INTERFACES_CHANGED = "ERR_NETWORK_CHANGED"
+PATIENCE_S = 20
+
+
+def _through_interface_changes(page: Page, step: Callable[[], None]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while _was_dropped(page, step):
+        assert time.monotonic() < end, (
+            f"this machine's interfaces change for {PATIENCE_S} s already"
+        )
+
+
+def _was_dropped(page: Page, step: Callable[[], None]) -> bool:
+    try:
+        step()
+    except Error as error:
+        if INTERFACES_CHANGED in str(error) or page.url.startswith("chrome-error://"):
+            return True
+        raise
+    return False
+
+
+def log_in(page: Page, stack: Stack, name: str = "admin", password: str | None = None) -> None:
+    """Log in through the form as a person does, and arrive at the fleet page."""
+
+    def step() -> None:
+        page.goto(f"{stack.url}/login")
+        page.get_by_test_id("login-name").fill(name)
+        page.get_by_test_id("login-password").fill(password or stack.admin_password)
+        page.get_by_test_id("login-submit").click()
+        page.wait_for_url(f"{stack.url}/", timeout=10_000)
+
+    _through_interface_changes(page, step)
+
+
+def open_robot(page: Page, stack: Stack, name: str) -> None:
+    """Go from the fleet page to a robot's page and wait until it can be driven."""
+
+    def step() -> None:
+        if page.url != f"{stack.url}/":
+            page.goto(f"{stack.url}/")
+        page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
+        page.wait_for_url(f"**/robots/{name}", timeout=10_000)
+
+    _through_interface_changes(page, step)
+    expect_live(page, seconds=10)
+
+
+def expect_live(page: Page, seconds: float) -> None:
+    """Wait until the page says that the robot can be driven."""
+    state = page.get_by_test_id("state")
+    expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
