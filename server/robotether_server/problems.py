@@ -33,6 +33,7 @@ Problem                       status  code
 ├── KeyInUse                  409     key_in_use
 ├── Throttled                 429     throttled
 ├── TooManyPending            429     too_many_pending
+├── TooManyConnections        429     too_many_connections
 ├── RobotOffline              503     robot_offline
 ├── VideoDown                 502     video_down
 └── HttpProblem               any     from the status: not_found, method_not_allowed, ...
@@ -249,6 +250,13 @@ class TooManyPending(Problem):
     """As many robots wait for approval as may."""
 
     code = "too_many_pending"
+    status = HTTPStatus.TOO_MANY_REQUESTS
+
+
+class TooManyConnections(Problem):
+    """As many connections of this kind are open as may be, of this user or to this robot."""
+
+    code = "too_many_connections"
     status = HTTPStatus.TOO_MANY_REQUESTS
 
 

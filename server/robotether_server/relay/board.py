@@ -51,6 +51,10 @@ class Board:
         """How many clients follow."""
         return len(self._feeds)
 
+    def feeds_of(self, user_id: int) -> int:
+        """How many clients of this user follow."""
+        return sum(feed.user_id == user_id for feed in self._feeds)
+
     def changed(self, robot_id: int) -> None:
         """Something about a robot changed."""
         for feed in self._feeds:
@@ -114,7 +118,7 @@ class Feed:
 
     def __init__(self, board: Board, user_id: int) -> None:
         self._board = board
-        self._user_id = user_id
+        self.user_id = user_id
         self._shown: dict[int, RobotObject] = {}
         self._pending: set[int] = set()
         self._wake = asyncio.Event()
@@ -122,20 +126,20 @@ class Feed:
 
     def first(self) -> Event:
         """The whole fleet, for the beginning."""
-        robots = self._board.visible(self._user_id)
+        robots = self._board.visible(self.user_id)
         self._shown = {robot.id: self._board.describe(robot) for robot in robots}
         return "fleet", list(self._shown.values())
 
     def mark(self, robot_id: int) -> None:
         """Remember that a robot changed, if it concerns this client."""
-        if robot_id in self._shown or self._board.find(self._user_id, robot_id) is not None:
+        if robot_id in self._shown or self._board.find(self.user_id, robot_id) is not None:
             self._pending.add(robot_id)
             self._wake.set()
 
     def mark_all(self) -> None:
         """Remember that anything may have changed."""
         self._pending.update(self._shown)
-        self._pending.update(robot.id for robot in self._board.visible(self._user_id))
+        self._pending.update(robot.id for robot in self._board.visible(self.user_id))
         self._wake.set()
 
     def end(self) -> None:
@@ -161,7 +165,7 @@ class Feed:
         return events
 
     def _events_of(self, robot_id: int) -> Iterator[Event]:
-        robot = self._board.find(self._user_id, robot_id)
+        robot = self._board.find(self.user_id, robot_id)
         shown = self._shown.get(robot_id)
         if shown is not None and (robot is None or robot.name != shown["name"]):
             del self._shown[robot_id]

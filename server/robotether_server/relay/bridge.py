@@ -209,21 +209,23 @@ class Bridge:
         if kind is WSMsgType.CLOSE:
             return endings.client_left(self._name)
         if isinstance(data, WebSocketError):
-            return self._ending_of_broken(data, "you")
+            return _ending_of_broken(data, "you", self._operator.message_limit)
         return endings.client_vanished(self._name)
 
     async def _ending_of_robot(self, kind: WSMsgType, data: object) -> Ending:
         if kind is WSMsgType.CLOSE:
             return endings.rosbridge_down(self._name, "it closed the connection")
         if isinstance(data, WebSocketError):
-            return self._ending_of_broken(data, f"robot {self._name}")
+            sender, limit = f"robot {self._name}", self._rules.message_limit
+            return _ending_of_broken(data, sender, limit)
         return await self._ending_by_robot("its connection broke")
 
     async def _ending_by_robot(self, why: str) -> Ending:
         await asyncio.sleep(LINK_GRACE_S)
         return endings.rosbridge_down(self._name, why)
 
-    def _ending_of_broken(self, error: WebSocketError, sender: str) -> Ending:
-        if error.code == WSCloseCode.MESSAGE_TOO_BIG:
-            return endings.message_too_big(self._rules.message_limit, sender)
-        return endings.protocol_broken(sender)
+
+def _ending_of_broken(error: WebSocketError, sender: str, limit: int) -> Ending:
+    if error.code == WSCloseCode.MESSAGE_TOO_BIG:
+        return endings.message_too_big(limit, sender)
+    return endings.protocol_broken(sender)

@@ -1,7 +1,12 @@
-"""Operators' live connections, so that a lost link or an ended right ends them at once."""
+"""Operators' live connections, so that a lost link or an ended right ends them at once.
+
+The handlers join what they open, and ask before whether there is room: each connection costs
+memory of the relay, and of the robot.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +22,15 @@ Use = Literal["observe", "drive", "video"]
 
 # Video is something to see.
 NEEDED: Mapping[Use, Level] = {"observe": "observe", "drive": "drive", "video": "observe"}
+
+
+@dataclass(frozen=True)
+class Caps:
+    """How many connections may be open; rosbridge, video and events count each for itself."""
+
+    per_user: int = 32
+    # Of each use: observers and viewers must not keep a driver out.
+    per_robot: int = 64
 
 
 @dataclass(eq=False)
@@ -46,13 +60,26 @@ def permits(level: Level | None, use: Use) -> bool:
 class Connections:
     """All live connections, by robot."""
 
-    def __init__(self) -> None:
+    def __init__(self, caps: Caps | None = None) -> None:
+        self.caps = caps or Caps()
         self._listeners: list[Callable[[int], None]] = []
+        self._of_user: Counter[tuple[int, bool]] = Counter()
         self._by_robot: dict[int, set[Connection]] = {}
 
     def listen(self, listener: Callable[[int], None]) -> None:
         """Tell this of each robot whose drivers or observers change."""
         self._listeners.append(listener)
+
+    def no_room(self, connection: Connection) -> str | None:
+        """Say why this connection may not be opened; None: it may."""
+        mine, caps = self._of_user[_counted_as(connection)], self.caps
+        if mine >= caps.per_user:
+            return f"you have {mine} connections open already; close one first"
+        members = self._by_robot.get(connection.robot.id, ())
+        there = sum(member.use == connection.use for member in members)
+        if there >= caps.per_robot:
+            return f"robot {connection.robot.name} has {there} of them already; try again later"
+        return None
 
     @contextmanager
     def joined(self, connection: Connection) -> Iterator[None]:
@@ -60,10 +87,15 @@ class Connections:
         robot_id = connection.robot.id
         members = self._by_robot.setdefault(robot_id, set())
         members.add(connection)
+        counted_as = _counted_as(connection)
+        self._of_user[counted_as] += 1
         try:
             yield
         finally:
             members.discard(connection)
+            self._of_user[counted_as] -= 1
+            if not self._of_user[counted_as]:
+                del self._of_user[counted_as]
             if not members and self._by_robot.get(robot_id) is members:
                 del self._by_robot[robot_id]
             if connection.reached:
@@ -113,3 +145,7 @@ class Connections:
 
     def _all(self) -> list[Connection]:
         return [member for members in self._by_robot.values() for member in members]
+
+
+def _counted_as(connection: Connection) -> tuple[int, bool]:
+    return connection.user_id, connection.use == "video"

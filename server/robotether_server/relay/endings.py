@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 
 # RFC 6455: a control frame carries at most 125 bytes, two of which are the code.
 MAX_REASON_BYTES = 123
+MEGABYTE = 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ def relay_stopping() -> Ending:
 
 def message_too_big(limit_bytes: int, sender: str) -> Ending:
     """Somebody sent more in one message than the limit."""
-    limit = f"{limit_bytes / 1_048_576:g} MB"
+    small = limit_bytes < MEGABYTE
+    limit = f"{limit_bytes / 1024:g} KB" if small else f"{limit_bytes / MEGABYTE:g} MB"
     return Ending(1009, "message_too_big", f"{sender} sent a message over {limit}")
 
 
@@ -75,6 +77,11 @@ def client_slow(robot: str, limit_s: float) -> Ending:
     return Ending(
         4413, "client_slow", f"you took nothing of what robot {robot} sent for {limit_s:g} s"
     )
+
+
+def too_many_connections(why: str) -> Ending:
+    """The user has, or the robot has, as many connections as may be."""
+    return Ending(4429, "too_many_connections", why)
 
 
 def robot_offline(robot: str, since: datetime | None, now: datetime) -> Ending:

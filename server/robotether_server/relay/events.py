@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 
 from aiohttp import web
 
+from robotether_server.problems import TooManyConnections
 from robotether_server.relay.access import Access, request_of
 from robotether_server.relay.board import Board, Event, Feed
 from robotether_server.relay.credentials import Credentials
@@ -27,15 +29,25 @@ HEADERS = {
 class EventsHandler:
     """Answers /api/v1/events."""
 
-    def __init__(self, access: Access, credentials: Credentials, board: Board) -> None:
+    def __init__(
+        self,
+        access: Access,
+        credentials: Credentials,
+        board: Board,
+        most_of_user: Callable[[], int],
+    ) -> None:
         self._access = access
         self._credentials = credentials
         self._board = board
+        self._most_of_user = most_of_user
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Tell the fleet, then each change, until the client or its right is gone."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
+        mine = self._board.feeds_of(asker.user.id)
+        if mine >= self._most_of_user():
+            raise TooManyConnections(f"cannot follow the fleet: you follow it {mine} times already")
         response = web.StreamResponse(headers=HEADERS)
         with (
             self._board.followed_by(asker.user.id) as feed,

@@ -201,7 +201,9 @@ class Relay:
             client=self._client,
             tunnel_host=settings.tunnel_host,
         )
-        events = EventsHandler(access, self.credentials, self.board)
+        events = EventsHandler(
+            access, self.credentials, self.board, lambda: self.connections.caps.per_user
+        )
         self._public = public_app(self.metrics, rosbridge, video, events)
         self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
 

@@ -45,6 +45,8 @@ log = logging.getLogger(__name__)
 PATIENCE_S = 0.8
 PATIENCE_ROUND_TRIPS = 8
 LONGEST_PATIENCE_S = 5.0
+# What an observer may say is short, and parsing it holds up everybody else.
+OBSERVER_LIMIT = 64 * 1024
 # The session is there some milliseconds before its forward is.
 FORWARD_WITHIN_S = 0.6
 RETRY_S = 0.03
@@ -90,7 +92,8 @@ class RosbridgeHandler:
             raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
         asked = request_of(request.headers, request.cookies, request.query)
         permit = self._access.for_rosbridge(asked, request.match_info["name"])
-        operator = OperatorSocket(self._rules.message_limit)
+        observes = permit.use == "observe"
+        operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
         await self._serve(operator, permit, request)
         return operator
 
@@ -98,6 +101,8 @@ class RosbridgeHandler:
         robot = permit.robot
         bridge = Bridge(robot.name, _mode(permit), operator, self._rules)
         connection = Connection(permit.user.id, permit.user.name, robot, permit.use, bridge.end)
+        if (why := self._connections.no_room(connection)) is not None:
+            bridge.end(endings.too_many_connections(why))
         gone = partial(bridge.end, endings.rights_ended(robot.name))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection.

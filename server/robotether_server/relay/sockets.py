@@ -37,6 +37,7 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
             writer_limit=SEND_BUFFER_BYTES,
             decode_text=False,
         )
+        self.message_limit = message_limit
         self._transport: asyncio.Transport | None = None
 
     async def open(self, request: web.Request) -> None:

@@ -16,7 +16,7 @@ from aiohttp import ClientError, ClientResponse, ClientSession, ClientTimeout, w
 from multidict import CIMultiDict
 from yarl import URL
 
-from robotether_server.problems import HttpProblem, RobotOffline, VideoDown
+from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
 from robotether_server.relay import endings
 from robotether_server.relay.access import Access, Permit, request_of
 from robotether_server.relay.connections import Connection, Connections
@@ -103,6 +103,8 @@ class VideoHandler:
         connection = Connection(
             permit.user.id, permit.user.name, permit.robot, "video", cut, reached=True
         )
+        if (why := self._connections.no_room(connection)) is not None:
+            raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
         with (
             self._connections.joined(connection),
             self._credentials.held(permit.credential, cut),

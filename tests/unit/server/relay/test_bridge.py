@@ -11,6 +11,7 @@ import pytest
 from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import MESSAGE_LIMIT, until
+from robotether_server.relay.rosbridge import OBSERVER_LIMIT
 from robotether_server.store.fleet import User
 
 BOB = User(2, "bob")
@@ -51,6 +52,26 @@ async def test_a_message_over_the_limit_ends_that_connection_only(relay, robot, 
         assert await closing(socket) == (1009, "you sent a message over 10 MB")
         await other.send_str(PUBLISH)
         assert await other.receive_str(timeout=5) == PUBLISH
+
+
+async def test_an_observers_limit_is_small(relay, robot, sim1, http):
+    """Over 64 KB end an observer's connection, however few bytes of them have come."""
+    fitting = '{"op": "subscribe", "topic": "/a", "x": "' + "x" * (OBSERVER_LIMIT - 43) + '"}'
+    assert len(fitting) == OBSERVER_LIMIT
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await socket.send_str(fitting)
+        assert await socket.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+        # A frame's header that announces one byte more than the limit, and nothing of it.
+        socket._writer.transport.write(b"\x81\xff" + struct.pack("!Q", OBSERVER_LIMIT + 1))
+        assert await closing(socket) == (1009, "you sent a message over 64 KB")
+
+
+async def test_an_observer_gets_large_messages(relay, robot, sim1, http):
+    """The small limit is for what an observer says, and not for what the robot sends."""
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the observer has reached rosbridge")
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        assert len((await socket.receive(timeout=8)).data) == MESSAGE_LIMIT
 
 
 async def test_a_robots_message_over_the_limit_ends_with_1009(relay, robot, sim1, http):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from relay_server import MemoryRecords
 from robotether_server.relay import endings
-from robotether_server.relay.connections import Connection, Connections, Use, permits
+from robotether_server.relay.connections import Caps, Connection, Connections, Use, permits
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.sessions import NEVER_SEEN, Change
 from robotether_server.store.fleet import Robot, Snapshot
@@ -142,6 +142,26 @@ def test_a_robot_that_is_gone_or_another_now_ends_its_connections(live, records,
     records.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
     live.connections.end_unrighted(snapshot(records))
     assert live.how(connection) == [["rights_ended"]]
+
+
+def test_a_user_has_room_for_so_many(live, sim1, sim2):
+    """A user's rosbridge connections to all robots count together, and without the video."""
+    live.connections.caps = Caps(per_user=2, per_robot=9)
+    first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", reached=False)
+    assert "you have 2 connections" in (live.connections.no_room(first) or "")
+    assert live.connections.no_room(replace(first, use="video")) is None
+    assert live.connections.no_room(replace(first, user_id=2)) is None
+    live.leave()
+    assert live.connections.no_room(first) is None
+
+
+def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
+    """Observers and viewers fill up their own places, and keep no driver out."""
+    live.connections.caps = Caps(per_user=9, per_robot=2)
+    observer, _ = live.add(2, sim1, "observe"), live.add(1, sim1, "observe")
+    assert "robot sim1 has 2" in (live.connections.no_room(observer) or "")
+    assert live.connections.no_room(replace(observer, use="drive")) is None
+    assert live.connections.no_room(replace(observer, robot=sim2)) is None
 
 
 def test_stopping_ends_all(live, sim1, sim2):

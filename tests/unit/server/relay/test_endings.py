@@ -29,6 +29,8 @@ def test_all_reasons_fit_with_the_longest_name():
         endings.link_lost(name),
         endings.relay_stopping(),
         endings.message_too_big(10 * 1024 * 1024, f"robot {name}"),
+        endings.message_too_big(64 * 1024, "you"),
+        endings.too_many_connections(f"robot {name} has 64 of them already; try again later"),
     ):
         assert len(ending.reason.encode()) <= 123, ending.name
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 from fake_robot import FakeRobot
 from relay_server import SESSION_KEY, until
+from robotether_server.relay.connections import Caps
 from robotether_server.relay.events import render
 from robotether_server.store.fleet import User
 
@@ -184,3 +185,19 @@ async def test_a_database_that_is_away_ends_no_stream(relay, robot, records, fol
 def test_events_are_written_as_the_standard_says():
     """An event is its name, one line of data, and an empty line."""
     assert render([("removed", {"name": "sim1"})]) == (b'event: removed\ndata: {"name":"sim1"}\n\n')
+
+
+async def test_a_user_follows_so_many_times_at_once(*, relay, records, http, follow, monkeypatch):
+    """The client over the cap gets 429; another user's is not counted with it."""
+    monkeypatch.setattr(relay.relay.connections, "caps", Caps(per_user=1))
+    bob, token = User(2, "bob"), records.add_credential("token", User(1, "ann"))
+    async with follow(User(1, "ann")) as events:
+        await events.next("fleet")
+        headers = {"Authorization": f"Bearer {token}"}
+        async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (429, "too_many_connections")
+        async with follow(bob) as others:
+            await others.next("fleet")
+    await until(lambda: relay.relay.board.feed_count() == 0, "both are gone")
+    async with follow(User(1, "ann")) as events:
+        await events.next("fleet")

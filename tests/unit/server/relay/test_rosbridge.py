@@ -9,6 +9,7 @@ import pytest
 from aiohttp import web
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import until, utc
+from robotether_server.relay.connections import Caps
 from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.rosbridge import LONGEST_PATIENCE_S, patience_s
 from robotether_server.relay.sessions import Presence
@@ -174,6 +175,25 @@ async def test_a_driver_who_may_only_observe_now_is_ended(relay, robot, sim1, ht
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         records.grants[1, sim1.id] = "observe"
         assert (await closing(socket))[0] == 4001
+
+
+async def test_too_many_connections_are_told_so(relay, robot, sim1, http):
+    """The one over the cap closes with 4429, and those that are open go on."""
+    relay.relay.connections.caps = Caps(per_user=1)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        for _ in range(2):
+            async with http.ws_connect(relay.ros_url(sim1)) as second:
+                assert await closing(second) == (
+                    4429,
+                    "you have 1 connections open already; close one first",
+                )
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.clients_ever == 1
+    await until(lambda: relay.relay.connections.count("drive") == 0, "the first is gone")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
 
 
 @pytest.mark.parametrize("mode", ["observe", "drive"])

@@ -8,6 +8,7 @@ import aiohttp
 import pytest
 from fake_robot import JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
+from robotether_server.relay.connections import Caps
 from robotether_server.relay.video import path_for_robot
 from robotether_server.store.fleet import Robot, User
 from yarl import URL
@@ -142,6 +143,19 @@ async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login
         await relay.relay.fleet.poll()
         records.credentials.clear()
         await _read_until_cut(answer)
+
+
+async def test_too_many_streams_are_refused(*, relay, robot, sim1, http, login):
+    """The stream over the cap gets 429, and its end makes room again."""
+    relay.relay.connections.caps = Caps(per_user=1)
+    url = video_url(relay, sim1, "stream")
+    async with http.get(url, headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        async with http.get(url, headers=login) as second:
+            assert (second.status, (await second.json())["code"]) == (429, "too_many_connections")
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
+    async with http.get(url, headers=login) as answer:
+        assert answer.status == 200
 
 
 async def test_a_tickets_stream_ends_with_its_login(*, relay, robot, sim1, http, records):
