@@ -25,6 +25,7 @@ Problem                       status  code
 ├── Forbidden                 403
 │   ├── OriginRefused                 origin_refused
 │   ├── CsrfRefused                   csrf_refused
+│   ├── DestinationRefused            destination_refused
 │   ├── GrantMissing                  grant_missing
 │   └── RobotDisabled                 robot_disabled
 ├── RobotUnknown              404     robot_unknown
@@ -193,6 +194,12 @@ class CsrfRefused(Forbidden):
     """A request that changes something came without the page's own token."""
 
     code = "csrf_refused"
+
+
+class DestinationRefused(Forbidden):
+    """A page would run or apply what a robot answers."""
+
+    code = "destination_refused"
 
 
 class GrantMissing(Forbidden):

@@ -122,6 +122,7 @@ class FakeRobot:
         self.video_requests: list[dict[str, Any]] = []
         self.clients: set[web.WebSocketResponse] = set()
         self.clients_ever = 0
+        self.raw_answer = b""
         self._runners: list[web.AppRunner] = []
         self._closer: asyncio.Server | None = None
         self._watch: asyncio.Task[None] | None = None
@@ -222,6 +223,7 @@ class FakeRobot:
         app = web.Application()
         app.router.add_get("/stream", self._video_stream)
         app.router.add_get("/huge", self._huge)
+        app.router.add_get("/raw", self._raw)
         app.router.add_get("/{path:.*}", self._snapshot)
         return app
 
@@ -250,6 +252,14 @@ class FakeRobot:
                 )
                 await asyncio.sleep(0.01)
         return response
+
+    async def _raw(self, request: web.Request) -> web.Response:
+        """Answer with the test's own bytes, in place of those of a web server."""
+        self._note(request)
+        assert request.transport is not None
+        request.transport.write(self.raw_answer)
+        request.transport.close()
+        return web.Response()
 
     async def _huge(self, request: web.Request) -> web.StreamResponse:
         """Send without end, and count how much could be sent."""

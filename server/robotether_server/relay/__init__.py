@@ -18,7 +18,7 @@ unbounded buffer for anybody.
     rosbridge        lets an operator in and reaches the robot; `bridge` passes the messages on,
                      `operations` says which and checks their `fields`, `liveness` when a side is
                      slow or silent, `sockets` are its two ends, `endings` its close codes
-    video            a robot's web_video_server, streamed through
+    video            a robot's web_video_server, streamed through; `video_headers` says what of it
     events           the fleet as server-sent events
 
     session_server   robots' sessions over TCP; `robot_link` is one, `session_messages` its lines,

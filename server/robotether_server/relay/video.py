@@ -1,19 +1,19 @@
 """Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is.
 
 The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
-browser gets nothing from the robot but the picture: a robot's page could otherwise act on our site
-in its viewer's name. What is on the way is bounded by the socket buffers of both sides.
+browser gets nothing from the robot but the picture, as `video_headers` says: a robot's page could
+otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
+of both sides.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
 from aiohttp import ClientError, ClientResponse, ClientSession, ClientTimeout, web
-from multidict import CIMultiDict
 from yarl import URL
 
 from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
@@ -24,6 +24,11 @@ from robotether_server.relay.credentials import Credentials
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.rosbridge import patience_s
 from robotether_server.relay.sessions import SessionRegistry, utc_now
+from robotether_server.relay.video_headers import (
+    check_destination,
+    headers_for_robot,
+    headers_for_viewer,
+)
 from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
@@ -31,35 +36,8 @@ log = logging.getLogger(__name__)
 VIEWER_SLOW_AFTER_S = 10.0
 # web_video_server makes a stream's first answer when the first picture is there.
 HEADERS_WITHIN_S = 10.0
-
-REQUEST_HEADERS = (
-    "Accept",
-    "Accept-Encoding",
-    "Accept-Language",
-    "If-Modified-Since",
-    "If-None-Match",
-    "Range",
-    "User-Agent",
-)
-RESPONSE_HEADERS = (
-    "Accept-Ranges",
-    "Cache-Control",
-    "Content-Disposition",
-    "Content-Encoding",
-    "Content-Length",
-    "Content-Range",
-    "Content-Type",
-    "ETag",
-    "Expires",
-    "Last-Modified",
-    "Pragma",
-    "X-Timestamp",
-)
-OUR_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Content-Security-Policy": "sandbox",
-    "Referrer-Policy": "no-referrer",
-}
+# With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
+ANSWERS = range(200, 600)
 
 
 class VideoHandler:
@@ -86,6 +64,7 @@ class VideoHandler:
         """Pass one request on, and stream the answer until either side ends."""
         if request.method not in {"GET", "HEAD"}:
             raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
+        check_destination(request.headers)
         asked = request_of(request.headers, request.cookies, request.query)
         permit = await self._access.for_video(asked, request.match_info["name"])
         with self._counted(request, permit):
@@ -145,6 +124,9 @@ class VideoHandler:
                 f"cannot show video of robot {robot.name}: its web_video_server does not answer"
             ) from exc
         try:
+            if answer.status not in ANSWERS:
+                why = f"its web_video_server answers with status {answer.status}"
+                raise VideoDown(f"cannot show video of robot {robot.name}: {why}")
             yield answer
         finally:
             # Not `release`, which would first read a stream that has no end.
@@ -159,18 +141,6 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
         part for part in raw_query.split("&") if part and not part.startswith("ticket=")
     )
     return f"{path}?{query}" if query else path
-
-
-def headers_for_robot(headers: Mapping[str, str]) -> CIMultiDict[str]:
-    """Keep what helps the robot to answer; nothing that shows who asks."""
-    return CIMultiDict((name, headers[name]) for name in REQUEST_HEADERS if name in headers)
-
-
-def headers_for_viewer(headers: Mapping[str, str]) -> CIMultiDict[str]:
-    """Keep what describes the body; nothing that could act on our site."""
-    kept = CIMultiDict((name, headers[name]) for name in RESPONSE_HEADERS if name in headers)
-    kept.update(OUR_HEADERS)
-    return kept
 
 
 async def _stream(

@@ -119,6 +119,43 @@ async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login)
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
 
 
+@pytest.mark.parametrize("status", [b"101 Switching Protocols", b"600 Whatever", b"999 No"])
+async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http, login, status):
+    """A robot that switches protocols opens no pipe to the viewer, nor to nginx."""
+    robot.raw_answer = (
+        b"HTTP/1.1 " + status + b"\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\nraw bytes"
+    )
+    headers = login | {"Connection": "Upgrade", "Upgrade": "websocket"}
+    async with http.get(video_url(relay, sim1, "raw"), headers=headers) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+        assert "Upgrade" not in answer.headers
+    seen = robot.video_requests[0]["headers"]
+    assert "Upgrade" not in seen
+    assert seen.get("Connection", "close") == "close"
+
+
+async def test_what_is_no_picture_cannot_be_opened_in_place(*, relay, robot, sim1, http, login):
+    """A script becomes a file to be saved, on an answer that other sites cannot embed."""
+    robot.raw_answer = (
+        b"HTTP/1.1 200 OK\r\nContent-Type: text/javascript\r\nContent-Length: 7\r\n\r\nalert()"
+    )
+    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+        assert await answer.read() == b"alert()"
+        assert answer.headers["Content-Type"] == "application/octet-stream"
+        assert answer.headers["Content-Disposition"] == "attachment"
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+
+
+async def test_a_robots_answer_is_never_a_part_of_a_page(*, relay, robot, sim1, http, login):
+    """A request for a script gets 403, and the robot is not asked."""
+    url = video_url(relay, sim1, "snapshot")
+    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "script"}) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (403, "destination_refused")
+    assert robot.video_requests == []
+    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "image"}) as answer:
+        assert answer.status == 200
+
+
 async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
     """When the robot's session ends, its video streams are cut, not left hanging."""
     robot.mode = "port_taken"

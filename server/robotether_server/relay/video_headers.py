@@ -1,0 +1,78 @@
+"""Which headers, destinations and types of content pass between a viewer and a robot's video.
+
+`video` asks for each request. What a robot answers comes from this site's own address, so it must
+not be able to act as a part of the site: no script, style, frame of another kind, cookie or upgrade.
+Pure.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from multidict import CIMultiDict
+
+from robotether_server.problems import DestinationRefused
+
+REQUEST_HEADERS = (
+    "Accept",
+    "Accept-Encoding",
+    "Accept-Language",
+    "If-Modified-Since",
+    "If-None-Match",
+    "Range",
+    "User-Agent",
+)
+RESPONSE_HEADERS = (
+    "Accept-Ranges",
+    "Cache-Control",
+    "Content-Disposition",
+    "Content-Encoding",
+    "Content-Length",
+    "Content-Range",
+    "Content-Type",
+    "ETag",
+    "Expires",
+    "Last-Modified",
+    "Pragma",
+    "X-Timestamp",
+)
+OUR_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "sandbox",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+}
+# What a browser may want the answer for: to show it, or to hand it to a page's script as data.
+# The pages allow scripts and styles of their own site, which a robot must not be.
+DESTINATIONS = frozenset({"document", "empty", "frame", "iframe", "image", "video"})
+# No comma: browsers take the last type of a list.
+PASSING_TYPE = re.compile(
+    r"(image/[a-z0-9.+-]+|video/[a-z0-9.+-]+|multipart/x-mixed-replace"
+    r"|text/html|text/plain|application/json)\s*(;[^,]*)?",
+    re.IGNORECASE | re.ASCII,
+)
+UNKNOWN_TYPE = {"Content-Type": "application/octet-stream", "Content-Disposition": "attachment"}
+
+
+def check_destination(headers: Mapping[str, str]) -> None:
+    """Raise DestinationRefused when a browser would run or apply the answer."""
+    destination = headers.get("Sec-Fetch-Dest", "empty")
+    if destination not in DESTINATIONS:
+        raise DestinationRefused(
+            f"cannot show video as {destination[:32]!r}: what a robot sends is never a part of a page"
+        )
+
+
+def headers_for_robot(headers: Mapping[str, str]) -> CIMultiDict[str]:
+    """Keep what helps the robot to answer; nothing that shows who asks, and no upgrade."""
+    return CIMultiDict((name, headers[name]) for name in REQUEST_HEADERS if name in headers)
+
+
+def headers_for_viewer(headers: Mapping[str, str]) -> CIMultiDict[str]:
+    """Keep what describes the body; nothing that could act on our site."""
+    kept = CIMultiDict((name, headers[name]) for name in RESPONSE_HEADERS if name in headers)
+    if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):
+        kept.update(UNKNOWN_TYPE)
+    kept.update(OUR_HEADERS)
+    return kept
