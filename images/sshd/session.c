@@ -20,6 +20,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -157,6 +158,22 @@ static void send_preface(int relay, unsigned long robot_id)
     write_all(relay, line, (size_t)length);
 }
 
+/*
+ * The relay's last line, its bye, says why it ends the connection. It is in sshd's pipe now; a moment later, when sshd
+ * has taken it and sent it on, sshd may go. A robot that reads nothing gets no more than that moment.
+ */
+static void let_sshd_deliver(void)
+{
+    int unread, patience;
+
+    for (patience = 20; patience > 0; patience--) {
+        if (ioctl(STDOUT_FILENO, FIONREAD, &unread) < 0 || unread == 0)
+            break;
+        poll(NULL, 0, 10);
+    }
+    poll(NULL, 0, 20);
+}
+
 /* Moves what poll() said can be moved; false when the flow has ended. */
 static int pump(struct flow *flow, short from_events, short to_events)
 {
@@ -200,8 +217,12 @@ static void join(int relay)
             return;
         if ((up.end && (set[0].revents & ENDED)) || (down.end && (set[2].revents & ENDED)))
             return;
-        if (!pump(&up, set[0].revents, set[1].revents) || !pump(&down, set[2].revents, set[3].revents))
+        if (!pump(&up, set[0].revents, set[1].revents))
             return;
+        if (!pump(&down, set[2].revents, set[3].revents)) {
+            let_sshd_deliver();
+            return;
+        }
     }
 }
 

@@ -106,18 +106,30 @@ def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
         _end(running)
 
 
-def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack) -> None:
-    """Both of the robot's ports listen inside the tunnel network while the connection lives."""
-    ros, video = key.ports()
-    running = key.start(
-        "-R", f"0.0.0.0:{ros}:127.0.0.1:9", "-R", f"0.0.0.0:{video}:127.0.0.1:9", USER, "session"
-    )
+def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: Path) -> None:
+    """Both ports, added to the live connection as an agent does, listen inside the tunnel network."""
+    control = str(tmp_path / "control")
+    running = key.start("-M", "-S", control, USER, "session")
     try:
-        _session_line(running)
-        for port in (ros, video):
+        assert _session_line(running)["type"] == "config"
+        for port in key.ports():
+            forward = ("-O", "forward", "-R", f"0.0.0.0:{port}:127.0.0.1:9")
+            done = key.ssh("-S", control, *forward, USER)
+            assert done.returncode == 0, done.stderr
             stack.exec("sshd", "bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}")
     finally:
         _end(running)
+
+
+def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> None:
+    """A session is told why it ends when its port already listens somewhere else."""
+    ros, _ = key.ports()
+    running = key.start("-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER, "session")
+    try:
+        line = _session_line(running)
+    finally:
+        _end(running)
+    assert (line["type"], line["code"]) == ("bye", "port_taken")
 
 
 def test_robot_gets_no_other_robots_port(key: RobotKey) -> None:
@@ -192,29 +204,22 @@ def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None
     assert rows[0][1] not in ("", "NULL")
 
 
-def test_newer_session_takes_the_ports_over(key: RobotKey, stack: Stack) -> None:
+def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
     """The second session of a robot gets its port although the first one never let go."""
     ros, _ = key.ports()
-    forward = ("-R", f"0.0.0.0:{ros}:127.0.0.1:9")
-    first = key.start(*forward, USER, "session")
-    later: list[subprocess.Popen[str]] = []
+    running: list[subprocess.Popen[str]] = []
     try:
-        _session_line(first)
-        later.append(key.start(USER, "session"))
-        assert _session_line(later[0])["type"] == "config"
-        assert first.wait(timeout=5) != 0
-        later.append(key.start(*forward, "-N", USER))
-        listening = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && echo open || echo closed"
-        stack.wait(
-            "the port open again",
-            lambda: "open" in stack.exec("sshd", "bash", "-c", f"({listening}) 2>/dev/null"),
-            "sshd",
-            seconds=5,
-        )
-        assert later[1].poll() is None
+        for control in (str(tmp_path / "first"), str(tmp_path / "second")):
+            running.append(key.start("-M", "-S", control, USER, "session"))
+            assert _session_line(running[-1])["type"] == "config"
+            forward = ("-O", "forward", "-R", f"0.0.0.0:{ros}:127.0.0.1:9")
+            done = key.ssh("-S", control, *forward, USER)
+            assert done.returncode == 0, done.stderr
+        assert running[0].wait(timeout=5) != 0
+        assert running[1].poll() is None
     finally:
-        for running in (first, *later):
-            _end(running)
+        for each in running:
+            _end(each)
 
 
 def test_connection_without_a_session_ends(key: RobotKey) -> None:

@@ -44,6 +44,7 @@ class Fleet:
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
         self._rechecked_at = 0.0
+        self._polling = asyncio.Lock()
         self.store_up = True
 
     @property
@@ -69,7 +70,8 @@ class Fleet:
     async def poll(self) -> None:
         """Ask once whether anything changed, and take it over."""
         try:
-            await self._take_changes()
+            async with self._polling:
+                await self._take_changes()
         except StoreProblem as problem:
             self._set_store_up(False, problem.detail)
         except Exception:

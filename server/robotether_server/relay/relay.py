@@ -169,6 +169,7 @@ class Relay:
         self._sessions = SessionServer(
             registry=self.registry,
             snapshot=lambda: self.fleet.snapshot,
+            refresh=self.fleet.poll,
             session_key=settings.session_key,
             rules=LinkRules(settings.tunnel_host, timing.heartbeat_s, timing.timeout_s),
             refused=self.reports.session_refused,

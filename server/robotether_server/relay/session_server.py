@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay import session_messages as lines
@@ -41,12 +41,14 @@ class SessionServer:
         *,
         registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
+        refresh: Callable[[], Awaitable[None]],
         session_key: str,
         rules: LinkRules,
         refused: Callable[[str], None],
     ) -> None:
         self._registry = registry
         self._snapshot = snapshot
+        self._refresh = refresh
         self._session_key = session_key
         self._rules = rules
         self._refused = refused
@@ -96,7 +98,7 @@ class SessionServer:
         try:
             async with asyncio.timeout(PREFACE_WITHIN_S):
                 preface = await self._read_preface(reader)
-            robot = _admitted(self._snapshot(), preface.robot_id)
+            robot = await self._admit(preface.robot_id)
         except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
             self._refused("preface")
             log.warning("a connection to the session port is closed: %s", _why(exc))
@@ -108,6 +110,14 @@ class SessionServer:
             await _say_bye(writer, "not_ready", problem.detail)
         else:
             await self._run_link(preface, robot, reader, writer)
+
+    async def _admit(self, robot_id: int) -> Robot:
+        """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
+        try:
+            return _admitted(self._snapshot(), robot_id)
+        except RefusedError:
+            await self._refresh()
+            return _admitted(self._snapshot(), robot_id)
 
     async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
         return lines.parse_preface(await reader.readline(), self._session_key)

@@ -10,6 +10,7 @@ import pytest
 from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
+from robotether_server.relay.relay import Timing
 from robotether_server.relay.sessions import Presence
 from robotether_server.store.fleet import Robot
 
@@ -42,6 +43,16 @@ async def test_rubbish_instead_of_a_preface_gets_no_answer(relay, line):
 async def test_an_unknown_robot_is_told(relay, connect):
     """A robot that is not in the records hears robot_unknown."""
     assert await ended(await connect(robot_id=999)) == "robot_unknown"
+
+
+async def test_a_robot_newer_than_the_last_poll_is_let_in(records):
+    """A robot that was approved a moment ago is looked up again instead of being turned away."""
+    async with running_relay(records, Timing(poll_every_s=3600)) as relay:
+        records.add_robot(8, "sim8")
+        session = RobotSession(8, kind="session", session_key=SESSION_KEY)
+        await session.connect(relay.relay.session_port)
+        await configured(session)
+        await session.close()
 
 
 async def test_a_disabled_robot_is_told(relay, sim1, records, connect):
