@@ -122,7 +122,7 @@ class FakeRobot:
         self.video_requests: list[dict[str, Any]] = []
         self.clients: set[web.WebSocketResponse] = set()
         self.clients_ever = 0
-        self.raw_answer = b""
+        self.raw_answer: list[bytes] = []
         self._runners: list[web.AppRunner] = []
         self._closer: asyncio.Server | None = None
         self._watch: asyncio.Task[None] | None = None
@@ -257,7 +257,9 @@ class FakeRobot:
         """Answer with the test's own bytes, in place of those of a web server."""
         self._note(request)
         assert request.transport is not None
-        request.transport.write(self.raw_answer)
+        for part in self.raw_answer:
+            request.transport.write(part)
+            await asyncio.sleep(0.05)
         request.transport.close()
         return web.Response()
 

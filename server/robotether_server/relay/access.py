@@ -6,6 +6,7 @@ The ids of used tickets are remembered as long as a ticket is good, in bounded m
 
 from __future__ import annotations
 
+import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from robotether_server.store.fleet import Credential, Robot, Snapshot, User
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "robotether_login"
+ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
+HTTPS_PORT = 443
 MAX_USED_TICKETS = 100_000
 # Longer texts are no credential of ours, and need not be hashed to know that.
 MAX_CREDENTIAL_LENGTH = 512
@@ -121,6 +124,7 @@ class Access:
 
     def for_rosbridge(self, request: Request, name: str) -> Permit:
         """Let a ticket open its one WebSocket to robot `name`, and use it up."""
+        _check_name(name)
         self.check_origin(request)
         if request.ticket is None:
             raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
@@ -131,6 +135,7 @@ class Access:
 
     async def for_video(self, request: Request, name: str) -> Permit:
         """Let a ticket, login or token see the video of robot `name`."""
+        _check_name(name)
         self.check_origin(request)
         if request.ticket is not None:
             ticket, _ = self._verified(request.ticket)
@@ -200,7 +205,7 @@ class Access:
         snapshot = self._snapshot()
         robot = snapshot.by_name.get(name)
         if robot is None or snapshot.level(user.id, robot.id) is None:
-            raise RobotUnknown(f"cannot open robot {name[:64]}: there is no such robot for you")
+            raise RobotUnknown(f"cannot open robot {name}: there is no such robot for you")
         return robot
 
 
@@ -217,16 +222,20 @@ def request_of(
     )
 
 
+def _check_name(name: str) -> None:
+    """Refuse what is no robot's name, before it stands in any sentence or log."""
+    if not ROBOT_NAME.fullmatch(name):
+        raise RobotUnknown("cannot open the robot: a robot's name has a-z, 0-9 and - only")
+
+
 def _same_host(origin: str, host: str) -> bool:
+    # Not http: whoever is between could write such a page, and this site serves none.
     scheme, _, netloc = origin.partition("://")
-    default_port = {"http": 80, "https": 443}.get(scheme)
-    if default_port is None:
-        return False
-    own = _host_and_port(host, default_port)
-    return own is not None and own == _host_and_port(netloc, default_port)
+    own = _host_and_port(host)
+    return scheme == "https" and own is not None and own == _host_and_port(netloc)
 
 
-def _host_and_port(netloc: str, default_port: int) -> tuple[str, int] | None:
+def _host_and_port(netloc: str) -> tuple[str, int] | None:
     try:
         parts = urlsplit(f"//{netloc}")
         port = parts.port
@@ -234,4 +243,4 @@ def _host_and_port(netloc: str, default_port: int) -> tuple[str, int] | None:
         return None
     if not parts.hostname or parts.netloc != netloc:
         return None
-    return parts.hostname, default_port if port is None else port
+    return parts.hostname, HTTPS_PORT if port is None else port

@@ -33,12 +33,13 @@ def public_app(
             return await handler(request)
         except Problem as problem:
             metrics.refusals.labels(problem.code).inc()
-            log.info("%s refused: %s: %s", request.path, problem.code, problem.detail)
+            # Paths and details hold what came from outside, which must not write a line of its own.
+            log.info("%r refused: %s: %r", request.path[:200], problem.code, problem.detail)
             return problem_answer(problem)
         except web.HTTPException as exc:
             return problem_answer(HttpProblem(exc.status, f"cannot serve {request.path[:200]}"))
         except Exception:
-            log.exception("%s failed", request.path)
+            log.exception("%r failed", request.path[:200])
             return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(middlewares=[answer_problems], client_max_size=1)

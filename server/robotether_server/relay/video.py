@@ -97,7 +97,7 @@ class VideoHandler:
             )
             await response.prepare(request)
             if request.method == "GET":
-                await _stream(answer, response, request)
+                await _stream(answer, response, request, robot.name)
             return response
 
     @asynccontextmanager
@@ -144,14 +144,15 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
 
 
 async def _stream(
-    answer: ClientResponse, response: web.StreamResponse, request: web.Request
+    answer: ClientResponse, response: web.StreamResponse, request: web.Request, robot: str
 ) -> None:
     try:
         async for chunk in answer.content.iter_any():
             async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                 await response.write(chunk)
     except (ClientError, ConnectionError, TimeoutError) as exc:
-        log.info("video ended: %s", exc or "the viewer did not take it")
+        # The text may hold what the robot sent.
+        log.info("robot %s: video ended: %r", robot, str(exc) or "the viewer did not take it")
         # The answer is cut short, and the viewer must not take it for whole.
         if request.transport is not None:
             request.transport.abort()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from yarl import URL
 
 
 @pytest.mark.parametrize("path", ["/", "/robots", "/robots/sim1", "/robots/sim1/other", "/metrics"])
@@ -40,6 +41,38 @@ async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch
         assert answer.status == 500
         assert "secret" not in await answer.text()
     assert "ZeroDivisionError" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/robots/x%0aINFO forged: line/video",
+        "/robots/x%0d%0aINFO forged: line/ros",
+    ],
+)
+@pytest.mark.parametrize("origin", ["https://evil.example", None])
+async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, origin):
+    """A line break in a path is written as such, and ends no line of the log."""
+    caplog.set_level("INFO")
+    headers = {"Origin": origin} if origin else {}
+    async with http.get(URL(relay.url + path.replace(" ", "%20"), encoded=True), headers=headers):
+        pass
+    (line,) = [record.getMessage() for record in caplog.records if "forged" in record.getMessage()]
+    assert len(line.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["x%0ay", "Sim1", "x" * 64, "..", "%e2%82%ac"])
+async def test_what_is_no_name_is_no_robot(relay, http, name):
+    """Such a name is answered like an unknown robot's, and stands in no answer."""
+    for rest in ("ros", "video/"):
+        url = URL(f"{relay.url}/robots/{name}/{rest}", encoded=True)
+        upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+        async with http.get(
+            url, headers=upgrade | {"Sec-WebSocket-Key": "A" * 22 + "=="}
+        ) as answer:
+            problem = await answer.json()
+        assert (answer.status, problem["code"]) == (404, "robot_unknown")
+        assert "has a-z, 0-9 and - only" in problem["detail"]
 
 
 async def test_health_is_good_without_a_database_and_says_so(relay, http, records):

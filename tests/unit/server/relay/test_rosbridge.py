@@ -85,11 +85,12 @@ async def test_a_ticket_opens_one_connection(relay, robot, sim1, http):
 async def test_pages_of_other_sites_are_refused(relay, robot, sim1, http):
     """Only this site's own pages and listed origins may connect; the ticket is not used up."""
     url = relay.ros_url(sim1)
-    for origin in ("https://evil.example", "null", "http://127.0.0.1:1", "https://["):
+    for origin in ("https://evil.example", "null", "https://127.0.0.1:1", "https://[", relay.url):
         assert await refusal(http, url, Origin=origin) == (403, "origin_refused")
     async with http.ws_connect(url, origin="https://lab.example"):
         pass
-    async with http.ws_connect(relay.ros_url(sim1), origin=relay.url):
+    own = relay.url.replace("http:", "https:")
+    async with http.ws_connect(relay.ros_url(sim1), origin=own):
         pass
 
 

@@ -122,9 +122,9 @@ async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login)
 @pytest.mark.parametrize("status", [b"101 Switching Protocols", b"600 Whatever", b"999 No"])
 async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http, login, status):
     """A robot that switches protocols opens no pipe to the viewer, nor to nginx."""
-    robot.raw_answer = (
+    robot.raw_answer = [
         b"HTTP/1.1 " + status + b"\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\nraw bytes"
-    )
+    ]
     headers = login | {"Connection": "Upgrade", "Upgrade": "websocket"}
     async with http.get(video_url(relay, sim1, "raw"), headers=headers) as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
@@ -136,9 +136,9 @@ async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http,
 
 async def test_what_is_no_picture_cannot_be_opened_in_place(*, relay, robot, sim1, http, login):
     """A script becomes a file to be saved, on an answer that other sites cannot embed."""
-    robot.raw_answer = (
+    robot.raw_answer = [
         b"HTTP/1.1 200 OK\r\nContent-Type: text/javascript\r\nContent-Length: 7\r\n\r\nalert()"
-    )
+    ]
     async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
         assert await answer.read() == b"alert()"
         assert answer.headers["Content-Type"] == "application/octet-stream"
@@ -154,6 +154,19 @@ async def test_a_robots_answer_is_never_a_part_of_a_page(*, relay, robot, sim1, 
     assert robot.video_requests == []
     async with http.get(url, headers=login | {"Sec-Fetch-Dest": "image"}) as answer:
         assert answer.status == 200
+
+
+async def test_an_answer_that_breaks_off_is_cut_and_logged(
+    *, relay, robot, sim1, http, login, caplog
+):
+    """The viewer does not take half a picture for whole, and the log names the robot."""
+    caplog.set_level("INFO")
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\nContent-Length: 9\r\n\r\n"
+    robot.raw_answer = [head + b"half"]
+    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+        await _read_until_cut(answer)
+    (line,) = [message for message in caplog.messages if "video ended" in message]
+    assert line.startswith("robot sim1: ")
 
 
 async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
