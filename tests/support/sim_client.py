@@ -60,6 +60,8 @@ class SocketClient:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        # After an error aiohttp calls the socket closed but keeps its connection; only this ends that.
+        self.socket._response.close()
         await self._http.close()
 
     async def send(self, **operation: Any) -> None:

@@ -7,10 +7,17 @@ from pathlib import Path
 
 import mariadb_server
 import pytest
+from hypothesis import HealthCheck, settings
 from mariadb_server import MariaDb
 from robotether_server.migrate import migrate
 from robotether_server.settings import MigrateSettings
 from robotether_server.store import Database, ports
+
+# Both judge the speed of the machine that tests, and not what is tested.
+settings.register_profile(
+    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any machine")
 
 SQL_DIR = mariadb_server.ROOT / "sql"
 FIRST_PORT = 20000
