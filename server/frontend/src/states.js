@@ -24,6 +24,7 @@ const BY_CLOSE_CODE = {
   4002: () => final("superseded"),
   4408: () => retrying("link_lost"),
   4413: () => retrying("link_lost"),
+  4429: () => retrying("server_unreachable", reasons.crowded),
   4503: (reason) => retrying("offline", reason),
   4504: () => retrying("rosbridge_down"),
   4505: () => retrying("link_lost"),

@@ -53,6 +53,7 @@ export const reasons = {
   stale: "This page is too old. Reload it.",
   restarting: "The server is restarting; this page keeps trying.",
   busy: "The server asks to slow down; this page keeps trying.",
+  crowded: "Too many connections to this robot or of your account are open. Close other windows; this page keeps trying.",
 };
 
 export const logIn = "Log in";
