@@ -22,6 +22,7 @@
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
+#include <time.h>
 #include <unistd.h>
 
 #define RELAY_HOST "relay"
@@ -29,6 +30,8 @@
 #define KEY_FILE "/run/secrets/session_key"
 #define FORCED "/usr/lib/robotether/session "
 #define BUFFER_SIZE 16384
+/* The session is a few lines a second, which a robot that lives takes at once. */
+#define STUCK_SECONDS 8
 #define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
 /* One direction of the join; at most one buffer is ever in flight, so a slow reader slows the writer. */
@@ -197,23 +200,40 @@ static int pump(struct flow *flow, short from_events, short to_events)
     return 1;
 }
 
+static time_t seconds_now(void)
+{
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec;
+}
+
 static void join(int relay)
 {
     static struct flow up, down;
     struct pollfd set[4];
+    time_t taken_at = seconds_now();
 
     up.from = STDIN_FILENO, up.to = relay;
     down.from = relay, down.to = STDOUT_FILENO;
     for (;;) {
         /*
          * A flow waits either for input or for room, never for both; -1 takes an entry out. A source that must wait
-         * is still watched for its end: a robot that stops reading must not keep what the relay has ended.
+         * is still watched for its end.
          */
         set[0] = (struct pollfd){.fd = up.from, .events = up.end ? POLLRDHUP : POLLIN};
         set[1] = (struct pollfd){.fd = up.end ? up.to : -1, .events = POLLOUT};
         set[2] = (struct pollfd){.fd = down.from, .events = down.end ? POLLRDHUP : POLLIN};
         set[3] = (struct pollfd){.fd = down.end ? down.to : -1, .events = POLLOUT};
-        if (poll(set, 4, -1) < 0 && errno != EINTR)
+        if (poll(set, 4, down.end ? 1000 : -1) < 0 && errno != EINTR)
+            return;
+        /*
+         * A robot that stops reading must not keep what the relay has ended: the relay's end stands behind the
+         * lines that nobody takes, where it cannot be seen.
+         */
+        if (down.end == 0)
+            taken_at = seconds_now();
+        else if (seconds_now() - taken_at > STUCK_SECONDS)
             return;
         if ((up.end && (set[0].revents & ENDED)) || (down.end && (set[2].revents & ENDED)))
             return;
