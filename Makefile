@@ -46,7 +46,7 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 	@$(PYTEST) tests/e2e
 
 bench: venv ## latency of the whole path beside a bare ssh -R and straight rosbridge; needs make demo
-	@$(VENV)/bin/python tests/experiments/bench.py
+	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/bench.py
 
 screenshots: venv ## pictures of all pages into tests/artifacts; needs make demo
 	@tools/ensure_test_hosts

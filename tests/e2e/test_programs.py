@@ -11,8 +11,9 @@ import time
 
 import aiohttp
 import pytest
+from local_network import insecure_tls
 from programs import Program, echo, open_echo
-from stack import ROOT, Stack, insecure_tls
+from stack import ROOT, Stack
 
 
 @pytest.fixture(scope="module")

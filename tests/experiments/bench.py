@@ -13,7 +13,6 @@ import asyncio
 import json
 import os
 import platform
-import ssl
 import statistics
 import subprocess
 import sys
@@ -26,6 +25,7 @@ from pathlib import Path
 
 import aiohttp
 import docker
+from local_network import insecure_tls
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "measurements.md"
@@ -33,14 +33,6 @@ ROBOT = "sim1"
 FRAME_BYTES = 200
 RATE_HZ = 100
 TOKEN_NAME = "bench"
-
-
-def insecure_tls() -> ssl.SSLContext:
-    """TLS as the demo has it: encrypted, its self-signed certificate accepted."""
-    context = ssl.create_default_context()
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_NONE
-    return context
 
 
 def compose(*arguments: str) -> str:

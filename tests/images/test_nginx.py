@@ -7,7 +7,8 @@ import socket
 import ssl
 
 import pytest
-from stack import Stack, insecure_tls
+from local_network import insecure_tls
+from stack import Stack
 
 
 def test_plain_http_is_redirected(stack: Stack) -> None:

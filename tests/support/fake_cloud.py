@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any
 
 from aiohttp import web
-from openssh_server import OpenSshServer, free_port
+from local_network import free_port
+from openssh_server import OpenSshServer
 
 HEARTBEAT_S = 0.2
 TIMEOUT_S = 1.5

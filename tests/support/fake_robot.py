@@ -16,7 +16,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import socket
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
@@ -36,13 +35,6 @@ HOST = "127.0.0.1"
 WAIT_S = 8.0
 FLOOD_MESSAGE = b"x" * 65536
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
-
-
-def free_port() -> int:
-    """Find a port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
 
 
 class RobotSession:

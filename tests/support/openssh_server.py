@@ -19,6 +19,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from local_network import free_port
+
 SSHD = Path("/usr/sbin/sshd")
 WAIT_S = 10.0
 
@@ -168,13 +170,6 @@ class OpenSshServer:
             MaxSessions 2
             """
         )
-
-
-def free_port() -> int:
-    """Return a TCP port that was free a moment ago."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def listens(port: int) -> bool:

@@ -9,7 +9,8 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import aiohttp
-from stack import Stack, insecure_tls
+from local_network import insecure_tls
+from stack import Stack
 
 
 class Program:

@@ -12,7 +12,8 @@ from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
 
-from fake_robot import HOST, WAIT_S, free_port
+from fake_robot import HOST, WAIT_S
+from local_network import free_port
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.liveness import Limits

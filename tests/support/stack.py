@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
-import ssl
 import subprocess
 import time
 import urllib.error
@@ -21,18 +19,12 @@ from typing import Any, TypeVar
 
 import docker
 from docker.models.containers import Container
+from local_network import free_port, insecure_tls
 
 ROOT = Path(__file__).resolve().parents[2]
 # Two runs beside each other are two projects.
 PROJECT = f"robotether-test-{os.getpid()}"
 T = TypeVar("T")
-
-
-def free_port() -> int:
-    """A TCP port that nobody listens on."""
-    with socket.create_server(("", 0)) as listener:
-        port: int = listener.getsockname()[1]
-        return port
 
 
 @dataclass
@@ -190,14 +182,6 @@ class Stack:
         """Whether the server says that the robot's tunnel is up."""
         rows = json.loads(self.robotether("robot", "list", "--json"))
         return any(row["name"] == robot and row["online"] for row in rows)
-
-
-def insecure_tls() -> ssl.SSLContext:
-    """A TLS context that accepts the test stack's self-signed certificate."""
-    context = ssl.create_default_context()
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_NONE
-    return context
 
 
 def _parsed(body: bytes) -> Any:

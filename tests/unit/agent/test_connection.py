@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from fake_cloud import FakeCloud, eventually
-from openssh_server import OpenSshServer, free_port, listens
+from local_network import free_port
+from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
 from robotether_agent.connection import Role, run_connection
 from robotether_agent.enrolment import parse_host_keys

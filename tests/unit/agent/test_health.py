@@ -7,7 +7,7 @@ import socket
 from collections.abc import AsyncIterator, Callable
 
 import pytest
-from openssh_server import free_port
+from local_network import free_port
 from robotether_agent.health import Health, HealthReport
 
 EVERY_S = 0.1

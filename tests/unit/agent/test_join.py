@@ -7,7 +7,7 @@ import json
 import pytest
 from aiohttp import web
 from fake_cloud import certificate, fingerprint
-from openssh_server import free_port
+from local_network import free_port
 from robotether_agent.join import JoinRequest, join, read_answer
 from robotether_agent.problems import (
     AnswerInvalid,

@@ -7,7 +7,8 @@ import os
 import socket
 
 import pytest
-from openssh_server import descendants, free_port, wait_until
+from local_network import free_port
+from openssh_server import descendants, wait_until
 from robotether_agent.enrolment import parse_host_keys
 from robotether_agent.keys import ensure_key
 from robotether_agent.known_hosts import pin

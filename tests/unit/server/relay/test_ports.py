@@ -6,7 +6,8 @@ import asyncio
 from collections.abc import AsyncIterator
 
 import pytest_asyncio
-from fake_robot import HOST, free_port
+from fake_robot import HOST
+from local_network import free_port
 from robotether_server.relay.ports import wait_released
 
 
