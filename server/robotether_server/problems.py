@@ -35,6 +35,7 @@ Problem                       status  code
 ├── Throttled                 429     throttled
 ├── TooManyPending            429     too_many_pending
 ├── TooManyConnections        429     too_many_connections
+├── FrontUnavailable          503     front_unavailable
 ├── RobotOffline              503     robot_offline
 ├── VideoDown                 502     video_down
 └── HttpProblem               any     from the status: not_found, method_not_allowed, ...
@@ -265,6 +266,13 @@ class TooManyConnections(Problem):
 
     code = "too_many_connections"
     status = HTTPStatus.TOO_MANY_REQUESTS
+
+
+class FrontUnavailable(Problem):
+    """The certificate that this site shows cannot be learnt now."""
+
+    code = "front_unavailable"
+    status = HTTPStatus.SERVICE_UNAVAILABLE
 
 
 class RobotOffline(Problem):

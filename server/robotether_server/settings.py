@@ -46,12 +46,23 @@ class JoinSettings:
 
 
 @dataclass(frozen=True)
+class FrontSettings:
+    """How this site looks from outside. `public_host` None: the host that each request went to."""
+
+    public_host: str | None
+    public_port: int
+    tls_front: tuple[str, int]
+
+
+@dataclass(frozen=True)
 class WebSettings:
     """All that web needs."""
 
     database: DatabaseSettings
     tickets: TicketSettings
     join: JoinSettings
+    front: FrontSettings
+    agent_files_dir: Path
     secret_key: str = field(repr=False)
     login_ttl_h: int
     log_level: str
@@ -108,12 +119,23 @@ def load_join(environ: Mapping[str, str]) -> JoinSettings:
     )
 
 
+def load_front(environ: Mapping[str, str]) -> FrontSettings:
+    """Read what the line that installs a robot needs."""
+    return FrontSettings(
+        public_host=v.PUBLIC_HOST.read(environ) or None,
+        public_port=v.PUBLIC_PORT.read(environ),
+        tls_front=v.TLS_FRONT.read(environ),
+    )
+
+
 def load_web(environ: Mapping[str, str]) -> WebSettings:
     """Read what web needs."""
     return WebSettings(
         database=load_database(environ),
         tickets=load_tickets(environ),
         join=load_join(environ),
+        front=load_front(environ),
+        agent_files_dir=v.AGENT_FILES_DIR.read(environ),
         secret_key=v.WEB_SECRET_KEY.read(environ),
         login_ttl_h=v.LOGIN_TTL_H.read(environ),
         log_level=v.LOG_LEVEL.read(environ),

@@ -101,6 +101,12 @@ def parse_ports(text: str) -> tuple[int, ...]:
     return tuple(port(part) for part in text.split(","))
 
 
+def parse_endpoint(text: str) -> tuple[str, int]:
+    """Parse `nginx:8443`."""
+    host, _, port = text.rpartition(":")
+    return matching(r"[A-Za-z0-9.-]+")(host), number(1, HIGHEST_PORT)(port)
+
+
 def parse_origins(text: str) -> tuple[str, ...]:
     """Parse `https://a.example,https://b.example:8443`; empty is none."""
     origin = matching(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?")
@@ -154,6 +160,27 @@ PUBLIC_HOST = Variable(
     "a host name, or empty: the one that each request went to",
     matching(f"({_HOST})?"),
     "",
+)
+PUBLIC_PORT = Variable(
+    "PUBLIC_PORT",
+    "port under which this site is reached at PUBLIC_HOST",
+    f"1 to {HIGHEST_PORT}",
+    number(1, HIGHEST_PORT),
+    "443",
+)
+TLS_FRONT = Variable(
+    "TLS_FRONT",
+    "where the certificate that this site shows is learnt",
+    "host:port",
+    parse_endpoint,
+    "nginx:8443",
+)
+AGENT_FILES_DIR = Variable(
+    "AGENT_FILES_DIR",
+    "folder of the installer, the agent's wheel and their manifest",
+    "a path",
+    Path,
+    "/usr/share/robotether/agent",
 )
 SSH_PORTS = Variable(
     "SSH_PORTS",
@@ -237,6 +264,9 @@ VARIABLES: tuple[Variable[object], ...] = (
     SESSION_KEY,
     LOGIN_TTL_H,
     PUBLIC_HOST,
+    PUBLIC_PORT,
+    TLS_FRONT,
+    AGENT_FILES_DIR,
     SSH_PORTS,
     SSH_HOST_KEYS_DIR,
     TUNNEL_HOST,

@@ -12,7 +12,7 @@ from robotether_server.variables import VARIABLES
 COMPOSE = Path(__file__).resolve().parents[2] / "compose"
 KNOWN = {variable.name: variable for variable in VARIABLES}
 # Derived from the published ports when empty, and set by tools/up alone.
-DERIVED = {"SSH_PORTS"}
+DERIVED = {"SSH_PORTS", "PUBLIC_PORT"}
 FROM_TOOLS = {"DEMO_TLS_FINGERPRINT"}
 
 
@@ -86,5 +86,5 @@ def test_server_reads_what_compose_sets(service: str, variable: str) -> None:
 
 def test_every_setting_can_be_set() -> None:
     """Whatever the server's settings know is set in compose.yaml, or is a fixed place inside the image."""
-    inside = {"SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}
+    inside = {"AGENT_FILES_DIR", "SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}
     assert {variable.removesuffix("_FILE") for _, variable in environments()} == set(KNOWN) - inside

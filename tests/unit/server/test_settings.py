@@ -27,6 +27,9 @@ def test_defaults_are_the_documented_ones() -> None:
     assert (web.join.policy, web.join.max_pending, web.join.public_host) == ("approve", 50, None)
     assert web.join.ssh_ports == (2222, 443)
     assert web.join.ssh_host_keys_dir == Path("/ssh_host_keys")
+    assert (web.front.public_host, web.front.public_port) == (None, 443)
+    assert web.front.tls_front == ("nginx", 8443)
+    assert web.agent_files_dir == Path("/usr/share/robotether/agent")
     relay = settings.load_relay(RELAY)
     assert (relay.tunnel_host, relay.allowed_origins) == ("sshd", ())
     assert relay.message_limit_bytes == 10 * 1024 * 1024

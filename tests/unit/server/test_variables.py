@@ -11,6 +11,7 @@ from robotether_server.variables import (
     DB_PASSWORD,
     SSH_PORTS,
     TICKET_KEY,
+    TLS_FRONT,
     VARIABLES,
     Variable,
 )
@@ -30,6 +31,9 @@ BY_NAME = {variable.name: variable for variable in VARIABLES}
         ("TICKET_TTL_S", "30s"),
         ("LOGIN_TTL_H", "0"),
         ("PUBLIC_HOST", "https://a"),
+        ("PUBLIC_PORT", "0"),
+        ("TLS_FRONT", "nginx"),
+        ("TLS_FRONT", "nginx:https"),
         ("SSH_PORTS", "2222,99999"),
         ("SSH_PORTS", "2222,"),
         ("MESSAGE_LIMIT_MB", "0"),
@@ -67,6 +71,11 @@ def test_lists_are_read() -> None:
         "https://lab.example",
         "http://localhost:8080",
     )
+
+
+def test_endpoint_is_read() -> None:
+    """A host and its port."""
+    assert TLS_FRONT.read({"TLS_FRONT": "10.0.0.1:443"}) == ("10.0.0.1", 443)
 
 
 def test_secret_comes_from_its_file(tmp_path: Path) -> None:
