@@ -1,0 +1,491 @@
+#!/bin/sh
+# Makes this machine a robot of a Robotether server: installs the agent, joins, and starts the boot service.
+# The server serves it as /join.sh; `robotether robot invite` and the admin page print the line that runs it:
+#   curl -fsSk --pinnedpubkey 'sha256//...' https://HOST/join.sh | sudo sh -s -- --server HOST --token rj_...
+# It looks at everything before it changes anything. What fails later undoes what this run made, and the same line
+# may be run again: it finishes the work, upgrades the agent, or finds nothing to do.
+
+PROGRAM=join.sh
+ROOT=/opt/robotether-agent
+CONFIG=/etc/robotether/agent.toml
+TOKEN=/etc/robotether/token
+STATE=/var/lib/robotether-agent
+UNIT=/etc/systemd/system/robotether-agent.service
+ACCOUNT=robotether
+AGENT=$ROOT/current/bin/robotether-agent
+NEEDED_MB=150
+WAIT_S=30
+
+usage() {
+  cat <<'TEXT'
+usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of that server; run again to upgrade
+       join.sh --uninstall [--yes]                remove all that it installed, the robot's key too
+
+  --tls-fingerprint HEX64  trust the server's certificate with this SHA-256, and no other
+  --token rj_...           join token: lets the robot in without an approval
+  --name NAME              name that a new robot would like to have; needs a token
+  --interface IF           network interface whose MAC names the robot (usually found by itself)
+  --mac MAC                the MAC that names the robot
+  --allow-local-mac        a locally administered MAC may name it
+  --rosbridge-url URL      where rosbridge is, if not at ws://127.0.0.1:9090
+  --wheelhouse DIR         take Python packages from this folder, not from the internet
+  --image                  prepare an SD card image: install and enable, but neither join nor start
+TEXT
+}
+
+say() { printf '%s: %s\n' "$PROGRAM" "$*"; }
+step() { did=1; say "$*"; }
+fail() { printf '%s: %s\n' "$PROGRAM" "$*" >&2; exit 1; }
+
+# --- what this run made, and how to take it back ---
+
+on_failure() { # a command, run in reverse order if a later step fails
+  undo_steps="$1
+$undo_steps"
+}
+
+keep_copy() { # file: a later failure brings it back as it was
+  if [ ! -e "$1" ]; then on_failure "rm -f $1"; return; fi
+  cp -p "$1" "$1.before"
+  on_failure "mv -f $1.before $1"
+}
+
+finished() {
+  undo_steps=''
+  rm -f "$CONFIG.before" "$TOKEN.before"
+}
+
+at_exit() {
+  status=$?
+  trap - EXIT
+  trap '' HUP INT TERM
+  if [ -n "$work" ]; then rm -rf "$work"; fi
+  if [ "$status" != 0 ] && [ -n "$undo_steps" ]; then
+    printf '%s' "$undo_steps" | while IFS= read -r step; do eval "$step" || true; done
+    say 'undid what this run had changed. When the cause is mended, run the same line again' >&2
+  fi
+  exit "$status"
+}
+
+# --- the options ---
+
+read_options() {
+  server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse=''
+  image='' uninstall='' yes=''
+  while [ $# -gt 0 ]; do
+    case $1 in
+      --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --wheelhouse)
+        [ $# -ge 2 ] || fail "cannot use $1: its value is missing"
+        take_value "$1" "$2"
+        shift
+        ;;
+      --allow-local-mac) local_mac=true ;;
+      --image) image=1 ;;
+      --uninstall) uninstall=1 ;;
+      --yes) yes=1 ;;
+      --help) usage; exit 0 ;;
+      *) usage >&2; fail "cannot use $1: there is no such option" ;;
+    esac
+    shift
+  done
+}
+
+# The values become lines of a TOML file and arguments: none needs a quote, a blank or a backslash.
+take_value() {
+  case $2 in
+    '' | -* | *[!A-Za-z0-9._:/@+=,[\]-]*) fail "cannot use $1 '$2': allowed are letters, digits and ._:/@+=,[]-" ;;
+  esac
+  case $1 in
+    --server) server=$2 ;;
+    --tls-fingerprint) fingerprint=$(printf '%s' "$2" | tr -d : | tr 'A-F' 'a-f') ;;
+    --token) token=$2 ;;
+    --name) name=$2 ;;
+    --interface) interface=$2 ;;
+    --mac) mac=$2 ;;
+    --rosbridge-url) rosbridge=$2 ;;
+    --wheelhouse) wheelhouse=$2 ;;
+  esac
+}
+
+configured() { # key: its value in the settings of a robot that is installed already
+  if [ -e "$CONFIG" ]; then sed -n "s/^$1[[:space:]]*=[[:space:]]*\"\([^\"]*\)\".*/\1/p" "$CONFIG"; fi
+}
+
+check_options() {
+  before=$(configured server)
+  server=${server:-$before}
+  [ -n "$server" ] || { usage >&2; fail 'cannot install: --server is missing'; }
+  case $server in *://* | */*) fail "cannot use --server $server: allowed is HOST or HOST:PORT, without https:// and path" ;; esac
+  # What an earlier run pinned still holds for the same server.
+  if [ -z "$fingerprint" ] && [ "$server" = "$before" ]; then fingerprint=$(configured tls_fingerprint); fi
+  printf '%s' "$fingerprint" | grep -qE '^([0-9a-f]{64})?$' ||
+    fail "cannot use --tls-fingerprint $fingerprint: allowed are 64 hexadecimal digits, as the server prints them"
+  case $token in '' | rj_* | rt_*) ;; *) fail 'cannot use this --token: a join token begins with rj_; copy the whole line again' ;; esac
+  case $rosbridge in '' | ws://*) ;; *) fail "cannot use --rosbridge-url $rosbridge: allowed is ws://HOST:PORT" ;; esac
+  if [ -n "$mac" ] && [ -n "$interface" ]; then fail 'cannot use both --mac and --interface: leave one out'; fi
+  if [ -n "$name" ] && [ -z "$token" ]; then fail 'cannot use --name without --token: an admin names the robots that wait for approval'; fi
+  if [ -n "$wheelhouse" ] && [ ! -d "$wheelhouse" ]; then fail "cannot use --wheelhouse $wheelhouse: there is no such folder"; fi
+  if [ -n "$image" ]; then check_image_options; fi
+}
+
+check_image_options() {
+  if [ -n "$mac$name" ]; then fail 'cannot use --mac or --name with --image: every clone would be the same robot'; fi
+  if [ -e "$STATE/id_ed25519" ]; then
+    fail "cannot make an image of this machine: it has a robot's key, which every clone would have. As root, run:" \
+      "systemctl stop robotether-agent; $AGENT forget --yes; then this line again"
+  fi
+}
+
+# --- the look at the machine, which changes nothing ---
+
+check_machine() {
+  [ "$(id -u)" = 0 ] || fail 'cannot install as an ordinary user: run it with sudo'
+  command -v systemctl >/dev/null 2>&1 ||
+    fail 'cannot install: this machine has no systemd, which starts the agent at boot. Install by hand, as agent/README.md says'
+  # An image is often made in a chroot, where systemd is installed but does not run.
+  [ -n "$image" ] || [ -d /run/systemd/system ] ||
+    fail 'cannot install: systemd does not run here (in a container or chroot?). For an SD card image, add --image'
+  exec 9</var/lib
+  flock -n 9 || fail 'cannot install: another run of this script is busy here; wait until it is done'
+  check_disk /opt "$NEEDED_MB"
+  check_disk /var/lib 10
+  check_disk /etc 1
+}
+
+check_disk() { # folder, MB
+  folder=$1
+  [ -d "$folder" ] || folder=/
+  [ -w "$folder" ] || fail "cannot write in $1: is the disk mounted read-only?"
+  free=$(df -Pk "$folder" | awk 'NR == 2 { print int($4 / 1024) }')
+  [ "$free" -ge "$2" ] || fail "cannot install: $1 has $free MB free, and $2 MB are needed. Free some space"
+}
+
+find_missing_packages() {
+  missing=''
+  if command -v python3 >/dev/null 2>&1; then check_python; else missing='python3'; fi
+  python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
+  if ! command -v ssh >/dev/null 2>&1 || ! command -v ssh-keygen >/dev/null 2>&1; then missing="$missing openssh-client"; fi
+  if [ -n "$missing" ] && ! command -v apt-get >/dev/null 2>&1; then
+    fail "cannot install: these are missing, and there is no apt-get to get them: $missing. Install them, then run this again"
+  fi
+}
+
+check_python() {
+  python3 -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
+    fail "cannot install: this machine has $(python3 --version 2>&1), and 3.10 is needed. Upgrade to Debian 12, Ubuntu 22.04, Raspberry Pi OS 12 or newer"
+}
+
+# --- what the server gives ---
+
+# Prints an error in a clause. The certificate is checked on the very connection that the file comes over.
+fetch() { # path, file
+  python3 - "$server" "$fingerprint" "$1" "$2" <<'PYTHON'
+import hashlib
+import hmac
+import http.client
+import ssl
+import sys
+import time
+
+LIMIT = 64 * 1024 * 1024
+server, fingerprint, path, target = sys.argv[1:]
+context = ssl.create_default_context()
+if fingerprint:
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+try:
+    connection = http.client.HTTPSConnection(server, timeout=20, context=context)
+    connection.connect()
+    found = hashlib.sha256(connection.sock.getpeercert(True)).hexdigest()
+    if fingerprint and not hmac.compare_digest(found, fingerprint):
+        sys.exit(f"its certificate has the SHA-256 {found}, not {fingerprint}. Copy the line again from the server's page; if it is the same there, something stands between")
+    connection.request("GET", path, headers={"User-Agent": "robotether-join"})
+    answer = connection.getresponse()
+    body = answer.read(LIMIT + 1)
+except ssl.SSLCertVerificationError as error:
+    today = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
+    sys.exit(f"{error.verify_message}. Add --tls-fingerprint, and see that this machine's clock is right (it says {today})")
+except (OSError, ValueError, http.client.HTTPException) as error:
+    sys.exit(f"{error or type(error).__name__}. Check --server, and this machine's network")
+if answer.status != 200 or len(body) > LIMIT:
+    sys.exit(f"{path} answers with HTTP status {answer.status}. Is this a Robotether server, and of this version?")
+with open(target, "wb") as file:
+    file.write(body)
+PYTHON
+}
+
+get() { # path, file
+  why=$(fetch "$1" "$2" 2>&1) || fail "cannot get https://$server$1: $why"
+}
+
+download() {
+  say "asking $server for the agent"
+  get /agent/manifest "$work/manifest"
+  wheel=$(awk '$2 ~ /^robotether_agent-[A-Za-z0-9.+_-]+\.whl$/ { print $2 }' "$work/manifest")
+  if grep -qvE '^[0-9a-f]{64}  [A-Za-z0-9._+-]+$' "$work/manifest" || [ -z "$wheel" ]; then
+    fail "cannot install from $server: something else than a Robotether server answers there (a captive portal?)"
+  fi
+  for file in "$wheel" requirements.txt; do get "/agent/$file" "$work/$file"; done
+  (cd "$work" && sha256sum --check --status --strict manifest) ||
+    fail "cannot use what $server sent: a file is not what its manifest says. Run this again"
+  version=${wheel#robotether_agent-}
+  version=${version%%-*}-$(cut -c 1-64 "$work/manifest" | sha256sum | cut -c 1-12)
+  venv=$ROOT/versions/$version
+}
+
+# The agent's own rule, taken from the wheel as it is: what it finds here names the robot later.
+check_mac() {
+  if [ -n "$image" ] || { [ -e "$STATE/identity.json" ] && [ -z "$mac$interface" ]; }; then return; fi
+  why=$(PYTHONPATH=$work/$wheel python3 - "$mac" "$interface" "${local_mac:-$(configured_flag allow_local_mac)}" 2>&1 <<'PYTHON'
+import sys
+
+from robotether_agent.identity import MacError, find_mac, normalise_mac
+from robotether_agent.problems import Problem
+
+mac, interface, allow_local = sys.argv[1], sys.argv[2] or None, sys.argv[3] == "true"
+try:
+    print(normalise_mac(mac, allow_local=allow_local) if mac else find_mac(interface, allow_local=allow_local))
+except (MacError, Problem) as error:
+    sys.exit(str(error))
+PYTHON
+  ) || fail "cannot name this robot by its MAC address: $why. Choose with --interface IF or --mac MAC; for a locally" \
+    'administered address that is unique, add --allow-local-mac'
+  say "the MAC address $why names this robot"
+}
+
+configured_flag() { if grep -qs "^$1[[:space:]]*=[[:space:]]*true" "$CONFIG"; then echo true; fi; }
+
+# --- the changes, each safe to repeat ---
+
+ensure_packages() {
+  if [ -z "$missing" ]; then return; fi
+  step "installing the distribution's packages $missing (they stay, whatever happens later)"
+  export DEBIAN_FRONTEND=noninteractive
+  apt-get update -qq </dev/null || fail "cannot fetch apt's lists: see above"
+  # shellcheck disable=SC2086 # a list of words
+  apt-get install -y -qq --no-install-recommends $missing </dev/null >/dev/null ||
+    fail "cannot install $missing: see apt's message above"
+  check_python
+  missing=''
+}
+
+ensure_account() {
+  if id "$ACCOUNT" >/dev/null 2>&1; then return; fi
+  step "making the user $ACCOUNT, as whom the agent runs"
+  on_failure "userdel $ACCOUNT"
+  useradd --system --user-group --home-dir "$STATE" --no-create-home --shell /usr/sbin/nologin "$ACCOUNT" ||
+    fail "cannot make the user $ACCOUNT: see above"
+}
+
+ensure_agent() {
+  if "$venv/bin/robotether-agent" --version >/dev/null 2>&1; then return; fi
+  step "installing the agent into $venv (a minute on a small robot)"
+  if [ -d "$ROOT" ]; then on_failure "rm -rf $venv"; else on_failure "rm -rf $ROOT"; fi
+  rm -rf "$venv"
+  mkdir -p "$ROOT/versions"
+  python3 -m venv "$venv" || fail "cannot make $venv: see above"
+  pip_install --require-hashes -r "$work/requirements.txt"
+  # Last, so that an agent that starts has all that it needs, even after a power cut. Its hash was checked above.
+  pip_install --no-deps "$work/$wheel"
+}
+
+pip_install() {
+  if [ -n "$wheelhouse" ]; then set -- --no-index --find-links "$wheelhouse" "$@"; fi
+  "$venv/bin/pip" install --quiet --no-input --no-cache-dir --disable-pip-version-check "$@" </dev/null ||
+    fail 'cannot install the Python packages: see above. Without internet, use --wheelhouse DIR'
+}
+
+# All keys of agent.toml are flat, so their order is free; what a person wrote there stays.
+set_key() { # file, key, value as TOML
+  if grep -qxF "$2 = $3" "$1"; then return; fi
+  remove_key "$1" "$2"
+  printf '%s = %s\n' "$2" "$3" >> "$1"
+}
+
+set_text() { if [ -n "$3" ]; then set_key "$1" "$2" "\"$3\""; fi; }
+remove_key() { sed -i "/^$2[[:space:]]*=/d" "$1"; }
+
+write_config() { # file
+  if [ -e "$CONFIG" ]; then cat "$CONFIG" > "$1"; else echo '# Every key is explained in share/robotether-agent/agent.toml.example beside the agent.' > "$1"; fi
+  if [ "$(configured server)" != "$server" ]; then remove_key "$1" tls_fingerprint; fi
+  if [ -n "$fingerprint" ]; then remove_key "$1" ca_file; fi
+  if [ -n "$mac" ]; then remove_key "$1" interface; fi
+  if [ -n "$interface" ]; then remove_key "$1" mac; fi
+  set_text "$1" server "$server"
+  set_text "$1" tls_fingerprint "$fingerprint"
+  set_text "$1" mac "$mac"
+  set_text "$1" interface "$interface"
+  set_text "$1" name "$name"
+  set_text "$1" rosbridge_url "$rosbridge"
+  if [ -n "$local_mac" ]; then set_key "$1" allow_local_mac true; fi
+  if [ -n "$token" ]; then remove_key "$1" token; set_text "$1" token_file "$TOKEN"; fi
+}
+
+ensure_config() {
+  # A robot that is connected needs no token: the same line, run twice, changes nothing.
+  if [ -n "$token" ] && [ -z "$image" ] && "$AGENT" status >/dev/null 2>&1; then token='' name=''; fi
+  write_config "$work/agent.toml"
+  changed=''
+  if [ -z "$token" ] && cmp -s "$work/agent.toml" "$CONFIG"; then return; fi
+  changed=1
+  step "writing $CONFIG"
+  if [ -d /etc/robotether ]; then keep_copy "$CONFIG"; keep_copy "$TOKEN"; else on_failure 'rm -rf /etc/robotether'; fi
+  install -d -m 755 /etc/robotether
+  install -m 644 "$work/agent.toml" "$CONFIG"
+  if [ -z "$token" ]; then return; fi
+  install -m 640 -o root -g "$ACCOUNT" /dev/null "$TOKEN"
+  printf '%s\n' "$token" > "$TOKEN"
+}
+
+ensure_join() {
+  answer='' pending=''
+  if [ -n "$image" ] || { [ -z "$changed" ] && [ -e "$STATE/enrolment.json" ]; }; then return; fi
+  if [ ! -d "$STATE" ]; then
+    on_failure "rm -rf $STATE"
+    install -d -m 700 -o "$ACCOUNT" -g "$ACCOUNT" "$STATE"
+  fi
+  step "joining $server"
+  result=0
+  answer=$(runuser -u "$ACCOUNT" -- "$venv/bin/robotether-agent" join 2>&1) || result=$?
+  case $result in
+    0) forget_token ;;
+    10) pending=1 ;;
+    *) fail "${answer#robotether-agent: }" ;;
+  esac
+}
+
+forget_token() {
+  if [ ! -e "$TOKEN" ]; then return; fi
+  rm -f "$TOKEN"
+  remove_key "$CONFIG" token_file
+}
+
+ensure_unit() {
+  unit=$venv/share/robotether-agent/robotether-agent.service
+  # On a robot that runs, `switch` brings the new unit.
+  if cmp -s "$unit" "$UNIT" || { [ -e "$UNIT" ] && [ -z "$image" ]; }; then return; fi
+  step 'installing the boot service robotether-agent'
+  on_failure 'systemctl daemon-reload'
+  on_failure "rm -f $UNIT"
+  install -m 644 "$unit" "$UNIT"
+}
+
+is_current() { [ "$(readlink -f "$ROOT/current")" = "$venv" ]; }
+
+point_current_here() {
+  ln -sfn "versions/$version" "$ROOT/current.new"
+  mv -T "$ROOT/current.new" "$ROOT/current"
+}
+
+ensure_running() {
+  if [ ! -e "$ROOT/current" ] || [ -n "$image" ]; then point_current_here; fi
+  [ -n "$image" ] || systemctl daemon-reload
+  systemctl --quiet is-enabled robotether-agent 2>/dev/null || systemctl --quiet enable robotether-agent ||
+    fail 'cannot enable the boot service: see above; mend it and run this again'
+  if [ -n "$image" ]; then return; fi
+  if ! is_current; then
+    step "switching from $(basename "$(readlink "$ROOT/current")") to $version"
+    # Not a child of this shell: the connection over which it runs may be the robot's own tunnel.
+    systemd-run --quiet --wait --pipe --collect "$AGENT" switch "$venv" ||
+      fail "cannot upgrade: version $version does not come up here, so the one before runs again. See journalctl -u robotether-agent"
+  elif [ -n "$changed" ] || ! systemctl --quiet is-active robotether-agent; then
+    step 'starting the agent'
+    systemctl restart robotether-agent || fail 'cannot start the agent: see journalctl -u robotether-agent'
+  fi
+}
+
+# --- what comes next ---
+
+tell_result() {
+  if [ -n "$image" ]; then
+    say 'done: the image is ready. Power off and copy the card; each clone makes its own key at its first boot (docs/golden-image.md)'
+  elif [ -n "$pending" ]; then
+    tell_how_to_approve
+  elif wait_connected; then
+    if [ -z "$did" ]; then say 'nothing to do: all is installed as it should be'; fi
+    robot=$(sed -n 's/.*"robot": "\([^"]*\)".*/\1/p' "$STATE/enrolment.json")
+    say "done: this robot is $robot, at https://$server/robots/$robot"
+    if ! grep -q '^rosbridge *ok' "$work/status"; then tell_rosbridge; fi
+  else
+    cat "$work/status" >&2
+    fail "cannot see it connected after $WAIT_S s. The agent is installed and goes on trying; ask it why: $AGENT doctor"
+  fi
+}
+
+wait_connected() {
+  left=$WAIT_S
+  until "$AGENT" status > "$work/status" 2>&1; do
+    left=$((left - 1))
+    [ "$left" -gt 0 ] || return 1
+    sleep 1
+  done
+}
+
+tell_how_to_approve() {
+  say "$answer"
+  say "the key of this robot is $(ssh-keygen -lf "$STATE/id_ed25519.pub" | cut -d ' ' -f 2)"
+  say "done: an admin lets it in at https://$server/ under Pending, or with 'robotether robot approve', after comparing that key." \
+    'The agent runs and asks by itself'
+}
+
+tell_rosbridge() {
+  say "rosbridge does not answer yet ($(sed -n 's/^rosbridge *//p' "$work/status")): start it whenever you like, nothing else is needed"
+}
+
+# --- the way back ---
+
+uninstall() {
+  [ "$(id -u)" = 0 ] || fail 'cannot uninstall as an ordinary user: run it with sudo'
+  found=''
+  for path in "$UNIT" "$ROOT" /etc/robotether "$STATE" /run/robotether-agent; do
+    if [ -e "$path" ]; then found="$found $path"; fi
+  done
+  account=''
+  if id "$ACCOUNT" >/dev/null 2>&1; then account=" and the user $ACCOUNT"; fi
+  if [ -z "$found$account" ]; then say 'nothing to do: no agent is installed here'; return; fi
+  say "this stops the agent and removes$found$account. The robot's key goes with them, and cannot be brought back"
+  [ -n "$yes" ] || ask
+  systemctl --quiet disable --now robotether-agent 2>/dev/null || true
+  # shellcheck disable=SC2086 # a list of our own paths
+  rm -rf $found
+  systemctl daemon-reload 2>/dev/null || true
+  if [ -n "$account" ]; then userdel "$ACCOUNT" || fail "cannot remove the user $ACCOUNT: see above"; fi
+  say 'done: removed. The server still knows the robot; an admin forgets it with: robotether robot remove NAME'
+}
+
+# Standard input is the script itself when it came through a pipe.
+ask() {
+  if ! (: < /dev/tty) 2>/dev/null; then fail 'cannot ask whether to remove it: no terminal. Add --yes'; fi
+  printf '%s: remove all that? [y/N] ' "$PROGRAM" > /dev/tty
+  read -r reply < /dev/tty
+  case $reply in [yY]*) ;; *) fail 'nothing changed' ;; esac
+}
+
+main() {
+  set -eu
+  umask 022
+  work='' undo_steps='' did=''
+  trap at_exit EXIT
+  trap 'exit 130' HUP INT TERM
+  read_options "$@"
+  if [ -n "$uninstall" ]; then uninstall; return; fi
+  check_options
+  check_machine
+  find_missing_packages
+  work=$(mktemp -d)
+  # Without Python there is no looking at the server.
+  case $missing in python3*) ensure_packages ;; esac
+  download
+  check_mac
+  ensure_packages
+  ensure_account
+  ensure_agent
+  ensure_config
+  ensure_join
+  ensure_unit
+  finished
+  ensure_running
+  tell_result
+}
+
+main "$@"
