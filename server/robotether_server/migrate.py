@@ -1,4 +1,4 @@
-"""Brings the database to this version's schema, then to the range of ports that is set.
+"""Brings the database to this version's schema, then to the ranges of ports that are set.
 
 Started by `robotether migrate` as account migrate, once at each start of the stack. Safe to run
 again, to run twice at once, and after a run that was cut short. Must never drop records.
@@ -36,6 +36,7 @@ def migrate(settings: MigrateSettings) -> list[str]:
         applied = _apply(settings)
         with database.transaction() as tx:
             ports.set_range(tx, settings.port_range_first, settings.port_range_last)
+            ports.set_shell_range(tx, settings.shell_port_first, settings.shell_port_last)
     return applied
 
 

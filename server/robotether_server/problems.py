@@ -15,6 +15,8 @@ Problem                       status  code
 │   ├── LoginMissing                  login_missing
 │   ├── LoginFailed                   login_failed
 │   ├── TokenInvalid                  token_invalid
+│   ├── TokenExpired                  token_expired
+│   ├── TokenUsedUp                   token_used_up
 │   └── TicketProblem
 │       ├── TicketMissing             ticket_missing
 │       ├── TicketMalformed           ticket_malformed
@@ -27,11 +29,16 @@ Problem                       status  code
 │   ├── CsrfRefused                   csrf_refused
 │   ├── DestinationRefused            destination_refused
 │   ├── GrantMissing                  grant_missing
-│   └── RobotDisabled                 robot_disabled
+│   ├── RobotDisabled                 robot_disabled
+│   ├── KeyRejected                   key_rejected
+│   └── TokenRequired                 token_required
 ├── RobotUnknown              404     robot_unknown
 ├── FieldInvalid              422     field_invalid
 ├── MacInUse                  409     mac_in_use
 ├── KeyInUse                  409     key_in_use
+├── MacElsewhere              409     mac_elsewhere
+├── NotPossible               409     not_possible
+├── LastAdmin                 409     last_admin
 ├── Throttled                 429     throttled
 ├── TooManyPending            429     too_many_pending
 ├── TooManyConnections        429     too_many_connections
@@ -139,6 +146,18 @@ class TokenInvalid(Unauthorized):
     code = "token_invalid"
 
 
+class TokenExpired(Unauthorized):
+    """The join token's time is over."""
+
+    code = "token_expired"
+
+
+class TokenUsedUp(Unauthorized):
+    """The join token has let in as many robots as it may, or this very one before."""
+
+    code = "token_used_up"
+
+
 class TicketProblem(Unauthorized):
     """A ticket does not open what it was shown for."""
 
@@ -215,6 +234,18 @@ class RobotDisabled(Forbidden):
     code = "robot_disabled"
 
 
+class KeyRejected(Forbidden):
+    """An admin turned this key away."""
+
+    code = "key_rejected"
+
+
+class TokenRequired(Forbidden):
+    """Robots join with a token only."""
+
+    code = "token_required"
+
+
 class RobotUnknown(Problem):
     """There is no such robot, or none that this user may see."""
 
@@ -240,6 +271,27 @@ class KeyInUse(Problem):
     """The key belongs to the row of another MAC."""
 
     code = "key_in_use"
+    status = HTTPStatus.CONFLICT
+
+
+class MacElsewhere(Problem):
+    """The robot is online on another machine; who asks is a copy of its disk."""
+
+    code = "mac_elsewhere"
+    status = HTTPStatus.CONFLICT
+
+
+class NotPossible(Problem):
+    """An admin asks for what the record's present state does not allow."""
+
+    code = "not_possible"
+    status = HTTPStatus.CONFLICT
+
+
+class LastAdmin(Problem):
+    """Nobody could administer this site any more."""
+
+    code = "last_admin"
     status = HTTPStatus.CONFLICT
 
 

@@ -43,6 +43,7 @@ class JoinSettings:
     public_host: str | None
     ssh_ports: tuple[int, ...]
     ssh_host_keys_dir: Path
+    allow_local_macs: bool
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ class MigrateSettings:
     migrations_dir: Path
     port_range_first: int
     port_range_last: int
+    shell_port_first: int
+    shell_port_last: int
 
 
 def load_database(environ: Mapping[str, str]) -> DatabaseSettings:
@@ -116,6 +119,7 @@ def load_join(environ: Mapping[str, str]) -> JoinSettings:
         public_host=v.PUBLIC_HOST.read(environ) or None,
         ssh_ports=v.SSH_PORTS.read(environ),
         ssh_host_keys_dir=v.SSH_HOST_KEYS_DIR.read(environ),
+        allow_local_macs=v.ALLOW_LOCAL_MACS.read(environ),
     )
 
 
@@ -157,19 +161,39 @@ def load_relay(environ: Mapping[str, str]) -> RelaySettings:
 
 
 def load_migrate(environ: Mapping[str, str]) -> MigrateSettings:
-    """Read what migrate needs; the range must hold at least one pair of ports."""
+    """Read what migrate needs; each range must hold what a robot gets of it, and no port of the other."""
     settings = MigrateSettings(
         database=load_database(environ),
         migrations_dir=v.MIGRATIONS_DIR.read(environ),
         port_range_first=v.PORT_RANGE_FIRST.read(environ),
         port_range_last=v.PORT_RANGE_LAST.read(environ),
+        shell_port_first=v.SHELL_PORT_FIRST.read(environ),
+        shell_port_last=v.SHELL_PORT_LAST.read(environ),
     )
+    _check_ranges(settings)
+    return settings
+
+
+def _check_ranges(settings: MigrateSettings) -> None:
     if settings.port_range_last <= settings.port_range_first:
         raise SettingsError(
             f"cannot use PORT_RANGE_LAST={settings.port_range_last}: "
             f"allowed is more than PORT_RANGE_FIRST={settings.port_range_first}"
         )
-    return settings
+    if settings.shell_port_last < settings.shell_port_first:
+        raise SettingsError(
+            f"cannot use SHELL_PORT_LAST={settings.shell_port_last}: "
+            f"allowed is SHELL_PORT_FIRST={settings.shell_port_first} or more"
+        )
+    if (
+        settings.shell_port_first <= settings.port_range_last
+        and settings.port_range_first <= settings.shell_port_last
+    ):
+        raise SettingsError(
+            f"cannot use SHELL_PORT_FIRST={settings.shell_port_first} and "
+            f"SHELL_PORT_LAST={settings.shell_port_last}: allowed are ports outside "
+            f"PORT_RANGE_FIRST={settings.port_range_first} to PORT_RANGE_LAST={settings.port_range_last}"
+        )
 
 
 def in_force(environ: Mapping[str, str]) -> dict[str, str]:

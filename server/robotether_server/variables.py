@@ -95,6 +95,11 @@ def matching(pattern: str) -> Callable[[str], str]:
     return parse
 
 
+def parse_yes(text: str) -> bool:
+    """Parse `yes` or `no`."""
+    return matching("yes|no")(text) == "yes"
+
+
 def parse_ports(text: str) -> tuple[int, ...]:
     """Parse `2222,443`."""
     port = number(1, HIGHEST_PORT)
@@ -222,10 +227,17 @@ MAX_PENDING = Variable(
 )
 JOIN_POLICY = Variable(
     "JOIN_POLICY",
-    "what a robot needs to join",
-    "approve: an admin's approval",
-    matching("approve"),
+    "what a robot without a token needs to join",
+    "approve, first-key or token-only",
+    matching("approve|first-key|token-only"),
     "approve",
+)
+ALLOW_LOCAL_MACS = Variable(
+    "ALLOW_LOCAL_MACS",
+    "whether a robot that no admin announced may have a locally administered MAC",
+    "no or yes",
+    parse_yes,
+    "no",
 )
 PORT_RANGE_FIRST = Variable(
     "PORT_RANGE_FIRST",
@@ -240,6 +252,20 @@ PORT_RANGE_LAST = Variable(
     _PORTS_ALLOWED,
     number(LOWEST_FREE_PORT, HIGHEST_PORT),
     "23999",
+)
+SHELL_PORT_FIRST = Variable(
+    "SHELL_PORT_FIRST",
+    "first port allotted to robots' shells",
+    _PORTS_ALLOWED,
+    number(LOWEST_FREE_PORT, HIGHEST_PORT),
+    "24000",
+)
+SHELL_PORT_LAST = Variable(
+    "SHELL_PORT_LAST",
+    "last port allotted to robots' shells, one a robot",
+    _PORTS_ALLOWED,
+    number(LOWEST_FREE_PORT, HIGHEST_PORT),
+    "25999",
 )
 MIGRATIONS_DIR = Variable(
     "MIGRATIONS_DIR", "folder of the migrations", "a path", Path, "/usr/share/robotether/sql"
@@ -274,8 +300,11 @@ VARIABLES: tuple[Variable[object], ...] = (
     ALLOWED_ORIGINS,
     MAX_PENDING,
     JOIN_POLICY,
+    ALLOW_LOCAL_MACS,
     PORT_RANGE_FIRST,
     PORT_RANGE_LAST,
+    SHELL_PORT_FIRST,
+    SHELL_PORT_LAST,
     MIGRATIONS_DIR,
     LOG_LEVEL,
 )

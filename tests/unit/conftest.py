@@ -22,15 +22,21 @@ settings.load_profile("any machine")
 SQL_DIR = mariadb_server.ROOT / "sql"
 FIRST_PORT = 20000
 LAST_PORT = 20199
+FIRST_SHELL_PORT = 24000
+LAST_SHELL_PORT = 24049
 TABLES = (
     "audit_events",
     "robot_sessions",
     "logins",
     "api_tokens",
     "grants",
+    "key_claims",
+    "join_tokens",
+    "user_ssh_keys",
     "robots",
     "users",
     "port_pairs",
+    "shell_ports",
 )
 
 
@@ -38,7 +44,8 @@ TABLES = (
 def mariadb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MariaDb]:
     """A MariaDB server of this run alone, migrated."""
     with mariadb_server.running(tmp_path_factory.mktemp("secrets")) as server:
-        migrate(MigrateSettings(server.settings("migrate"), SQL_DIR, FIRST_PORT, LAST_PORT))
+        ranges = (FIRST_PORT, LAST_PORT, FIRST_SHELL_PORT, LAST_SHELL_PORT)
+        migrate(MigrateSettings(server.settings("migrate"), SQL_DIR, *ranges))
         yield server
 
 
@@ -50,6 +57,7 @@ def admin_database(mariadb: MariaDb) -> Database:
         for table in TABLES:
             tx.change("DELETE FROM " + table)
         ports.set_range(tx, FIRST_PORT, LAST_PORT)
+        ports.set_shell_range(tx, FIRST_SHELL_PORT, LAST_SHELL_PORT)
     return database
 
 

@@ -21,7 +21,7 @@ def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
     return WebSettings(
         database=mariadb.settings("web"),
         tickets=TicketSettings(TICKET_KEY, 30),
-        join=JoinSettings("approve", 3, None, (2222, 443), host_keys),
+        join=JoinSettings("approve", 3, None, (2222, 443), host_keys, allow_local_macs=True),
         front=FrontSettings(None, 443, ("127.0.0.1", 1)),
         agent_files_dir=tmp_path / "agent",
         secret_key="w" * 32,
