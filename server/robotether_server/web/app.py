@@ -5,10 +5,11 @@ import datetime as dt
 from flask import Flask
 from werkzeug.middleware.proxy_fix import ProxyFix
 
+from robotether_server.front import Front
 from robotether_server.settings import WebSettings
 from robotether_server.store import Database
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import api, errors, headers, pages
+from robotether_server.web import api, errors, headers, installer, pages
 from robotether_server.web.parts import Parts, csrf
 
 LARGEST_REQUEST_BYTES = 64 * 1024
@@ -36,6 +37,8 @@ def create_app(settings: WebSettings) -> Flask:
         database=Database(settings.database),
         signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
         join=settings.join,
+        front=Front(settings.front),
+        agent_files_dir=settings.agent_files_dir,
         login_lifetime=dt.timedelta(hours=settings.login_ttl_h),
     )
     csrf.init_app(app)
@@ -44,4 +47,5 @@ def create_app(settings: WebSettings) -> Flask:
     headers.register(app)
     app.register_blueprint(pages.blueprint)
     app.register_blueprint(api.blueprint)
+    app.register_blueprint(installer.blueprint)
     return app

@@ -2,10 +2,12 @@
 
 import datetime as dt
 from dataclasses import dataclass
+from pathlib import Path
 
 from flask import current_app
 from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
 
+from robotether_server.front import Front
 from robotether_server.settings import JoinSettings
 from robotether_server.store import Database
 from robotether_server.tickets import TicketSigner
@@ -20,6 +22,8 @@ class Parts:
     database: Database
     signer: TicketSigner
     join: JoinSettings
+    front: Front
+    agent_files_dir: Path
     login_lifetime: dt.timedelta
 
 

@@ -1,0 +1,68 @@
+"""Serves what a robot installs itself from: the script, and the agent with the hashes of its files.
+
+Public, and the same for everybody. The image holds the files (images/server/Dockerfile); the manifest is
+written where the wheel is built. Must never serve a file that neither of the two routes names.
+"""
+
+import hashlib
+from http import HTTPStatus
+
+from flask import Blueprint, Response, request
+
+from robotether_server.problems import HttpProblem
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("installer", __name__)
+
+SCRIPT = "join.sh"
+MANIFEST = "manifest"
+TEXT = "text/plain; charset=utf-8"
+
+
+@blueprint.get("/join.sh")
+def script() -> Response:
+    """Send the installer."""
+    return _send(SCRIPT, "text/x-shellscript; charset=utf-8")
+
+
+@blueprint.get("/agent/manifest")
+def manifest() -> Response:
+    """List what else is under /agent/, a line a file, as sha256sum prints it."""
+    return _send(MANIFEST, TEXT)
+
+
+@blueprint.get("/agent/<name>")
+def agent_file(name: str) -> Response:
+    """Send one of the listed files."""
+    if name not in listed(_read(MANIFEST).decode()):
+        raise HttpProblem(
+            HTTPStatus.NOT_FOUND, f"cannot send {name}: /agent/manifest does not list it"
+        )
+    kind = TEXT if name.endswith(".txt") else "application/octet-stream"
+    return _send(name, kind)
+
+
+def listed(text: str) -> dict[str, str]:
+    """Return the SHA-256 of each file of a manifest, by name."""
+    pairs = (line.split("  ", 1) for line in text.splitlines())
+    return {name: digest for digest, name in pairs}
+
+
+def _read(name: str) -> bytes:
+    try:
+        return (parts().agent_files_dir / name).read_bytes()
+    except FileNotFoundError as error:
+        raise HttpProblem(
+            HTTPStatus.NOT_FOUND,
+            f"cannot send {name}: this server was started outside of its image, which holds it",
+        ) from error
+
+
+def _send(name: str, kind: str) -> Response:
+    data = _read(name)
+    response = Response(data, content_type=kind)
+    # Kept, but asked for anew each time, so that script, manifest and files fit each other.
+    response.cache_control.no_cache = True
+    response.set_etag(hashlib.sha256(data).hexdigest())
+    response.make_conditional(request)
+    return response

@@ -1,0 +1,68 @@
+"""What a robot installs itself from: open to everybody, and nothing but what the manifest lists."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from robotether_server.settings import WebSettings
+from robotether_server.web.installer import listed
+from web_visitor import Browser
+
+WHEEL = "robotether_agent-0.1.0-py3-none-any.whl"
+CONTENTS = {WHEEL: b"PK\x03\x04wheel", "requirements.txt": b"aiohttp==3\n"}
+
+
+@pytest.fixture
+def folder(web_settings: WebSettings) -> Path:
+    """The folder as the image has it, with a file beside that nobody asked to publish."""
+    made = web_settings.agent_files_dir
+    made.mkdir()
+    for name, content in CONTENTS.items():
+        (made / name).write_bytes(content)
+    lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in CONTENTS.items()]
+    (made / "manifest").write_text("".join(lines))
+    (made / "join.sh").write_text("#!/bin/sh\necho 'Grüße'\n")
+    (made / "secret").write_text("not listed")
+    return made
+
+
+def test_script_is_text_for_curl(program: Browser, folder: Path) -> None:
+    """In UTF-8, and never a page."""
+    answer = program.ask("GET", "/join.sh")
+    assert (answer.status_code, answer.data) == (200, (folder / "join.sh").read_bytes())
+    assert answer.content_type == "text/x-shellscript; charset=utf-8"
+
+
+def test_listed_files_have_the_listed_hashes(program: Browser, folder: Path) -> None:
+    """A robot fetches the manifest, then each file, and compares."""
+    manifest = program.ask("GET", "/agent/manifest")
+    assert manifest.content_type == "text/plain; charset=utf-8"
+    names = listed(manifest.text)
+    assert set(names) == set(CONTENTS)
+    for name, digest in names.items():
+        assert hashlib.sha256(program.ask("GET", f"/agent/{name}").data).hexdigest() == digest
+
+
+@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", f"/agent/{WHEEL}"])
+def test_caches_ask_again(program: Browser, folder: Path, path: str) -> None:
+    """After an upgrade no cache mixes old and new files; what is the same is not sent again."""
+    answer = program.ask("GET", path)
+    assert answer.headers["Cache-Control"] == "no-cache"
+    again = program.ask("GET", path, headers={"If-None-Match": answer.headers["ETag"]})
+    assert (again.status_code, again.data) == (304, b"")
+
+
+@pytest.mark.parametrize("name", ["secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"])
+def test_nothing_else_is_served(program: Browser, folder: Path, name: str) -> None:
+    """Only what the manifest lists."""
+    assert program.ask("GET", f"/agent/{name}").status_code == 404
+
+
+@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", "/agent/requirements.txt"])
+def test_server_outside_of_its_image_says_so(program: Browser, path: str) -> None:
+    """404 with a sentence, not a mistake of the server."""
+    answer = program.ask("GET", path)
+    assert answer.status_code == 404
+    assert "outside of its image" in answer.text
