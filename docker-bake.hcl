@@ -38,6 +38,19 @@ target "sim_robot" {
   tags       = ["robotether/sim_robot:${TAG}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
+target "agent" {
+  context    = "."
+  dockerfile = "images/agent/Dockerfile"
+  tags       = ["robotether/agent:${TAG}"]
+  secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
+# The computer of a robot, for the tests of playbooks and installer.
+target "robot_host" {
+  context    = "."
+  dockerfile = "images/robot_host/Dockerfile"
+  tags       = ["robotether/robot_host:${TAG}"]
+  secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
 target "frontend_test" {
   inherits = ["server"]
   target   = "bundle"

@@ -1,0 +1,243 @@
+"""Robots' computers for the tests of playbooks and installer: Debian with systemd, booted in a container.
+
+A host has SSH, Python and a simulated ROS (images/robot_host), an interface with a MAC of a maker, and no agent. It
+reaches the server that is published on this machine as `cloud`, and the internet as this machine does.
+
+    with RobotHosts(tmp_path) as hosts:
+        turtle = hosts.boot("turtle")
+        turtle.run("systemctl is-active ssh")
+        turtle.reboot()
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shlex
+import socket
+import subprocess
+import tarfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import docker
+from docker.models.containers import Container
+from local_network import free_port
+
+ROOT = Path(__file__).resolve().parents[2]
+PREFIX = f"robot-host-{os.getpid()}"
+IMAGE = "robotether/robot_host:dev"
+USER = "pi"
+# In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
+CA_BUNDLE = "/etc/ssl/site-ca.pem"
+PIP_CACHE = "/var/cache/pip"
+# What systemd needs beyond Docker's usual: to mount, and its own control group, on cgroup v1 and v2.
+SYSTEMD: dict[str, Any] = {
+    "cap_add": ["SYS_ADMIN", "NET_ADMIN"],
+    "security_opt": ["seccomp=unconfined"],
+    "tmpfs": {"/run": "", "/run/lock": ""},
+    "cgroupns": "host",
+    "tty": True,
+}
+T = TypeVar("T")
+
+
+class CommandFailed(AssertionError):
+    """A command on a host ended with an error; the text has what it printed."""
+
+
+def newer_systemd_boots() -> bool:
+    """Tell whether systemd 257 (Debian 13) can boot in a container here: it needs the host's cgroup v2."""
+    return Path("/sys/fs/cgroup/cgroup.controllers").exists()
+
+
+@dataclass
+class RobotHost:
+    """One booted host. `ssh_port` is on this machine's 127.0.0.1."""
+
+    name: str
+    mac: str
+    ssh_port: int
+    container: Container
+    key: Path
+
+    def run(self, command: str, *, check: bool = True, stdin: str | None = None) -> str:
+        """Run a shell command as root and return what it printed; CommandFailed when it fails."""
+        script = command if stdin is None else f"{command} <<'END_OF_INPUT'\n{stdin}\nEND_OF_INPUT"
+        status, output = self.container.exec_run(["bash", "-c", script])
+        printed = output.decode(errors="replace")
+        if check and status != 0:
+            raise CommandFailed(f"{self.name}: {command!r} exited {status}\n{printed}")
+        return printed
+
+    def succeeds(self, command: str) -> bool:
+        """Tell whether a shell command, run as root, exits with 0."""
+        return bool(self.container.exec_run(["bash", "-c", command]).exit_code == 0)
+
+    def put(self, content: bytes, path: str, mode: int = 0o644) -> None:
+        """Write a file of root's."""
+        buffer = io.BytesIO()
+        with tarfile.open(fileobj=buffer, mode="w") as archive:
+            entry = tarfile.TarInfo(path.lstrip("/"))
+            entry.size, entry.mode = len(content), mode
+            archive.addfile(entry, io.BytesIO(content))
+        assert self.container.put_archive("/", buffer.getvalue())
+
+    def reboot(self) -> None:
+        """Switch it off and on in an orderly way; returns when the power is on, not when it has booted."""
+        self.container.restart(timeout=30)
+
+    def switch_off(self) -> None:
+        """Cut the power."""
+        self.container.kill()
+
+    def switch_on(self) -> None:
+        """Give it power again."""
+        self.container.start()
+
+    def wait_booted(self, seconds: float = 60) -> None:
+        """Wait until systemd has started everything and SSH answers."""
+        self.wait("systemd running", lambda: self.succeeds("systemctl is-system-running"), seconds)
+        self.wait("SSH answers", self._greets, seconds)
+
+    def wait(self, what: str, condition: Callable[[], T | None], seconds: float = 30) -> T:
+        """Wait until the condition gives something true; on a time-out show the host's journal."""
+        end = time.monotonic() + seconds
+        while not (got := condition()):
+            if time.monotonic() > end:
+                journal = self.run("journalctl --no-pager -n 60; systemctl --failed", check=False)
+                raise AssertionError(
+                    f"after {seconds} s still not: {what} on {self.name}\n{journal}"
+                )
+            time.sleep(0.1)
+        return got
+
+    @property
+    def ssh(self) -> list[str]:
+        """The command that logs in as the user who may use sudo; append a command for the host."""
+        options = ["StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "LogLevel=ERROR"]
+        quiet = [word for option in options for word in ("-o", option)]
+        return [
+            "ssh",
+            *quiet,
+            "-i",
+            str(self.key),
+            "-p",
+            str(self.ssh_port),
+            f"{USER}@127.0.0.1",
+        ]
+
+    def inventory_line(self, **variables: str) -> str:
+        """Return this host's line of an Ansible inventory."""
+        ours = {
+            "ansible_host": "127.0.0.1",
+            "ansible_port": str(self.ssh_port),
+            "ansible_user": USER,
+            "ansible_ssh_private_key_file": str(self.key),
+            # A robot's host key is pinned by its first login; these hosts are new each time, at the same address.
+            "ansible_ssh_common_args": "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null",
+            **variables,
+        }
+        return " ".join(
+            [self.name, *(f"{key}={shlex.quote(value)}" for key, value in ours.items())]
+        )
+
+    def _greets(self) -> bool:
+        try:
+            with socket.create_connection(("127.0.0.1", self.ssh_port), timeout=2) as connection:
+                return connection.recv(4) == b"SSH-"
+        except OSError:
+            return False
+
+
+@dataclass
+class RobotHosts:
+    """The hosts of one test module, on a network of their own; all are removed at the end."""
+
+    folder: Path
+    engine: docker.DockerClient = field(default_factory=docker.from_env)
+    booted: list[RobotHost] = field(default_factory=list)
+
+    def __enter__(self) -> Self:
+        self.network = self.engine.networks.create(f"{PREFIX}-{id(self)}", driver="bridge")
+        self.key = self.folder / "robot_hosts_key"
+        command = [
+            "ssh-keygen",
+            "-q",
+            "-t",
+            "ed25519",
+            "-N",
+            "",
+            "-C",
+            "ansible",
+            "-f",
+            str(self.key),
+        ]
+        subprocess.run(command, check=True, timeout=20)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for host in self.booted:
+            self.remove(host)
+        self.network.remove()
+
+    @property
+    def server_host(self) -> str:
+        """The address of this machine that both its own programs and the hosts reach."""
+        return str(
+            self.engine.networks.get("bridge").attrs["IPAM"]["Config"][0].get("Gateway")
+            or "172.17.0.1"
+        )
+
+    def boot(
+        self, name: str, *, image: str = IMAGE, mac: str | None = None, **options: Any
+    ) -> RobotHost:
+        """Boot a new host and wait until it takes logins; `options` go to Docker, `mac` is eth0's."""
+        mac = mac or self._next_mac()
+        ssh_port = free_port()
+        container = self.engine.containers.create(
+            image,
+            name=f"{PREFIX}-{name}-{ssh_port}",
+            hostname=name,
+            extra_hosts={"cloud": "host-gateway"},
+            ports={"22/tcp": ("127.0.0.1", ssh_port)},
+            mac_address=mac,
+            network=self.network.name,
+            volumes={
+                "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
+                "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
+            },
+            **{**SYSTEMD, **options},
+        )
+        host = RobotHost(name, mac, ssh_port, container, self.key)
+        self.booted.append(host)
+        container.start()
+        self._let_in(host)
+        host.wait_booted()
+        return host
+
+    def remove(self, host: RobotHost) -> None:
+        """Throw a host away."""
+        host.container.remove(force=True, v=True)
+
+    def _let_in(self, host: RobotHost) -> None:
+        public = self.key.with_suffix(".pub").read_bytes()
+        host.put(public, "/home/pi/.ssh/authorized_keys")
+        host.run(f"chown {USER}:{USER} /home/{USER}/.ssh/authorized_keys")
+        bundle = os.environ.get("SSL_CERT_FILE") or "/etc/ssl/certs/ca-certificates.crt"
+        if Path(bundle).exists():
+            host.put(Path(bundle).read_bytes(), CA_BUNDLE)
+
+    def _next_mac(self) -> str:
+        """A MAC as a network card's maker gives it, another one for each host of this run."""
+        number = os.getpid() % 0x10000 * 0x100 + len(self.booted) + 1
+        return f"00:1b:44:{number >> 16 & 255:02x}:{number >> 8 & 255:02x}:{number & 255:02x}"
