@@ -1,0 +1,13 @@
+"""The REST API under /api/v1, for pages, programs and robots; a module a resource, all on one blueprint.
+
+docs/protocols.md says what they agree on, and openapi/ every path in full. The handlers read fields and
+write objects; what may be done and what it changes is decided in `administration` and `joining`.
+"""
+
+from robotether_server.web.api import description, join, me, robots, tickets
+from robotether_server.web.api.blueprint import blueprint
+
+# Each puts its paths on the blueprint when it is loaded.
+RESOURCES = (description, join, me, robots, tickets)
+
+__all__ = ["RESOURCES", "blueprint"]

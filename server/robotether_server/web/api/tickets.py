@@ -1,0 +1,42 @@
+"""/api/v1/tickets: permissions to open one WebSocket, which the relay verifies by itself."""
+
+from http import HTTPStatus
+
+from flask import Response, jsonify, request
+
+from robotether_server.problems import GrantMissing, RobotUnknown
+from robotether_server.store import grants, robots
+from robotether_server.tickets import MODES, Ticket, new_id
+from robotether_server.web import access, fields
+from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.parts import parts
+
+LONGEST_NAME = 63
+
+
+@blueprint.post("/tickets")
+def create_ticket() -> tuple[Response, int]:
+    """Sign a ticket for one WebSocket to one robot, if the user's grant includes the mode."""
+    with parts().database.transaction() as tx:
+        user = access.api_user(tx, request)
+        body = fields.json_object(request)
+        name = fields.text(body, "robot", LONGEST_NAME)
+        mode = fields.choice(body, "mode", MODES)
+        seen = robots.find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
+    if not grants.includes(seen.level, mode):
+        raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
+    signer = parts().signer
+    kind, sha256 = access.credential_of(request)
+    text = signer.sign(
+        Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode, kind, sha256)
+    )
+    ticket = {
+        "ticket": text,
+        "robot": name,
+        "mode": mode,
+        "expires_in_s": signer.ttl_s,
+        "ros_url": f"/robots/{name}/ros?ticket={text}",
+    }
+    return jsonify(ticket), HTTPStatus.CREATED
