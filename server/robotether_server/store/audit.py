@@ -32,6 +32,19 @@ class Event:
 
 
 @dataclass(frozen=True)
+class AuditEvent:
+    """One event of the log as an admin reads it."""
+
+    id: int
+    at: dt.datetime
+    actor: str
+    kind: str
+    robot: str | None
+    address: str | None
+    details: dict[str, object]
+
+
+@dataclass(frozen=True)
 class Occurrence:
     """One event that was found: what, whose, when."""
 
@@ -53,6 +66,27 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
             json.dumps(event.details),
         ),
     )
+
+
+def find(
+    tx: Transaction,
+    *,
+    robot: str | None = None,
+    actor: str | None = None,
+    kind: str | None = None,
+    before: int | None = None,
+    limit: int = 100,
+) -> list[AuditEvent]:
+    """Return the events that fit all that is given, the newest first; `before` is the id to go on from."""
+    given = {"robot = %s": robot, "actor = %s": actor, "kind = %s": kind, "id < %s": before}
+    asked = {condition: value for condition, value in given.items() if value is not None}
+    rows = tx.rows(
+        "SELECT id, at, actor, kind, robot, address, details FROM audit_events WHERE "  # noqa: S608 - the conditions are the module's own
+        + " AND ".join(("TRUE", *asked))
+        + " ORDER BY id DESC LIMIT %s",
+        (*asked.values(), limit),
+    )
+    return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
 
 
 def recent_from(

@@ -34,3 +34,8 @@ def find_user(tx: Transaction, text: str) -> User | None:
 def end(tx: Transaction, text: str) -> bool:
     """Log out; return whether there was such a login."""
     return bool(tx.change("DELETE FROM logins WHERE token_hash = %s", (digests.digest(text),)))
+
+
+def end_all(tx: Transaction, user_id: int) -> int:
+    """Log a user out everywhere; return how many logins ended."""
+    return tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))

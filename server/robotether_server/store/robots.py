@@ -1,6 +1,6 @@
 """Robots: their records, and the fleet as one user may see it.
 
-Written by web (join) and cli. The database itself normalises MACs and allots ports.
+Written by joins and administration. The database itself normalises MACs and allots ports.
 """
 
 import datetime as dt
@@ -18,7 +18,8 @@ State = Literal["pending", "active", "disabled"]
 
 COLUMNS = (
     "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
-    "r.hostname, r.agent_version, r.join_address, r.joined_at"
+    "r.hostname, r.agent_version, r.join_address, r.joined_at, r.public_key, r.stranger, r.had_key, "
+    "r.shell, r.shell_port, r.rotate_requested_at"
 )
 SELECT = f"SELECT {COLUMNS} FROM robots r "  # noqa: S608 - the module's own text
 # The newest session tells presence: one that has not ended is a robot that is online.
@@ -26,6 +27,8 @@ SELECT_SEEN = (
     f"SELECT {COLUMNS}, "  # noqa: S608 - the module's own text
     "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
     "COALESCE(s.ended_at, s.started_at) AS since, "
+    "COALESCE(s.address, r.join_address) AS seen_address, "
+    "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
     "IF(%(admin)s, 'manage', g.level) AS level "
     "FROM robots r "
     "LEFT JOIN robot_sessions s "
@@ -49,6 +52,7 @@ class Robot:
     """One robot's record.
 
     No fingerprint: it has not shown a key yet; `report` and `joined_at` tell of the join that did.
+    `is_stranger`: no admin announced it or has dealt with it. `had_key`: this or another key stood here once.
     """
 
     id: int
@@ -61,16 +65,35 @@ class Robot:
     settings: dict[str, Any] = field(hash=False)
     report: Report | None = None
     joined_at: dt.datetime | None = None
+    public_key: str | None = None
+    is_stranger: bool = False
+    had_key: bool = False
+    shell: bool = False
+    shell_port: int | None = None
+    rotate_requested_at: dt.datetime | None = None
+
+    @property
+    def key(self) -> PublicKey | None:
+        """The key that stands in the row, be it approved or not."""
+        if self.public_key is None or self.fingerprint is None:
+            return None
+        return PublicKey(self.public_key, self.fingerprint)
 
 
 @dataclass(frozen=True)
 class SeenRobot:
-    """A robot as one user sees it. `since`: the last change of `online`; None: never seen."""
+    """A robot as one user sees it.
+
+    `since`: the last change of `online`; None: never seen. `address` and `agent_version` are the newest
+    session's, or else the join's.
+    """
 
     robot: Robot
     online: bool
     since: dt.datetime | None
     level: Level
+    address: str | None = None
+    agent_version: str | None = None
 
 
 def _robot(row: Row) -> Robot:
@@ -85,6 +108,12 @@ def _robot(row: Row) -> Robot:
         settings=json.loads(row["settings"]),
         report=_report(row),
         joined_at=row["joined_at"],
+        public_key=row["public_key"],
+        is_stranger=bool(row["stranger"]),
+        had_key=bool(row["had_key"]),
+        shell=bool(row["shell"]),
+        shell_port=row["shell_port"],
+        rotate_requested_at=row["rotate_requested_at"],
     )
 
 
@@ -95,7 +124,14 @@ def _report(row: Row) -> Report | None:
 
 
 def _seen(row: Row) -> SeenRobot:
-    return SeenRobot(_robot(row), bool(row["online"]), row["since"], row["level"])
+    return SeenRobot(
+        robot=_robot(row),
+        online=bool(row["online"]),
+        since=row["since"],
+        level=row["level"],
+        address=row["seen_address"],
+        agent_version=row["seen_version"],
+    )
 
 
 def list_seen(tx: Transaction, user: User) -> list[SeenRobot]:
@@ -129,6 +165,26 @@ def find_by_mac(tx: Transaction, mac: str) -> Robot | None:
     """Return the robot of that MAC, locked until the transaction ends."""
     row = tx.row(SELECT + "WHERE r.mac = %s FOR UPDATE", (mac,))
     return _robot(row) if row else None
+
+
+def find_by_key(tx: Transaction, fingerprint: str) -> Robot | None:
+    """Return the robot whose row holds that key, locked until the transaction ends."""
+    row = tx.row(SELECT + "WHERE r.fingerprint = %s FOR UPDATE", (fingerprint,))
+    return _robot(row) if row else None
+
+
+def peek_by_mac(tx: Transaction, mac: str) -> Robot | None:
+    """Return the robot of that MAC without locking it."""
+    row = tx.row(SELECT + "WHERE r.mac = %s", (mac,))
+    return _robot(row) if row else None
+
+
+def list_waiting(tx: Transaction) -> list[Robot]:
+    """Return the robots whose key waits for approval, the oldest first."""
+    rows = tx.rows(
+        SELECT + "WHERE r.state = 'pending' AND r.fingerprint IS NOT NULL ORDER BY r.joined_at, r.id"
+    )
+    return [_robot(row) for row in rows]
 
 
 def name_is_taken(tx: Transaction, name: str) -> bool:
@@ -180,10 +236,13 @@ def set_state(tx: Transaction, robot_id: int, state: State) -> None:
 
 
 def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> None:
-    """Write down the key that a robot showed, and what it told with it. Raises RecordExists."""
+    """Write down the key that a robot showed, and what it told with it. Raises RecordExists.
+
+    What logged in with an earlier key ends; `rotate_key` is for a key whose connections live on.
+    """
     tx.change(
         "UPDATE robots SET public_key = %s, fingerprint = %s, joined_at = CURRENT_TIMESTAMP(6), "
-        "hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
+        "previous_fingerprint = NULL, rotate_requested_at = NULL, hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
         (
             key.line,
             key.fingerprint,
@@ -195,13 +254,71 @@ def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> N
     )
 
 
+def rotate_key(tx: Transaction, robot_id: int, key: PublicKey) -> None:
+    """Put a new key in place of the robot's own, whose connections live on. Raises RecordExists."""
+    tx.change(
+        # Set from left to right: the first takes the old key's fingerprint.
+        "UPDATE robots SET previous_fingerprint = fingerprint, fingerprint = %s, public_key = %s, "
+        "rotate_requested_at = NULL WHERE id = %s",
+        (key.fingerprint, key.line, robot_id),
+    )
+
+
+def request_rotation(tx: Transaction, robot_id: int) -> None:
+    """Note that the robot is to make a new key; the relay passes it on."""
+    tx.change(
+        "UPDATE robots SET rotate_requested_at = CURRENT_TIMESTAMP(6) WHERE id = %s", (robot_id,)
+    )
+
+
 def forget_key(tx: Transaction, robot_id: int) -> None:
     """Forget the key and the join that brought it, so that the next join brings another."""
     tx.change(
         "UPDATE robots SET public_key = NULL, fingerprint = NULL, joined_at = NULL, "
+        "previous_fingerprint = NULL, rotate_requested_at = NULL, "
         "hostname = NULL, agent_version = NULL, join_address = NULL, stranger = FALSE WHERE id = %s",
         (robot_id,),
     )
+
+
+def rename(tx: Transaction, robot_id: int, name: str) -> None:
+    """Give the robot another name. Raises RecordExists or RecordRefused."""
+    try:
+        tx.change("UPDATE robots SET name = %s WHERE id = %s", (name, robot_id))
+    except RecordExists as error:
+        raise RecordExists(
+            f"cannot use the name {name}: another robot has it", error.key
+        ) from error
+
+
+def set_mac(tx: Transaction, robot_id: int, mac: str) -> None:
+    """Give the robot another MAC. Raises RecordExists or RecordRefused."""
+    try:
+        tx.change("UPDATE robots SET mac = %s WHERE id = %s", (mac, robot_id))
+    except RecordExists as error:
+        raise RecordExists(f"cannot use the MAC {mac}: another robot has it", error.key) from error
+
+
+def set_ports(tx: Transaction, robot_id: int, ros: int | None, video: int | None) -> None:
+    """Move the robot to these ports; to another free pair with None for both. Raises RecordRefused."""
+    try:
+        tx.change(
+            "UPDATE robots SET ros_port = %s, video_port = %s WHERE id = %s", (ros, video, robot_id)
+        )
+    except RecordExists as error:
+        raise RecordExists(
+            f"cannot use the ports {ros} and {video}: another robot has one of them", error.key
+        ) from error
+
+
+def set_shell(tx: Transaction, robot_id: int, *, on: bool) -> None:
+    """Allot the robot a port for a shell, or free it. Raises RecordRefused."""
+    tx.change("UPDATE robots SET shell = %s WHERE id = %s", (on, robot_id))
+
+
+def set_settings(tx: Transaction, robot_id: int, settings: dict[str, Any]) -> None:
+    """Replace the robot's settings."""
+    tx.change("UPDATE robots SET settings = %s WHERE id = %s", (json.dumps(settings), robot_id))
 
 
 def remove(tx: Transaction, robot_id: int) -> None:

@@ -1,4 +1,4 @@
-"""API tokens: what programs of a user log in with. Written by the cli.
+"""API tokens: what programs of a user log in with. Written by administration.
 
 The relay reads them through the view relay_tokens.
 """
@@ -12,12 +12,17 @@ from robotether_server.store.database import Transaction
 from robotether_server.store.users import User
 
 PREFIX = "rt_"
+SELECT = (
+    "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at "
+    "FROM api_tokens t JOIN users u ON u.id = t.user_id "
+)
 
 
 @dataclass(frozen=True)
 class Token:
     """What may be told about a token; its text is known only to who asked for it."""
 
+    id: int
     user: str
     name: str
     created_at: dt.datetime
@@ -52,13 +57,26 @@ def find_user(tx: Transaction, text: str) -> User | None:
 
 def list_all(tx: Transaction) -> list[Token]:
     """Return every token, by user and name."""
-    rows = tx.rows(
-        "SELECT u.name AS user_name, t.name, t.created_at, t.expires_at "
-        "FROM api_tokens t JOIN users u ON u.id = t.user_id ORDER BY u.name, t.name"
-    )
-    return [
-        Token(row["user_name"], row["name"], row["created_at"], row["expires_at"]) for row in rows
-    ]
+    return [Token(**row) for row in tx.rows(SELECT + "ORDER BY u.name, t.name")]
+
+
+def list_of(tx: Transaction, user: User) -> list[Token]:
+    """Return the user's tokens, by name."""
+    rows = tx.rows(SELECT + "WHERE t.user_id = %s ORDER BY t.name", (user.id,))
+    return [Token(**row) for row in rows]
+
+
+def get(tx: Transaction, token_id: int) -> Token:
+    """Return the token of that id; raise RecordMissing."""
+    row = tx.row(SELECT + "WHERE t.id = %s", (token_id,))
+    if row is None:
+        raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
+    return Token(**row)
+
+
+def delete_by_id(tx: Transaction, token_id: int) -> None:
+    """Delete a token."""
+    tx.change("DELETE FROM api_tokens WHERE id = %s", (token_id,))
 
 
 def delete(tx: Transaction, user: User, name: str) -> None:

@@ -1,4 +1,4 @@
-"""Users: who may log in. Written by the cli; read by web."""
+"""Users: who may log in. Written by administration; read by web."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -80,3 +80,19 @@ def set_disabled(tx: Transaction, user_id: int, *, disabled: bool) -> None:
     tx.change("UPDATE users SET disabled = %s WHERE id = %s", (disabled, user_id))
     if disabled:
         tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))
+
+
+def set_role(tx: Transaction, user_id: int, role: Role) -> None:
+    """Make a user an admin, or an admin a user."""
+    tx.change("UPDATE users SET role = %s WHERE id = %s", (role, user_id))
+
+
+def remove(tx: Transaction, user_id: int) -> None:
+    """Remove a user with logins, tokens, keys and grants."""
+    tx.change("DELETE FROM users WHERE id = %s", (user_id,))
+
+
+def enabled_admins(tx: Transaction) -> list[str]:
+    """Return the names of those who can administer this site, locked until the transaction ends."""
+    rows = tx.rows("SELECT name FROM users WHERE role = 'admin' AND NOT disabled FOR UPDATE")
+    return [row["name"] for row in rows]

@@ -1,0 +1,102 @@
+"""Keys that wait for an admin, and those that one turned away."""
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import Literal
+
+from robotether_server.store import Transaction, audit, claims, robots
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.claims import Claim
+from robotether_server.store.robots import Robot
+
+Reason = Literal["approval_pending", "mac_in_use"]
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """A key that waits; with `mac_in_use` the robot goes on with another key meanwhile."""
+
+    robot: str
+    mac: str
+    hostname: str
+    address: str
+    fingerprint: str
+    agent_version: str
+    joined_at: dt.datetime
+    reason: Reason
+
+
+@dataclass(frozen=True)
+class RejectedKey:
+    """A key that was turned away; `robot` is the name that its robot had then."""
+
+    id: int
+    fingerprint: str
+    robot: str
+    mac: str
+    hostname: str
+    address: str
+    rejected_at: dt.datetime
+    rejected_by: str
+
+
+def waiting(tx: Transaction) -> list[Waiting]:
+    """Return every key that waits, the oldest first."""
+    own = [_of_robot(robot) for robot in robots.list_waiting(tx)]
+    claimed = [_of_claim(claim) for claim in claims.waiting(tx)]
+    return sorted((*own, *claimed), key=lambda one: one.joined_at)
+
+
+def rejected(tx: Transaction) -> list[RejectedKey]:
+    """Return every key that was turned away, the newest first."""
+    return [_rejected(claim) for claim in claims.rejected(tx)]
+
+
+def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
+    """Let a rejected key ask again, and return it; raise RecordMissing."""
+    claim = claims.get_rejected(tx, rejected_id)
+    claims.remove(tx, claim.id)
+    details: dict[str, object] = {"mac": claim.mac, "fingerprint": claim.key.fingerprint}
+    audit.record(tx, source, Event("key_forgiven", claim.robot, details))
+    return _rejected(claim)
+
+
+def _of_robot(robot: Robot) -> Waiting:
+    report = robot.report
+    return Waiting(
+        robot=robot.name,
+        mac=robot.mac,
+        hostname=report.hostname if report else "",
+        address=report.address if report else "",
+        fingerprint=robot.fingerprint or "",
+        agent_version=report.agent_version if report else "",
+        # A key that somebody wrote by SQL came with no join.
+        joined_at=robot.joined_at or dt.datetime.fromtimestamp(0, dt.UTC),
+        reason="approval_pending",
+    )
+
+
+def _of_claim(claim: Claim) -> Waiting:
+    return Waiting(
+        robot=claim.robot,
+        mac=claim.mac,
+        hostname=claim.report.hostname,
+        address=claim.report.address,
+        fingerprint=claim.key.fingerprint,
+        agent_version=claim.report.agent_version,
+        joined_at=claim.claimed_at,
+        reason="mac_in_use",
+    )
+
+
+def _rejected(claim: Claim) -> RejectedKey:
+    return RejectedKey(
+        id=claim.id,
+        fingerprint=claim.key.fingerprint,
+        robot=claim.robot,
+        mac=claim.mac,
+        hostname=claim.report.hostname,
+        address=claim.report.address,
+        rejected_at=claim.rejected_at or claim.claimed_at,
+        rejected_by=claim.rejected_by or "",
+    )

@@ -1,0 +1,61 @@
+"""Who vouches for a robot that joins: an admin, by login or API token, or a join token.
+
+Used by joins and by PUT /api/v1/robots/NAME. Reveals nothing about tokens that do not hold.
+"""
+
+import datetime as dt
+from dataclasses import dataclass
+
+from robotether_server.problems import GrantMissing, TokenExpired, TokenInvalid
+from robotether_server.store import Transaction, join_tokens, tokens
+from robotether_server.store.join_tokens import JoinToken
+from robotether_server.store.users import User
+
+ROBOT = "robot"
+
+
+@dataclass(frozen=True)
+class Vouch:
+    """`actor` stands in the audit log; `token`: the join token that a use is counted of, if it is one."""
+
+    actor: str
+    token: JoinToken | None = None
+
+    @property
+    def details(self) -> dict[str, object]:
+        """What the audit log has beside the actor."""
+        if self.token is None:
+            return {"by": "admin"}
+        return {"by": "join token", "token": self.token.name}
+
+
+def find(tx: Transaction, text: str) -> Vouch:
+    """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
+
+    A join token that is used up still tells who asks: a use is counted when it lets a robot in.
+    """
+    if text.startswith(join_tokens.PREFIX):
+        return Vouch(ROBOT, _join_token(tx, text))
+    user = tokens.find_user(tx, text)
+    if user is None:
+        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+    return of_admin(user)
+
+
+def of_admin(user: User) -> Vouch:
+    """Return an admin as who vouches; raise GrantMissing for another user."""
+    if not user.is_admin:
+        raise GrantMissing("cannot let a robot in with this token: it must be one of an admin")
+    return Vouch(user.name)
+
+
+def _join_token(tx: Transaction, text: str) -> JoinToken:
+    token = join_tokens.find(tx, text)
+    if token is None:
+        raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
+    if token.expires_at <= dt.datetime.now(dt.UTC):
+        raise TokenExpired(
+            f"cannot accept the join token: its time was over at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
+            "make another"
+        )
+    return token

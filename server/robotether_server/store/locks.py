@@ -1,0 +1,20 @@
+"""Makes all enrolments take turns: joins, and what admins do to robots' rows and keys.
+
+A join asks for rows that do not exist yet and a key must be unique across two tables. With row locks alone two
+robots of one maker that join at once would wait for each other's gap between two MACs and one of them be
+thrown out; with this lock each finds what the one before it left. Who needs it takes it first, before any row.
+"""
+
+from robotether_server.problems import StoreUnavailable
+from robotether_server.store.database import Transaction
+
+WAIT_S = 10
+
+
+def enrolment(tx: Transaction) -> None:
+    """Hold the lock until the transaction's connection closes, after its commit. Raises StoreUnavailable."""
+    row = tx.row("SELECT GET_LOCK('robotether.enrolment', %s) AS held", (WAIT_S,))
+    if not row or row["held"] != 1:
+        raise StoreUnavailable(
+            f"cannot change robots: others have been at it for {WAIT_S} s; try again shortly"
+        )
