@@ -16,7 +16,7 @@ from robotether_agent.backoff import Backoff
 from robotether_agent.connection import Role, run_connection
 from robotether_agent.enroller import Enroller
 from robotether_agent.enrolment import Enrolment
-from robotether_agent.files import ensure_directory, only_one
+from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.health import Health
 from robotether_agent.keys import KeyPair
 from robotether_agent.notify import Notifier
@@ -51,7 +51,7 @@ class Agent:
     async def run(self) -> None:
         """Keep the robot connected."""
         ensure_directory(self._settings.run_dir, "run_dir")
-        with only_one(self._settings.run_dir / "agent.lock"):
+        with only_one(self._settings.run_dir / LOCK):
             self._board.refresh()
             log.info("robotether-agent %s serves %s", __version__, self._settings.server)
             # Ready means running, not connected: the boot must not wait for a server that is down.
@@ -79,8 +79,9 @@ class Agent:
 
     async def _session_attempt(self, uptime: Uptime) -> None:
         key = await self._enroller.key()
+        shown = await self._enroller.next_key() or key
         # While the robot waits for its approval, the admin compares this with what the server got.
-        self._board.set(fingerprint=key.fingerprint)
+        self._board.set(fingerprint=shown.fingerprint)
         enrolment = await self._enroller.enrolment(key)
         self._board.set(state="connecting", robot=enrolment.robot)
         role = Role(

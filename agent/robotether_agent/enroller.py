@@ -1,7 +1,8 @@
 """Makes sure that this robot is enrolled: its key, its MAC, the join, the pinned host keys.
 
-Used by the agent before each connection. An enrolled robot connects without asking, so that it comes up
-fast and while the web is down; the server is asked again only when a connection gave a reason to.
+Used by the agent before each connection, and by `robotether-agent join`. An enrolled robot connects
+without asking, so that it comes up fast and while the web is down; the server is asked again only when a
+connection gave a reason to, or when this machine may be a copy of the robot.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ from __future__ import annotations
 import logging
 import socket
 from dataclasses import replace
+from pathlib import Path
 
-from robotether_agent import __version__
+from robotether_agent import __version__, keys
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.files import ensure_directory
-from robotether_agent.identity import find_mac
-from robotether_agent.join import Joined, JoinRequest, join
-from robotether_agent.keys import KeyPair, ensure_key
+from robotether_agent.join import Joined, JoinRequest, PreviousKey, join
+from robotether_agent.kept_identity import Identity, IdentityStore
+from robotether_agent.keys import KeyPair
 from robotether_agent.problems import (
     AnswerInvalid,
     JoinRefused,
@@ -25,9 +27,14 @@ from robotether_agent.problems import (
     TlsUntrusted,
 )
 from robotether_agent.settings import Settings
+from robotether_agent.supervisor import Repeats
 
 # Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
-TOKEN_USELESS = frozenset({"settings_invalid", "token_invalid", "grant_missing"})
+TOKEN_USELESS = frozenset(
+    {"settings_invalid", "token_invalid", "token_expired", "token_used_up", "grant_missing"}
+)
+# The server will never take this key: another one has to be made.
+NEXT_KEY_USELESS = frozenset({"key_rejected", "key_in_use"})
 # Faults of the web, or of this robot's own files: what was pinned is enough for the tunnel.
 HARMLESS_ONCE_ENROLLED = (
     ServerUnreachable,
@@ -43,65 +50,127 @@ log = logging.getLogger(__name__)
 class Enroller:
     """The way from a fresh robot to an enrolment."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, root: Path = Path("/")) -> None:
         self._settings = settings
         self._store = EnrolmentStore(settings.state_dir)
+        self._identities = IdentityStore(settings, root)
         self._doubted = False
+        # Whether the server knows since this start that the robot's MAC is on no interface of this machine.
+        self._vouched = False
+        self._absent_mac_told = False
+        self._repeats = Repeats()
         self.known_hosts = self._store.known_hosts
 
     async def key(self) -> KeyPair:
         """Return the robot's key, made now if there is none."""
         ensure_directory(self._settings.state_dir, "state_dir", 0o700)
-        return await ensure_key(self._settings.state_dir)
+        return await keys.ensure_key(self._settings.state_dir)
+
+    async def next_key(self) -> KeyPair | None:
+        """Return the key that is about to replace the other one, if a change has begun."""
+        return await keys.next_key(self._settings.state_dir)
+
+    def identity(self) -> Identity:
+        """Return the MAC that names this robot, and whether this machine has it."""
+        known = self._store.load(self._settings.server)
+        found = self._identities.identity(known.mac if known else None)
+        if not found.is_present and not self._absent_mac_told:
+            log.warning(
+                "no interface of this machine has the MAC %s (%s had it): this stays the same robot, and the "
+                "server is asked first; a copied disk becomes a robot of its own with: sudo robotether-agent forget",
+                found.mac,
+                found.interface or "another interface",
+            )
+        self._absent_mac_told = not found.is_present
+        return found
 
     async def enrolment(self, key: KeyPair) -> Enrolment:
         """Return what is known, or what the server answers to a join."""
+        identity = self.identity()
         known = self._store.load(self._settings.server)
-        if known is not None and not self._doubted:
+        # Only the server can tell a new network card from a copied disk.
+        may_be_copy = not (identity.is_present or self._vouched)
+        usable = known is not None and known.mac == identity.mac and not may_be_copy
+        if known is not None and usable and not self._doubted:
             return known
         try:
-            return await self._join(key, known)
+            return await self.join(key)
         except HARMLESS_ONCE_ENROLLED as problem:
-            if known is None:
+            if known is None or not usable:
                 raise
-            log.warning("%s", problem)
+            self._repeats.tell("join", problem)
             return known
 
-    async def _join(self, key: KeyPair, known: Enrolment | None) -> Enrolment:
-        """Ask the server and keep its answer; a host key that is not the pinned one is raised."""
-        settings = self._settings
-        mac = settings.mac or (known.mac if known else None)
-        if mac is None:
-            mac = find_mac(settings.interface, allow_local=settings.allow_local_mac)
-        answer = await self._ask(mac, key, is_enrolled=known is not None)
+    async def join(self, key: KeyPair) -> Enrolment:
+        """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
+        settings, identity = self._settings, self.identity()
+        known = self._store.load(settings.server)
+        answer = await self._ask(identity, key, is_enrolled=known is not None)
         if self._store.is_of_other_server(settings.server):
             log.warning(
                 "the settings name another server now, %s: pinning its host keys", settings.server
             )
-        enrolment = Enrolment(settings.server, answer.robot, mac, answer.ssh)
+        enrolment = Enrolment(settings.server, answer.robot, identity.mac, answer.ssh)
         self._store.keep(enrolment, answer.host_keys)
         self._doubted = False
+        self._vouched = not identity.is_present
+        self._repeats.forget()
         if enrolment != known:
-            log.info("%s knows this robot as %s (MAC %s)", settings.server, answer.robot, mac)
+            log.info(
+                "%s knows this robot as %s (MAC %s)", settings.server, answer.robot, identity.mac
+            )
         return enrolment
 
-    async def _ask(self, mac: str, key: KeyPair, *, is_enrolled: bool) -> Joined:
-        """Join with the token, and when only that is in the way of an enrolled robot, without it."""
-        request = JoinRequest(
-            mac=mac,
-            public_key=key.public,
-            hostname=socket.gethostname(),
-            agent_version=__version__,
-        )
-        try:
-            token = self._settings.join_token()
-            return await join(self._settings, replace(request, token=token))
-        except (SettingsInvalid, JoinRefused) as problem:
-            if not is_enrolled or problem.code not in TOKEN_USELESS:
-                raise
-            log.warning("%s; joining without the token", problem)
-        return await join(self._settings, request)
+    async def rotate(self) -> KeyPair:
+        """Give the robot another key, which the server takes in exchange for the old one; return it."""
+        key = await self.key()
+        coming = await keys.ensure_next_key(self._settings.state_dir)
+        log.info("the robot gets a new key: %s in place of %s", coming.fingerprint, key.fingerprint)
+        await self.join(key)
+        return await self.key()
 
     def doubt(self) -> None:
         """Ask the server before the next connection: its address or ports may have changed."""
         self._doubted = True
+
+    async def _ask(self, identity: Identity, key: KeyPair, *, is_enrolled: bool) -> Joined:
+        """Join with the next key if there is one; else with the token, if it is of use."""
+        request = JoinRequest(
+            mac=identity.mac,
+            public_key=key.public,
+            hostname=socket.gethostname(),
+            agent_version=__version__,
+            mac_present=identity.is_present,
+        )
+        coming = await self.next_key()
+        if coming is not None:
+            return await self._ask_with_next(request, key, coming)
+        try:
+            token = self._settings.join_token()
+            wish = self._settings.name if token else None
+            return await join(self._settings, replace(request, token=token, name=wish))
+        except (SettingsInvalid, JoinRefused) as problem:
+            if not is_enrolled or problem.code not in TOKEN_USELESS:
+                raise
+            self._repeats.tell("join without the token", problem)
+        return await join(self._settings, request)
+
+    async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:
+        """Join with the key that is to replace `key`; also after a power cut between any two of these steps."""
+        signature = await keys.sign(key, f"{request.mac} {coming.public}\n")
+        proof = PreviousKey(key.fingerprint, signature)
+        try:
+            answer = await join(
+                self._settings, replace(request, public_key=coming.public, previous_key=proof)
+            )
+        except JoinRefused as problem:
+            if problem.code in NEXT_KEY_USELESS:
+                keys.discard_next(self._settings.state_dir)
+            raise
+        try:
+            keys.promote(self._settings.state_dir)
+            log.info("the server has the robot's new key %s", coming.fingerprint)
+        except StateUnusable as problem:
+            # Both keys are shown to the server until the disk takes the change.
+            log.warning("%s", problem)
+        return answer

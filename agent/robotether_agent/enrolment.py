@@ -23,13 +23,11 @@ from robotether_agent.fields import (
 )
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.known_hosts import HostKey
-from robotether_agent.setting_values import HOST, IPV6
+from robotether_agent.setting_values import HOST, IPV6, MAC, ROBOT_NAME
 
 FILE = "enrolment.json"
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 SERVER = re.compile(r"\S{1,300}")
-MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
 ADDRESS = re.compile(f"(?:{HOST.pattern})|(?:{IPV6.pattern})")
 
 
@@ -106,7 +104,7 @@ class EnrolmentStore:
 def _parse(obj: JsonObject) -> Enrolment:
     return Enrolment(
         server=get_match(obj, "server", SERVER, "a host"),
-        robot=get_match(obj, "robot", NAME, "a robot's name"),
+        robot=get_match(obj, "robot", ROBOT_NAME, "a robot's name"),
         mac=get_match(obj, "mac", MAC, "a MAC address"),
         ssh=parse_ssh(get_object(obj, "ssh")),
     )

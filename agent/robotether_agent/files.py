@@ -11,6 +11,9 @@ from pathlib import Path
 
 from robotether_agent.problems import AlreadyRunning, StateUnusable
 
+# In the run directory, held by the agent that runs.
+LOCK = "agent.lock"
+
 
 def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
     """Make the directory `path`, which the setting `key` names, unless it is there."""
@@ -44,12 +47,12 @@ def read_text(path: Path) -> str | None:
     except (OSError, UnicodeDecodeError) as error:
         raise StateUnusable(
             f"cannot read {path}: {error}",
-            advice=f"let the agent's user (uid {os.getuid()}) read it, or remove it if it is broken",
+            advice=f"run this with sudo, let the user with uid {os.getuid()} read it, or remove it if it is broken",
         ) from error
 
 
 @contextmanager
-def only_one(path: Path) -> Iterator[None]:
+def only_one(path: Path, who: str = "agent") -> Iterator[None]:
     """Hold the lock file `path`, or raise AlreadyRunning; the kernel frees it with the process."""
     try:
         file = path.open("a")
@@ -63,8 +66,10 @@ def only_one(path: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise AlreadyRunning(
-                f"cannot start: another agent holds {path}",
-                advice="stop it first, or give this one its own run_dir and state_dir",
+                f"cannot start: another {who} holds {path}",
+                advice="stop it first, or give this one its own run_dir and state_dir"
+                if who == "agent"
+                else "wait until it has ended",
             ) from error
         yield
 

@@ -1,7 +1,7 @@
-"""Finds the MAC address that names this robot on the server.
+"""Finds the interface whose MAC address names this robot on the server.
 
-Asked by the enroller before a join. Reads /sys and /proc only; never changes an interface.
-A MAC only names a robot; its key is what proves it.
+Asked by robotether_agent.kept_identity. Reads /sys and /proc only; never changes an interface. Needs
+nothing but the standard library. A MAC only names a robot; its key is what proves it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,11 @@ ARPHRD_ETHER = 1
 RTF_UP = 0x1
 SEPARATORS = re.compile(r"[:.\-\s]")
 HEX12 = re.compile(r"[0-9a-f]{12}")
+# As some systems print it, without leading zeros.
+SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
+# What tells the address that the hardware came with: a bond gives its members its own address, and a
+# Wi-Fi that looks for networks may show a made-up one.
+ADDRESSES = ("bonding_slave/perm_hwaddr", "phy80211/macaddress", "address")
 
 
 class MacError(ValueError):
@@ -24,7 +29,7 @@ class MacError(ValueError):
 
 @dataclass(frozen=True)
 class Interface:
-    """A physical interface as the kernel shows it."""
+    """An interface as the kernel shows it."""
 
     name: str
     mac: str
@@ -34,7 +39,10 @@ class Interface:
 
 def normalise_mac(text: str, *, allow_local: bool = False) -> str:
     """Return `text`, a MAC in any usual spelling, as aa:bb:cc:dd:ee:ff; raise MacError."""
-    digits = SEPARATORS.sub("", text).lower()
+    given = text.strip().lower()
+    if SIX_PARTS.fullmatch(given):
+        given = ":".join(part.zfill(2) for part in SEPARATORS.split(given))
+    digits = SEPARATORS.sub("", given)
     if not HEX12.fullmatch(digits):
         raise MacError(f"{text!r} is not a MAC address such as 00:1b:44:11:3a:b7")
     if digits == "0" * 12:
@@ -47,17 +55,27 @@ def normalise_mac(text: str, *, allow_local: bool = False) -> str:
     return ":".join(digits[at : at + 2] for at in range(0, 12, 2))
 
 
-def find_mac(interface: str | None, *, allow_local: bool, root: Path = Path("/")) -> str:
-    """Return the MAC of `interface`, or of the primary physical interface when None."""
+def find_interface(
+    interface: str | None, *, allow_local: bool, root: Path = Path("/")
+) -> Interface:
+    """Return `interface`, or the primary physical interface when None; raise InterfaceMissing."""
     if interface is not None:
-        return _named_mac(interface, allow_local=allow_local, root=root)
+        return _named(interface, allow_local=allow_local, root=root)
     chosen = choose(physical_interfaces(root, allow_local=allow_local), default_routes(root))
     if chosen is None:
         raise InterfaceMissing(
             "cannot find the MAC address of this robot: it has no physical network interface with one",
-            advice="set interface or mac in agent.toml",
+            advice="set interface or mac in agent.toml, and allow_local_mac = true in a container",
         )
-    return chosen.mac
+    return chosen
+
+
+def interface_with(mac: str, root: Path = Path("/")) -> str:
+    """Return the name of an interface that has `mac` now, hardware first, or "" when none has it."""
+    paths = [path for path in _interfaces(root) if mac in _all_macs(path)]
+    # VLANs, bridges and bonds have the address of the hardware below them.
+    paths.sort(key=lambda path: (not _is_hardware(path), _number(path / "ifindex")))
+    return paths[0].name if paths else ""
 
 
 def choose(interfaces: list[Interface], routes: list[str]) -> Interface | None:
@@ -74,16 +92,13 @@ def choose(interfaces: list[Interface], routes: list[str]) -> Interface | None:
 def physical_interfaces(root: Path, *, allow_local: bool) -> list[Interface]:
     """Return the Ethernet-like interfaces that stand for hardware and have a usable MAC."""
     found = []
-    for path in sorted((root / "sys/class/net").glob("*")):
-        # Only hardware has a `device` link: loopback, docker, veth, bridges, tun and VLANs have none.
-        if not (path / "device").exists() or _number(path / "type") != ARPHRD_ETHER:
+    for path in _interfaces(root):
+        if not _is_hardware(path) or _number(path / "type") != ARPHRD_ETHER:
             continue
         try:
-            mac = normalise_mac(_text(path / "address"), allow_local=allow_local)
+            found.append(_interface(path, allow_local=allow_local))
         except MacError:
             continue
-        wireless = (path / "wireless").exists() or (path / "phy80211").exists()
-        found.append(Interface(path.name, mac, _number(path / "ifindex"), wireless))
     return found
 
 
@@ -110,20 +125,45 @@ def _ipv6_default_routes(root: Path) -> list[str]:
     return [name for _, name in sorted(routes)]
 
 
-def _named_mac(interface: str, *, allow_local: bool, root: Path) -> str:
-    text = _text(root / "sys/class/net" / interface / "address")
-    if not text:
+def _named(interface: str, *, allow_local: bool, root: Path) -> Interface:
+    path = root / "sys/class/net" / interface
+    if not _mac_text(path):
         raise InterfaceMissing(
             f"cannot find the MAC address of this robot: it has no interface {interface}",
             advice="correct interface in agent.toml, or wait until it is there",
         )
     try:
-        return normalise_mac(text, allow_local=allow_local)
+        return _interface(path, allow_local=allow_local)
     except MacError as error:
         raise InterfaceMissing(
             f"cannot use the MAC address of interface {interface}: {error}",
             advice="choose another interface, or set allow_local_mac = true if it is really unique",
         ) from error
+
+
+def _interfaces(root: Path) -> list[Path]:
+    return sorted((root / "sys/class/net").glob("*"))
+
+
+def _interface(path: Path, *, allow_local: bool) -> Interface:
+    mac = normalise_mac(_mac_text(path), allow_local=allow_local)
+    wireless = (path / "wireless").exists() or (path / "phy80211").exists()
+    return Interface(path.name, mac, _number(path / "ifindex"), wireless)
+
+
+def _is_hardware(path: Path) -> bool:
+    # Loopback, docker, veth, bridges, bonds, tun and VLANs have no such link.
+    return (path / "device").exists()
+
+
+def _mac_text(path: Path) -> str:
+    """Return the address that the hardware came with, or else the one that it has now."""
+    texts = (_text(path / name) for name in ADDRESSES)
+    return next((text for text in texts if text.strip("0:")), "")
+
+
+def _all_macs(path: Path) -> set[str]:
+    return {_text(path / name).lower() for name in ADDRESSES}
 
 
 def _text(path: Path) -> str:

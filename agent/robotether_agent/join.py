@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from http import HTTPStatus
 
 import aiohttp
 
-from robotether_agent.enrolment import NAME, SshAccess, parse_host_keys, parse_ssh
+from robotether_agent.enrolment import SshAccess, parse_host_keys, parse_ssh
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -36,6 +36,7 @@ from robotether_agent.problems import (
     SettingsInvalid,
     TlsUntrusted,
 )
+from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
@@ -44,11 +45,38 @@ ANSWER_LIMIT = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
 ADVICE = {
+    "token_invalid": "make a new join token on the server (robotether robot invite), or remove the token from "
+    "the settings: the robot then waits for an approval",
+    "token_expired": "make a new join token on the server (robotether robot invite), or remove the token from "
+    "the settings: the robot then waits for an approval",
+    "token_used_up": "make a join token with more uses on the server (robotether robot invite), or remove the "
+    "token from the settings: the robot then waits for an approval",
+    "token_required": "this server lets nobody in without one: make a join token on the server (robotether "
+    "robot invite), and set token_file",
     "robot_disabled": "enable the robot on the server's page",
+    "key_rejected": "if that was a mistake, an admin lets the key ask again on the server's page; or give this "
+    "robot another key with: sudo robotether-agent forget",
+    "key_in_use": "another robot's row has this key: if this machine is a copy of that robot, make it one of its "
+    "own with: sudo robotether-agent forget",
+    "mac_elsewhere": "if this machine is a copy of that robot, make it one of its own with: sudo robotether-agent "
+    "forget; if its network card was replaced, stop the other robot that has its key",
     "mac_in_use": "another robot's key holds this MAC: if this robot got a new disk, an admin lets the new key in",
     "field_invalid": "correct the setting that this field comes from",
     "too_many_pending": "approve or remove the robots that wait on the server",
+    "grant_missing": "the token's user must be an admin",
 }
+PENDING_ADVICE = {
+    "mac_in_use": "if this robot got a new disk or a new key, an admin approves it after comparing the key; else "
+    "give this robot another address with interface or mac in agent.toml",
+}
+
+
+@dataclass(frozen=True)
+class PreviousKey:
+    """What proves that the robot which asks with a new key had the old one."""
+
+    fingerprint: str
+    signature: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,17 +87,28 @@ class JoinRequest:
     public_key: str
     hostname: str
     agent_version: str
+    mac_present: bool = True
     token: str | None = None
+    name: str | None = None
+    previous_key: PreviousKey | None = None
 
-    def body(self) -> dict[str, str]:
+    def body(self) -> dict[str, object]:
         """Return the JSON object of the request."""
-        body = {
+        body: dict[str, object] = {
             "mac": self.mac,
             "public_key": self.public_key,
             "hostname": self.hostname,
             "agent_version": self.agent_version,
         }
-        return body if self.token is None else {**body, "token": self.token}
+        if not self.mac_present:
+            body["mac_present"] = False
+        if self.token is not None:
+            body["token"] = self.token
+        if self.name is not None:
+            body["name"] = self.name
+        if self.previous_key is not None:
+            body["previous_key"] = asdict(self.previous_key)
+        return body
 
 
 @dataclass(frozen=True)
@@ -121,13 +160,14 @@ def read_answer(server: str, status: int, body: bytes) -> Joined:
 def _joined(answer: JsonObject) -> Joined:
     get_match(answer, "state", re.compile("active"), "active")
     ssh = get_object(answer, "ssh")
-    robot = get_match(answer, "robot", NAME, "a robot's name")
+    robot = get_match(answer, "robot", ROBOT_NAME, "a robot's name")
     return Joined(robot, parse_ssh(ssh), parse_host_keys(ssh))
 
 
 def _refusal(server: str, status: int, code: str, detail: str) -> Problem:
     if status == HTTPStatus.ACCEPTED:
-        return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice="")
+        advice = PENDING_ADVICE.get(code, "")
+        return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice=advice)
     retry = Retry.ASK_AGAIN if status == HTTPStatus.TOO_MANY_REQUESTS else Retry.SLOWLY
     advice = ADVICE.get(code, "ask the server's administrator")
     return JoinRefused(f"cannot join {server}: {detail}", code=code, retry=retry, advice=advice)

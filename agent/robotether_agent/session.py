@@ -15,7 +15,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from robotether_agent.enrolment import NAME
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -26,6 +25,7 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of, within
 
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
@@ -132,7 +132,7 @@ class Session:
 
     def _on_config(self, message: JsonObject) -> None:
         self.config = Config(
-            robot=get_match(message, "robot", NAME, "a robot's name"),
+            robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
             ros_port=get_int(message, "ros_port", 1, 65535),
             video_port=get_int(message, "video_port", 1, 65535),
             heartbeat_s=get_number(message, "heartbeat_s", 0.05, 60),

@@ -14,6 +14,8 @@ from robotether_agent.identity import MacError, normalise_mac
 
 HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
 IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
+MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
+ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
 PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
@@ -100,6 +102,30 @@ def mac(value: object) -> str:
         return normalise_mac(text(value), allow_local=True)
     except MacError as error:
         raise RefusedValueError(f"the MAC address of one interface ({error})") from error
+
+
+def robot_name(value: object) -> str:
+    """Return a robot's name; whether it is free is the server's to say."""
+    name = text(value)
+    if not ROBOT_NAME.fullmatch(name):
+        raise RefusedValueError("letters, digits and ._- (1 to 63, the first a letter or digit)")
+    return name
+
+
+def shell_address(value: object) -> str:
+    """Return HOST:PORT of the robot's own sshd, or nothing for no shell."""
+    # An environment variable that is empty counts as not set.
+    if value in ("", "none"):
+        return ""
+    allowed = 'HOST:PORT of an SSH server, such as 127.0.0.1:22, or "" or "none" for no shell'
+    try:
+        split = urlsplit(f"//{text(value)}")
+        number = split.port
+    except ValueError as error:
+        raise RefusedValueError(allowed) from error
+    if split.path or split.query or split.fragment or not split.hostname or not number:
+        raise RefusedValueError(allowed)
+    return f"{_bracketed(host(split.hostname))}:{number}"
 
 
 def interface(value: object) -> str:

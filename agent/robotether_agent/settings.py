@@ -34,9 +34,11 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "ssh_ports": parse.ports,
     "interface": parse.interface,
     "mac": parse.mac,
+    "name": parse.robot_name,
     "allow_local_mac": parse.flag,
     "rosbridge_url": parse.rosbridge_url,
     "video_url": parse.video_url,
+    "shell_address": parse.shell_address,
     "state_dir": parse.path,
     "run_dir": parse.run_dir,
     "token": parse.text,
@@ -58,8 +60,10 @@ class Settings:
     interface: str | None = None
     mac: str | None = None
     allow_local_mac: bool = False
+    name: str | None = None
     rosbridge_url: str = "ws://127.0.0.1:9090"
     video_url: str = "http://127.0.0.1:8080"
+    shell_address: str = "127.0.0.1:22"
     state_dir: Path = Path("/var/lib/robotether-agent")
     run_dir: Path = Path("/run/robotether-agent")
     token: str | None = field(default=None, repr=False)
@@ -97,18 +101,21 @@ class _Given:
         return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")
 
 
-def load(file: Path | None, environ: Mapping[str, str]) -> Settings:
-    """Return the settings from `file` (None: the usual one, if it is there) and `environ`."""
+def load(file: Path | None, environ: Mapping[str, str], *, needs_server: bool = True) -> Settings:
+    """Return the settings from `file` (None: the usual one, if it is there) and `environ`.
+
+    Without `needs_server` the server may be missing, and is then the empty text.
+    """
     source = DEFAULT_FILE if file is None else file
     given = _from_file(source, must_exist=file is not None)
     given.update(_from_environment(environ))
-    if "server" not in given:
+    if "server" not in given and needs_server:
         raise SettingsInvalid(
             f"cannot start: server is set neither in {source} nor as {PREFIX}SERVER",
             advice="set it to the server's host name or address, or HOST:PORT",
         )
     _refuse_both(given)
-    settings = Settings(**{key: _parsed(item) for key, item in given.items()})
+    settings = Settings(**{"server": "", **{key: _parsed(item) for key, item in given.items()}})
     if settings.mac is not None:
         _check_mac(given["mac"], settings)
     return settings

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
 
 from robotether_agent.backoff import Backoff
@@ -35,25 +36,29 @@ class Uptime:
 
 
 class Repeats:
-    """Lets the 1st, 2nd, 4th, 8th ... of the same problem in a row into the log, not all of them."""
+    """Lets the 1st, 2nd, 4th, 8th ... of the same problem into the log, until it is forgotten.
+
+    A server that is down for days then leaves some lines a day and not one every second, also when two
+    problems take turns.
+    """
 
     def __init__(self) -> None:
-        self._code = ""
-        self._times = 0
+        self._times: Counter[str] = Counter()
 
-    def tell(self, what: str, problem: Problem, wait_s: float) -> None:
-        """Log `problem` of `what`, which is tried again after `wait_s`."""
-        self._times = self._times + 1 if problem.code == self._code else 1
-        self._code = problem.code
-        often = "" if self._times == 1 else f" (for the {self._times}. time)"
-        loud = self._times & (self._times - 1) == 0
+    def tell(self, what: str, problem: Problem, wait_s: float | None = None) -> None:
+        """Log `problem` of `what`, which is tried again after `wait_s`, if that is known."""
+        self._times[problem.code] += 1
+        times = self._times[problem.code]
+        loud = times & (times - 1) == 0
         quiet = problem.retry is Retry.ASK_AGAIN
         level = (logging.INFO if quiet else logging.WARNING) if loud else logging.DEBUG
-        log.log(level, "%s: %s; next try in %.1f s%s", what, problem, wait_s, often)
+        again = "" if wait_s is None else f"; next try in {wait_s:.1f} s"
+        often = "" if times == 1 else f" (for the {times}. time)"
+        log.log(level, "%s: %s%s%s", what, problem, again, often)
 
     def forget(self) -> None:
         """Start counting anew, after a success."""
-        self._code = ""
+        self._times.clear()
 
 
 async def keep_going(

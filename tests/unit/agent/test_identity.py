@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from robotether_agent.identity import MacError, find_mac, normalise_mac
+from robotether_agent.identity import MacError, find_interface, interface_with, normalise_mac
 from robotether_agent.problems import InterfaceMissing
 
 ROUTES = "Iface Destination Gateway Flags RefCnt Use Metric Mask MTU Window IRTT\n"
@@ -37,7 +37,7 @@ class FakeRoot:
         (self.path / "proc/net/route").write_text(ROUTES + "\n".join([local, *lines]) + "\n")
 
     def find(self, interface: str | None = None, *, allow_local: bool = False) -> str:
-        return find_mac(interface, allow_local=allow_local, root=self.path)
+        return find_interface(interface, allow_local=allow_local, root=self.path).mac
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import descendants
 from robotether_agent import __version__
-from robotether_agent.cli import main
+from robotether_agent.cli.main import main
 from robotether_agent.status import read_status
 
 

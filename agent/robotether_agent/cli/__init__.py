@@ -1,0 +1,1 @@
+"""The command `robotether-agent`: one module a subcommand. Only these modules print."""

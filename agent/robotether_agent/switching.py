@@ -1,0 +1,119 @@
+"""Puts another version of the agent in use and goes back by itself when that one does not come up.
+
+Run by `robotether-agent switch`, as root, by the version that is in use, outside of the boot service. Whoever
+asks may have come through the agent's own tunnel, so nothing here waits for them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from robotether_agent import systemd
+from robotether_agent.files import only_one
+from robotether_agent.problems import Problem, SwitchFailed
+from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
+from robotether_agent.versions import Layout, Report
+
+# A version that crashes and is started again shows a good state for a moment, too.
+STANDS_S = 2.0
+POLL_S = 0.2
+# systemd's words for a service that nobody stopped.
+RUNS = frozenset({"active", "activating", "reloading", "deactivating"})
+# States that an agent can stay in; the others pass.
+LASTING = frozenset({CONNECTED, "pending", "waiting"})
+# How much each state is worth: a switch must not end in a worse one.
+NOT_WORSE = {
+    CONNECTED: frozenset({CONNECTED}),
+    "pending": frozenset({CONNECTED, "pending"}),
+}
+
+
+class Switch:
+    """One change of the version in use."""
+
+    def __init__(
+        self, layout: Layout, run_dir: Path, wait_s: float, *, stands_s: float = STANDS_S
+    ) -> None:
+        self._layout = layout
+        self._run_dir = run_dir
+        self._wait_s = wait_s
+        self._stands_s = stands_s
+
+    def to(self, target: Path) -> Report:
+        """Use `target`, or the old version again; return how it ended, which is written down as well."""
+        layout, began = self._layout, time.time()
+        was = layout.in_use()
+        layout.check(target)
+
+        def report(result: str, detail: str) -> Report:
+            took_s = round(time.time() - began, 1)
+            made = Report(result, was.name, target.name, detail, began, took_s)
+            layout.write(made)
+            return made
+
+        with only_one(layout.lock, "switch"):
+            if target == was:
+                return report("done", f"{target.name} is in use already")
+            report("running", f"switching from {was.name} to {target.name}")
+            made = self._change(was, target, report)
+            layout.keep_only(was, target)
+            return made
+
+    def _change(self, was: Path, target: Path, report: Callable[[str, str], Report]) -> Report:
+        before = self._alive()
+        try:
+            self._use(target, before)
+        except Problem as problem:
+            return report("rolled_back", self._go_back(was, before, problem))
+        return report("done", f"{target.name} is in use")
+
+    def _go_back(self, was: Path, before: Status | None, why: Problem) -> str:
+        text = f"{why.message}; {was.name} is in use again"
+        try:
+            self._use(was, before)
+        except Problem as problem:
+            return f"{text}, but is not as before: {problem}"
+        return f"{text}, as before"
+
+    def _use(self, version: Path, before: Status | None) -> None:
+        """Put `version` in place and, unless somebody stopped the service, wait until it is up."""
+        runs = before is not None or systemd.state() in RUNS
+        old = self._alive()
+        if self._layout.use(version):
+            systemd.reload_units()
+        if runs:
+            systemd.restart()
+            wanted = NOT_WORSE.get(before.state, LASTING) if before else LASTING
+            self._wait(version, wanted, old.pid if old else 0)
+
+    def _wait(self, version: Path, wanted: frozenset[str], old_pid: float) -> None:
+        """Wait until an agent of another process stands in one of the `wanted` states."""
+        now = time.monotonic()
+        deadline, good_since, good_pid = now + self._wait_s, now, 0.0
+        while now < deadline:
+            status = self._alive()
+            good = status is not None and status.state in wanted and status.pid != old_pid
+            pid = status.pid if status is not None and good else 0.0
+            if pid != good_pid:
+                good_since, good_pid = now, pid
+            elif pid and now - good_since >= self._stands_s:
+                return
+            time.sleep(POLL_S)
+            now = time.monotonic()
+        raise SwitchFailed(self._why_not(version, wanted))
+
+    def _why_not(self, version: Path, wanted: frozenset[str]) -> str:
+        status = self._alive()
+        is_now = "it does not run" if status is None else f"it is {status.state}"
+        problem = f" ({status.problem})" if status is not None and has_problem(status) else ""
+        states = " or ".join(sorted(wanted))
+        return f"{version.name} was not {states} within {self._wait_s:g} s: {is_now}{problem}"
+
+    def _alive(self) -> Status | None:
+        """Return the status of an agent that runs, None of one that was killed."""
+        status = read_status(self._run_dir)
+        if status is None or not is_alive(status, time.time()):
+            return None
+        return status if Path(f"/proc/{status.pid:.0f}").exists() else None
