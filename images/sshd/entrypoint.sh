@@ -1,5 +1,6 @@
 #!/bin/sh
-# Starts sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots pin it.
+# Starts jump-watch, and sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots
+# pin it.
 set -eu
 
 readonly KEY=/etc/ssh/keys/ssh_host_ed25519_key
@@ -26,12 +27,36 @@ ensure_secrets() {
   done
 }
 
+# Root has no right here to give a folder away, so the accounts make their own. The register is written by jump-keys
+# and cleared by jump-watch; nobody else may as much as look into it.
+ensure_register() {
+  rm -rf /run/robotether
+  install -d -m 1777 /run/robotether
+  setpriv --reuid keylookup --regid jumpwatch --clear-groups install -d -m 770 /run/robotether/jump
+  setpriv --reuid jump --regid jumpwatch --clear-groups install -d -m 755 /run/robotether/watcher
+  chmod 755 /run/robotether
+}
+
+# With its own account's rights. Should this loop end too, then nobody new gets in as jump, and the container is
+# unhealthy.
+start_watching() {
+  # shellcheck disable=SC2016 # $? is the inner shell's
+  setpriv --reuid jump --regid jumpwatch --clear-groups sh -c '
+    while :; do
+      /usr/lib/robotether/jump-watch
+      echo "jump-watch: ended with $?; starting it again" >&2
+      sleep 1
+    done' &
+}
+
 main() {
   ensure_secrets
   mkdir -p /run/sshd
   ensure_host_key
   ensure_public_copy
   /usr/sbin/sshd -t
+  ensure_register
+  start_watching
   echo "sshd: host key $(ssh-keygen -lf "$KEY.pub")"
   exec /usr/sbin/sshd -D -e
 }

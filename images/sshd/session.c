@@ -2,12 +2,12 @@
  * What a robot's SSH connection runs on the server, and the only thing it can run.
  *
  * It is the login shell of the account `tunnel`, so that no shell stands behind that account at all:
- * sshd starts it as `session -c "/usr/lib/robotether/session ROBOT_ID"`, the forced command of the key.
- * It tells the relay which robot this is and joins the robot's stdin and stdout to that TCP connection.
+ * sshd starts it as `session -c "/usr/lib/robotether/session ROBOT_ID FINGERPRINT"`, the forced command of the
+ * key. It tells the relay which robot and which key this is and joins the robot's stdin and stdout to that TCP connection.
  * When either side ends it ends its own sshd, because only that releases the robot's forwarded ports:
  * the next connection of the same robot must find them free.
  *
- * One small C program, not a shell with socat: a server holds two of these for every robot.
+ * One small C program, not a shell with socat: a server holds three of these for every robot.
  * docs/protocols.md, "The session", says what passes.
  */
 #include <ctype.h>
@@ -34,6 +34,13 @@
 #define STUCK_SECONDS 8
 #define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
+/* Who connects, as the forced command says. */
+struct robot {
+    unsigned long id;
+    /* Empty in a line that the lookup's cache has from before lines had it; only while the database is away. */
+    char fingerprint[64];
+};
+
 /* One direction of the join; at most one buffer is ever in flight, so a slow reader slows the writer. */
 struct flow {
     int from;
@@ -59,30 +66,43 @@ static void refuse(const char *sentence)
     end_connection(1);
 }
 
-static unsigned long robot_id_of(int argc, char **argv)
+static void read_fingerprint(const char *word, struct robot *robot)
 {
+    size_t length = strlen(word);
+
+    if (strncmp(word, "SHA256:", 7) != 0 || length >= sizeof robot->fingerprint ||
+        strspn(word + 7, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789+/") != length - 7)
+        refuse("cannot start the session: the key's fingerprint in authorized_keys is none");
+    memcpy(robot->fingerprint, word, length + 1);
+}
+
+static struct robot forced_robot(int argc, char **argv)
+{
+    struct robot robot = {0};
     char *rest;
-    unsigned long id;
 
     if (argc != 3 || strcmp(argv[1], "-c") != 0 || strncmp(argv[2], FORCED, strlen(FORCED)) != 0)
         refuse("cannot run that: this account serves robots' tunnels only");
     if (!isdigit((unsigned char)argv[2][strlen(FORCED)]))
         refuse("cannot start the session: the robot's number is missing in authorized_keys");
-    id = strtoul(argv[2] + strlen(FORCED), &rest, 10);
-    if (*rest != '\0')
+    robot.id = strtoul(argv[2] + strlen(FORCED), &rest, 10);
+    if (*rest == ' ')
+        read_fingerprint(rest + 1, &robot);
+    else if (*rest != '\0')
         refuse("cannot start the session: the robot's number in authorized_keys is no number");
-    return id;
+    return robot;
 }
 
 static const char *wanted_kind(void)
 {
+    static const char *const kinds[] = {"session", "media", "shell"};
     const char *asked = getenv("SSH_ORIGINAL_COMMAND");
+    size_t each;
 
-    if (asked != NULL && strcmp(asked, "session") == 0)
-        return "session";
-    if (asked != NULL && strcmp(asked, "media") == 0)
-        return "media";
-    refuse("cannot run that: a robot's key opens 'session' and 'media', nothing else");
+    for (each = 0; asked != NULL && each < sizeof kinds / sizeof *kinds; each++)
+        if (strcmp(asked, kinds[each]) == 0)
+            return kinds[each];
+    refuse("cannot run that: a robot's key opens 'session', 'media' and 'shell', nothing else");
     return NULL;
 }
 
@@ -147,7 +167,7 @@ static void write_all(int fd, const char *text, size_t length)
     }
 }
 
-static void send_preface(int relay, unsigned long robot_id)
+static void send_preface(int relay, const struct robot *robot)
 {
     char line[512], key[128], address[64];
     int length;
@@ -155,9 +175,9 @@ static void send_preface(int relay, unsigned long robot_id)
     session_key(key, sizeof key);
     client_address(address, sizeof address);
     length = snprintf(line, sizeof line,
-                      "{\"type\": \"preface\", \"kind\": \"%s\", \"robot_id\": %lu, \"address\": \"%s\", "
-                      "\"session_key\": \"%s\"}\n",
-                      wanted_kind(), robot_id, address, key);
+                      "{\"type\": \"preface\", \"kind\": \"%s\", \"robot_id\": %lu, \"fingerprint\": \"%s\", "
+                      "\"address\": \"%s\", \"session_key\": \"%s\"}\n",
+                      wanted_kind(), robot->id, robot->fingerprint, address, key);
     write_all(relay, line, (size_t)length);
 }
 
@@ -248,13 +268,13 @@ static void join(int relay)
 
 int main(int argc, char **argv)
 {
-    unsigned long robot_id = robot_id_of(argc, argv);
+    struct robot robot = forced_robot(argc, argv);
     int relay;
 
     signal(SIGPIPE, SIG_IGN);
     wanted_kind(); /* refuse before the relay hears of it */
     relay = connect_relay();
-    send_preface(relay, robot_id);
+    send_preface(relay, &robot);
     join(relay);
     end_connection(0);
 }
