@@ -11,6 +11,7 @@ CONFIG=/etc/robotether/agent.toml
 TOKEN=/etc/robotether/token
 STATE=/var/lib/robotether-agent
 UNIT=/etc/systemd/system/robotether-agent.service
+LINK=/usr/local/bin/robotether-agent
 ACCOUNT=robotether
 AGENT=$ROOT/current/bin/robotether-agent
 NEEDED_MB=150
@@ -239,17 +240,18 @@ check_mac() {
   why=$(PYTHONPATH=$work/$wheel python3 - "$mac" "$interface" "${local_mac:-$(configured_flag allow_local_mac)}" 2>&1 <<'PYTHON'
 import sys
 
-from robotether_agent.identity import MacError, find_mac, normalise_mac
-from robotether_agent.problems import Problem
+from robotether_agent.identity import MacError, find_interface, normalise_mac
+from robotether_agent.problems import InterfaceMissing
 
 mac, interface, allow_local = sys.argv[1], sys.argv[2] or None, sys.argv[3] == "true"
 try:
-    print(normalise_mac(mac, allow_local=allow_local) if mac else find_mac(interface, allow_local=allow_local))
-except (MacError, Problem) as error:
-    sys.exit(str(error))
+    print(normalise_mac(mac, allow_local=allow_local) if mac else find_interface(interface, allow_local=allow_local).mac)
+except MacError as error:
+    sys.exit(f"cannot name this robot by its MAC address: {error}")
+except InterfaceMissing as problem:
+    sys.exit(problem.message)
 PYTHON
-  ) || fail "cannot name this robot by its MAC address: $why. Choose with --interface IF or --mac MAC; for a locally" \
-    'administered address that is unique, add --allow-local-mac'
+  ) || fail "$why. Choose with --interface IF or --mac MAC; for a locally administered address that is unique, add --allow-local-mac"
   say "the MAC address $why names this robot"
 }
 
@@ -340,13 +342,10 @@ ensure_config() {
 ensure_join() {
   answer='' pending=''
   if [ -n "$image" ] || { [ -z "$changed" ] && [ -e "$STATE/enrolment.json" ]; }; then return; fi
-  if [ ! -d "$STATE" ]; then
-    on_failure "rm -rf $STATE"
-    install -d -m 700 -o "$ACCOUNT" -g "$ACCOUNT" "$STATE"
-  fi
+  if [ ! -d "$STATE" ]; then on_failure "rm -rf $STATE"; fi
   step "joining $server"
   result=0
-  answer=$(runuser -u "$ACCOUNT" -- "$venv/bin/robotether-agent" join 2>&1) || result=$?
+  answer=$("$venv/bin/robotether-agent" join 2>&1) || result=$?
   case $result in
     0) forget_token ;;
     10) pending=1 ;;
@@ -368,6 +367,12 @@ ensure_unit() {
   on_failure 'systemctl daemon-reload'
   on_failure "rm -f $UNIT"
   install -m 644 "$unit" "$UNIT"
+}
+
+ensure_link() {
+  if [ -e "$LINK" ] || [ -L "$LINK" ]; then return; fi
+  on_failure "rm -f $LINK"
+  ln -s "$AGENT" "$LINK"
 }
 
 is_current() { [ "$(readlink -f "$ROOT/current")" = "$venv" ]; }
@@ -437,8 +442,8 @@ tell_rosbridge() {
 uninstall() {
   [ "$(id -u)" = 0 ] || fail 'cannot uninstall as an ordinary user: run it with sudo'
   found=''
-  for path in "$UNIT" "$ROOT" /etc/robotether "$STATE" /run/robotether-agent; do
-    if [ -e "$path" ]; then found="$found $path"; fi
+  for path in "$UNIT" "$LINK" "$ROOT" /etc/robotether "$STATE" /run/robotether-agent; do
+    if [ -e "$path" ] || [ -L "$path" ]; then found="$found $path"; fi
   done
   account=''
   if id "$ACCOUNT" >/dev/null 2>&1; then account=" and the user $ACCOUNT"; fi
@@ -483,6 +488,7 @@ main() {
   ensure_config
   ensure_join
   ensure_unit
+  ensure_link
   finished
   ensure_running
   tell_result
