@@ -7,6 +7,7 @@ import sys
 import click
 
 from robotether_server import __version__, migrate, settings
+from robotether_server.cli.fleet.commands import fleet
 from robotether_server.cli.robots import robot
 from robotether_server.cli.tokens import token
 from robotether_server.cli.users import grant, revoke, user
@@ -58,7 +59,7 @@ def run_web() -> None:
     os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments])  # noqa: S606 - no shell is the point
 
 
-for command in (user, robot, token, grant, revoke):
+for command in (user, robot, token, grant, revoke, fleet):
     cli.add_command(command)
 
 
