@@ -21,7 +21,7 @@ const leaveOutUnused = {
 };
 
 const options = {
-  entryPoints: ["src/drive.js", "src/fleet.js"],
+  entryPoints: ["src/copy.js", "src/drive.js", "src/fleet.js"],
   outdir: OUT,
   bundle: true,
   minify: true,

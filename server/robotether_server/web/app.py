@@ -9,7 +9,17 @@ from robotether_server.front import Front
 from robotether_server.settings import WebSettings
 from robotether_server.store import Database
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import api, errors, headers, installer, pages
+from robotether_server.web import (
+    admin,
+    api,
+    errors,
+    headers,
+    installer,
+    page_texts,
+    pages,
+    profile,
+    visitors,
+)
 from robotether_server.web.parts import Parts, csrf
 
 LARGEST_REQUEST_BYTES = 64 * 1024
@@ -45,7 +55,11 @@ def create_app(settings: WebSettings) -> Flask:
     csrf.exempt(api.blueprint)
     errors.register(app)
     headers.register(app)
+    page_texts.register(app)
+    visitors.register(app)
     app.register_blueprint(pages.blueprint)
     app.register_blueprint(api.blueprint)
     app.register_blueprint(installer.blueprint)
+    app.register_blueprint(admin.blueprint)
+    app.register_blueprint(profile.blueprint)
     return app

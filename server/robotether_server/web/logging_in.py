@@ -1,6 +1,6 @@
 """Checks a name and a password, and starts or ends the login.
 
-Used by pages.py. An unknown name, a disabled user and a wrong password look the same, and take as long.
+Used by pages.py and the profile. An unknown name, a disabled user and a wrong password look the same, and take as long.
 """
 
 import datetime as dt
@@ -12,6 +12,7 @@ from robotether_server.networks import Network, network_of
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.store import Database, Transaction, audit, logins, users
 from robotether_server.store.audit import Event, Source
+from robotether_server.store.users import User
 from robotether_server.web import throttle
 from robotether_server.web.throttle import Failures
 
@@ -20,7 +21,30 @@ SUCCEEDED = "login"
 
 
 def log_in(database: Database, source: Source, password: str, lifetime: dt.timedelta) -> str:
-    """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name.
+    """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name."""
+    user = _user_with(database, source, password)
+    with database.transaction() as tx:
+        if user is None:
+            audit.record(tx, source, Event(FAILED))
+        else:
+            audit.record(tx, source, Event(SUCCEEDED))
+            return logins.create(tx, user, source.address or "", lifetime)
+    raise LoginFailed("cannot log in: name and password do not fit")
+
+
+def confirm(database: Database, source: Source, password: str) -> None:
+    """Check the password of somebody who is logged in; raise LoginFailed or Throttled.
+
+    A browser that was left open must not be a way to guess it, so a failure counts as one of a login does.
+    """
+    if _user_with(database, source, password) is None:
+        with database.transaction() as tx:
+            audit.record(tx, source, Event(FAILED))
+        raise LoginFailed("cannot go on: the present password is not right")
+
+
+def _user_with(database: Database, source: Source, password: str) -> User | None:
+    """Return the user of that name if the password is right; raise Throttled.
 
     No transaction stays open while the password is hashed, which takes long on purpose.
     """
@@ -28,13 +52,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
         _check_throttle(tx, source)
         user = users.find(tx, source.actor)
     right = passwords.matches(password, user.password_hash if user else None)
-    with database.transaction() as tx:
-        if user is None or user.disabled or not right:
-            audit.record(tx, source, Event(FAILED))
-        else:
-            audit.record(tx, source, Event(SUCCEEDED))
-            return logins.create(tx, user, source.address or "", lifetime)
-    raise LoginFailed("cannot log in: name and password do not fit")
+    return user if user is not None and right and not user.disabled else None
 
 
 def log_out(database: Database, source: Source, text: str) -> None:

@@ -5,7 +5,6 @@ A visitor without a login is sent to the log-in page and back.
 
 import datetime as dt
 from http import HTTPStatus
-from urllib.parse import quote
 
 from flask import (
     Blueprint,
@@ -23,7 +22,7 @@ from robotether_server.problems import LoginFailed, RobotUnknown, Throttled
 from robotether_server.store import robots
 from robotether_server.store.audit import LONGEST_ACTOR, Source
 from robotether_server.store.robots import SeenRobot
-from robotether_server.web import access, logging_in
+from robotether_server.web import access, logging_in, visitors
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("pages", __name__)
@@ -92,8 +91,9 @@ def show_fleet() -> AnyResponse:
     with parts().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
-            return _to_login()
+            return visitors.to_login()
         seen = robots.list_seen(tx, user)
+        visitors.remember(tx, user)
     page = render_template("fleet.html", user=user, robots=[_card(robot) for robot in seen])
     return make_response(page)
 
@@ -104,7 +104,7 @@ def show_robot(name: str) -> AnyResponse:
     with parts().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
-            return _to_login()
+            return visitors.to_login()
         seen = robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
@@ -125,10 +125,6 @@ def _card(seen: SeenRobot) -> dict[str, object]:
         "since": moment_text(seen.since),
         "level": seen.level,
     }
-
-
-def _to_login() -> AnyResponse:
-    return redirect(f"/login?next={quote(request.path)}")
 
 
 def _next_page() -> str:

@@ -1,0 +1,88 @@
+"""/admin/join-tokens: tokens that let robots in, and the line that installs a robot with one."""
+
+import datetime as dt
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import join_tokens
+from robotether_server.install_line import install_line
+from robotether_server.problems import Problem, RecordMissing
+from robotether_server.store.join_tokens import JoinToken
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("join_tokens", __name__, url_prefix="/join-tokens")
+
+LONGEST_NAME = 63
+MOST_USES = 10_000
+MOST_HOURS = 8760
+
+
+@blueprint.get("")
+def show() -> str:
+    """Show every join token."""
+    return _page()
+
+
+@blueprint.post("")
+def create() -> str | tuple[str, int]:
+    """Make a token; the answer shows the install line, this one time."""
+    try:
+        name = forms.text("name", "Name", LONGEST_NAME)
+        uses = forms.number("uses", "Uses", 1, MOST_USES)
+        hours = forms.number("hours", "Hours", 1, MOST_HOURS)
+        expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+        with parts().database.transaction() as tx:
+            token = join_tokens.create(tx, visitors.source(), name, uses, expires_at)
+            # A site that cannot tell its certificate makes no token either.
+            line = install_line(parts().front, request.host, token)
+    except Problem as problem:
+        return _page(problem), problem.status
+    return render_template(
+        "admin/install_line.html",
+        name=name,
+        uses=uses,
+        expires_at=expires_at,
+        line=line,
+        token=token,
+    )
+
+
+@blueprint.route("/<int:token_id>/delete", methods=METHODS)
+def delete(token_id: int) -> AnyResponse:
+    """Delete a token."""
+    token = _get(token_id)
+    deed = Deed(
+        title=f"Delete join token {token.name}?",
+        effects=(
+            f"No robot joins with it any more; {token.uses - token.used} of {token.uses} uses are left.",
+            "Robots that joined with it stay.",
+        ),
+        undo="A deleted token cannot be brought back; make another one.",
+        button="Delete",
+        done=f"Join token {token.name} is deleted.",
+        back="/admin/join-tokens",
+    )
+    return deeds.run(deed, lambda tx, source: join_tokens.delete(tx, source, token_id))
+
+
+def _page(problem: Problem | None = None) -> str:
+    with parts().database.transaction() as tx:
+        tokens = join_tokens.list_all(tx)
+    return render_template(
+        "admin/join_tokens.html",
+        tokens=tokens,
+        now=dt.datetime.now(dt.UTC),
+        problem=problem,
+        values=request.form,
+    )
+
+
+def _get(token_id: int) -> JoinToken:
+    with parts().database.transaction() as tx:
+        for token in join_tokens.list_all(tx):
+            if token.id == token_id:
+                return token
+    raise RecordMissing("cannot find that join token: it was deleted already")

@@ -1,0 +1,144 @@
+"""/admin/pending: keys that wait for an admin, and keys that were turned away.
+
+A join proves nothing but that somebody knows a MAC, so the page shows the fingerprint to compare, and approves that
+key and no other.
+"""
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import pending, robots
+from robotether_server.administration.pending import RejectedKey, Waiting
+from robotether_server.problems import Problem, RecordMissing
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("pending", __name__, url_prefix="/pending")
+
+LONGEST_NAME = 63
+LONGEST_FINGERPRINT = 100
+PAGE = "/admin/pending"
+
+
+@blueprint.get("")
+def show() -> str:
+    """Show who waits and who was rejected."""
+    return _page()
+
+
+@blueprint.post("")
+def approve() -> AnyResponse | tuple[str, int]:
+    """Approve one key that waits, perhaps under another name."""
+    try:
+        name = forms.text("robot", "Robot", LONGEST_NAME)
+        fingerprint = forms.text("fingerprint", "Fingerprint", LONGEST_FINGERPRINT)
+        new_name = forms.text("name", "Name", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            robots.approve(tx, visitors.source(), name, fingerprint)
+            if new_name != name:
+                robots.rename(tx, visitors.source(), name, new_name)
+    except Problem as problem:
+        return _page(problem), problem.status
+    return deeds.go_on(
+        PAGE, f"Robot {new_name} is approved. It connects by itself within a minute."
+    )
+
+
+@blueprint.route("/replace/<name>", methods=METHODS)
+def replace(name: str) -> AnyResponse:
+    """Approve a key in place of the one that the robot of that MAC has."""
+    waiting = _waiting(name)
+    deed = Deed(
+        title=f"Give robot {name} the new key?",
+        effects=(
+            f"The machine that has the key of {name} now is cut off within 2 seconds, and its key is forgotten.",
+            f"The machine {waiting.hostname} at {waiting.address} becomes {name}: name, ports and grants are its own.",
+            f"The new key is {waiting.fingerprint}. Compare it on that machine with: robotether-agent status",
+        ),
+        undo="The old key cannot be brought back; the old machine would have to join and wait for approval.",
+        button="Replace the key",
+        done=f"Robot {name} has the new key.",
+        back=PAGE,
+        hidden=(("fingerprint", waiting.fingerprint),),
+    )
+    return deeds.run(deed, lambda tx, source: robots.approve(tx, source, name, waiting.fingerprint))
+
+
+@blueprint.route("/reject/<name>", methods=METHODS)
+def reject(name: str) -> AnyResponse:
+    """Turn a key away."""
+    waiting = _waiting(name)
+    deed = Deed(
+        title=f"Reject the key that waits for robot {name}?",
+        effects=(
+            f"The machine {waiting.hostname} at {waiting.address} (MAC {waiting.mac}) is refused with this key: "
+            f"{waiting.fingerprint}",
+            _what_stays(waiting),
+        ),
+        undo="Let the key ask again, in the list of rejected keys.",
+        button="Reject",
+        done=f"The key that waited for robot {name} is rejected.",
+        back=PAGE,
+        hidden=(("fingerprint", waiting.fingerprint),),
+    )
+    return deeds.run(deed, lambda tx, source: robots.reject(tx, source, name, waiting.fingerprint))
+
+
+@blueprint.route("/rejected/<int:key_id>", methods=METHODS)
+def forgive(key_id: int) -> AnyResponse:
+    """Let a rejected key ask again."""
+    key = _rejected(key_id)
+    deed = Deed(
+        title="Let this key ask again?",
+        effects=(
+            f"The machine {key.hostname} (MAC {key.mac}) with key {key.fingerprint} waits for approval when it asks "
+            "the next time.",
+        ),
+        undo="Reject it again when it waits.",
+        button="Let it ask again",
+        done="The key may ask again.",
+        back=PAGE,
+        is_harmless=True,
+    )
+    return deeds.run(deed, lambda tx, source: pending.forgive(tx, source, key_id))
+
+
+def _page(problem: Problem | None = None) -> str:
+    with parts().database.transaction() as tx:
+        return render_template(
+            "admin/pending.html",
+            waiting=pending.waiting(tx),
+            rejected=pending.rejected(tx),
+            policy=parts().join.policy,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def _waiting(name: str) -> Waiting:
+    """Return the waiting key that the page showed; another one may have come since."""
+    fingerprint = request.values.get("fingerprint", "")
+    with parts().database.transaction() as tx:
+        for one in pending.waiting(tx):
+            if (one.robot, one.fingerprint) == (name, fingerprint):
+                return one
+    raise RecordMissing(
+        f"cannot find that key of robot {name}: it does not wait any more; see {PAGE} for what does"
+    )
+
+
+def _rejected(key_id: int) -> RejectedKey:
+    with parts().database.transaction() as tx:
+        for one in pending.rejected(tx):
+            if one.id == key_id:
+                return one
+    raise RecordMissing("cannot find that rejected key: it may ask again already")
+
+
+def _what_stays(waiting: Waiting) -> str:
+    if waiting.reason == "mac_in_use":
+        return f"Robot {waiting.robot} goes on with the key that it has."
+    return (
+        "A robot that nobody announced goes from the list; an announced one waits for another key."
+    )

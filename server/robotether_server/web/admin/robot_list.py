@@ -1,0 +1,98 @@
+"""/admin/robots: every robot, found by words and state; /admin/add-robot: announce one before it joins."""
+
+from dataclasses import dataclass
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import robots as deeds_on_robots
+from robotether_server.problems import Problem
+from robotether_server.store import robots
+from robotether_server.store.robots import SeenRobot
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("robot_list", __name__)
+
+MOST_SHOWN = 200
+LONGEST_NAME = 63
+LONGEST_MAC = 17
+STATES = (
+    ("", "All"),
+    ("online", "Online"),
+    ("offline", "Offline"),
+    ("active", "Active"),
+    ("pending", "Announced or waiting"),
+    ("disabled", "Disabled"),
+)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What an admin looks for: words that all must stand somewhere in the row, and a state of STATES."""
+
+    words: str = ""
+    state: str = ""
+
+    def finds(self, seen: SeenRobot) -> bool:
+        """Tell whether a robot is one of those."""
+        presence = "online" if seen.online else "offline"
+        if self.state not in ("", presence, seen.robot.state):
+            return False
+        row = " ".join(_searched(seen)).lower()
+        return all(word in row for word in self.words.lower().split())
+
+
+def _searched(seen: SeenRobot) -> list[str]:
+    robot = seen.robot
+    texts = [robot.name, robot.mac, robot.mac.replace(":", "-"), robot.mac.replace(":", "")]
+    report = [robot.report.hostname, robot.report.address] if robot.report else []
+    return [*texts, *report, seen.address or ""]
+
+
+@blueprint.get("/robots")
+def show() -> str:
+    """Show the robots that the search finds."""
+    search = Search(request.args.get("q", "").strip(), request.args.get("state", ""))
+    with parts().database.transaction() as tx:
+        everyone = robots.list_seen(tx, visitors.visitor())
+    found = [seen for seen in everyone if search.finds(seen)]
+    return render_template(
+        "admin/robots.html",
+        robots=found[:MOST_SHOWN],
+        found=len(found),
+        total=len(everyone),
+        search=search,
+        states=STATES,
+    )
+
+
+@blueprint.get("/add-robot")
+def show_form() -> str:
+    """Show the form."""
+    return _form()
+
+
+@blueprint.post("/add-robot")
+def add() -> AnyResponse | tuple[str, int]:
+    """Announce a robot by its MAC and name."""
+    try:
+        mac = forms.text("mac", "MAC address", LONGEST_MAC)
+        name = forms.text("name", "Name", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            robot = deeds_on_robots.add(
+                tx, visitors.source(), mac, name, allow_local_mac=forms.is_ticked("local_mac")
+            )
+    except Problem as problem:
+        return _form(problem), problem.status
+    return deeds.go_on(
+        f"/admin/robots/{robot.name}",
+        f"Robot {robot.name} is announced. It waits for the machine with MAC {robot.mac}.",
+    )
+
+
+def _form(problem: Problem | None = None) -> str:
+    policy = parts().join.policy
+    return render_template(
+        "admin/add_robot.html", problem=problem, values=request.form, policy=policy
+    )

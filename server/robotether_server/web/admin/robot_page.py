@@ -1,0 +1,60 @@
+"""/admin/robots/NAME: all that is known of one robot, and the way to everything that can be done with it."""
+
+from flask import Blueprint, render_template, request
+
+from robotether_server.administration import grants
+from robotether_server.problems import Problem, RobotUnknown
+from robotether_server.store import Transaction, audit, robots, sessions, users
+from robotether_server.store.grants import LEVELS
+from robotether_server.store.robots import SeenRobot
+from robotether_server.web import visitors
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("robot_page", __name__)
+
+SHOWN = 20
+
+
+@blueprint.get("/robots/<name>")
+def show(name: str) -> str:
+    """Show the robot."""
+    return render(name)
+
+
+def render(name: str, problem: Problem | None = None) -> str:
+    """Return the page of a robot, with what went wrong in one of its forms; raise RobotUnknown."""
+    with parts().database.transaction() as tx:
+        seen = find(tx, name)
+        return render_template(
+            "admin/robot.html",
+            seen=seen,
+            robot=seen.robot,
+            sessions=sessions.of_robot(tx, seen.robot.id, SHOWN),
+            events=audit.find(tx, robot=name, limit=SHOWN),
+            grants=[grant for grant in grants.list_all(tx) if grant.robot == name],
+            users=[user.name for user in users.list_all(tx) if not user.is_admin],
+            levels=LEVELS,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def get(name: str) -> SeenRobot:
+    """Return the robot that a page is about; raise RobotUnknown."""
+    with parts().database.transaction() as tx:
+        return find(tx, name)
+
+
+def find(tx: Transaction, name: str) -> SeenRobot:
+    """Return the robot of that name, as an admin sees it; raise RobotUnknown."""
+    seen = robots.find_seen(tx, visitors.visitor(), name)
+    if seen is None:
+        raise RobotUnknown(
+            f"cannot show robot {name}: there is none of that name; perhaps it was renamed or removed"
+        )
+    return seen
+
+
+def page_of(name: str) -> str:
+    """Return the path of a robot's page."""
+    return f"/admin/robots/{name}"

@@ -1,0 +1,94 @@
+"""/admin/users: who may log in, and the form for one more; /admin/users/NAME: one of them."""
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server import passwords
+from robotether_server.administration import grants, tokens
+from robotether_server.administration import users as deeds_on_users
+from robotether_server.problems import Problem
+from robotether_server.store import robots, users
+from robotether_server.store.grants import LEVELS
+from robotether_server.store.users import ROLES
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("users", __name__, url_prefix="/users")
+
+LONGEST_NAME = 63
+
+
+@blueprint.get("")
+def show_all() -> str:
+    """Show every user."""
+    return _list()
+
+
+@blueprint.post("")
+def add() -> AnyResponse | str | tuple[str, int]:
+    """Add a user; a password that was made is in the answer, this one time."""
+    typed = forms.secret("password")
+    password = typed or passwords.new_password()
+    try:
+        name = forms.text("name", "Name", LONGEST_NAME)
+        role = forms.choice("role", "Role", ROLES)
+        with parts().database.transaction() as tx:
+            deeds_on_users.add(tx, visitors.source(), name, password, role)
+    except Problem as problem:
+        return _list(problem), problem.status
+    if typed:
+        return deeds.go_on(page_of(name), f"User {name} is added.")
+    return show_password(name, password, f"User {name} is added")
+
+
+@blueprint.get("/<name>")
+def show(name: str) -> str:
+    """Show one user."""
+    return render(name)
+
+
+def show_password(name: str, password: str, title: str) -> str:
+    """Return the page that shows a password, in the answer to the form that asked for it."""
+    return render_template(
+        "admin/secret.html",
+        title=title,
+        secret=password,
+        what=f"The password of {name}",
+        advice=f"Hand it to {name} over a safe way. Everybody can change their own password in their profile.",
+        back=page_of(name),
+    )
+
+
+def render(name: str, problem: Problem | None = None) -> str:
+    """Return the page of a user, with what went wrong in one of its forms; raise RecordMissing."""
+    with parts().database.transaction() as tx:
+        user = users.get(tx, name)
+        return render_template(
+            "admin/user.html",
+            subject=user,
+            grants=[grant for grant in grants.list_all(tx) if grant.user == name],
+            tokens=tokens.list_of(tx, user),
+            robots=[seen.robot.name for seen in robots.list_seen(tx, visitors.visitor())],
+            levels=LEVELS,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def page_of(name: str) -> str:
+    """Return the path of a user's page."""
+    return f"/admin/users/{name}"
+
+
+def _list(problem: Problem | None = None) -> str:
+    with parts().database.transaction() as tx:
+        everyone = users.list_all(tx)
+        counted = grants.list_all(tx)
+    return render_template(
+        "admin/users.html",
+        users=everyone,
+        grants={user.name: sum(grant.user == user.name for grant in counted) for user in everyone},
+        shortest_password=passwords.SHORTEST,
+        problem=problem,
+        values=request.form,
+    )

@@ -1,0 +1,35 @@
+"""What templates write often: moments, keys in groups, and a robot's state in words. Pure functions."""
+
+import datetime as dt
+
+from flask import Flask
+
+from robotether_server.store.robots import Robot
+
+KEY_GROUP = 4
+
+
+def register(app: Flask) -> None:
+    """Give the templates their filters."""
+    app.add_template_filter(moment_words, "moment")
+    app.add_template_filter(key_groups, "key_groups")
+    app.add_template_filter(state_words, "state_words")
+
+
+def moment_words(moment: dt.datetime) -> str:
+    """Return a moment as people read it: 2026-01-01 12:03 UTC."""
+    return moment.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def key_groups(fingerprint: str) -> list[str]:
+    """Split a fingerprint in groups that the eye can compare; together they are the fingerprint."""
+    kind, colon, digest = fingerprint.rpartition(":")
+    groups = [digest[at : at + KEY_GROUP] for at in range(0, len(digest), KEY_GROUP)]
+    return [kind + colon, *groups] if kind else groups
+
+
+def state_words(robot: Robot) -> str:
+    """Return a robot's state in a word or two."""
+    if robot.state != "pending":
+        return robot.state.capitalize()
+    return "Waits for approval" if robot.fingerprint else "Announced"

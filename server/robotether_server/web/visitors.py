@@ -1,0 +1,72 @@
+"""Who looks at a page: found before the page's handler runs, for blueprints that need a login or an admin.
+
+Used by the admin pages and the profile. The user of this request stands in `flask.g`; an admin's pages also
+know how many keys wait, for the badge of their menu.
+"""
+
+from urllib.parse import quote
+
+from flask import Flask, g, redirect, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import pending
+from robotether_server.problems import GrantMissing
+from robotether_server.store import Transaction
+from robotether_server.store.audit import Source
+from robotether_server.store.users import User
+from robotether_server.web import access
+from robotether_server.web.parts import parts
+
+
+def register(app: Flask) -> None:
+    """Let every template know who looks at it, pages that tell a problem included."""
+    app.context_processor(_for_templates)
+
+
+def need_user() -> AnyResponse | None:
+    """Find out who asks; send a visitor without a login to the log-in page."""
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+        if user is None:
+            return to_login()
+        remember(tx, user)
+    return None
+
+
+def need_admin() -> AnyResponse | None:
+    """Find out who asks, as `need_user` does; raise GrantMissing for everybody but admins."""
+    with parts().database.transaction() as tx:
+        user = access.page_user(tx, request)
+        if user is None:
+            return to_login()
+        remember(tx, user)
+    if not user.is_admin:
+        raise GrantMissing("cannot show this page: it is for admins; ask one of this site's")
+    return None
+
+
+def remember(tx: Transaction, user: User) -> None:
+    """Keep the user for the templates, and for an admin how many keys wait."""
+    g.user = user
+    g.waiting = len(pending.waiting(tx)) if user.is_admin else 0
+
+
+def to_login() -> AnyResponse:
+    """Send the visitor to the log-in page, and back here afterwards; what a form held is lost."""
+    here = request.full_path.rstrip("?") if request.method == "GET" else request.path
+    return redirect(f"/login?next={quote(here)}")
+
+
+def visitor() -> User:
+    """Return the user of this request; only for blueprints that need one."""
+    user: User = g.user
+    return user
+
+
+def source() -> Source:
+    """Return who does what this request asks for, for the audit log."""
+    return Source(visitor().name, request.remote_addr)
+
+
+def _for_templates() -> dict[str, object]:
+    return {"user": g.get("user"), "waiting_count": g.get("waiting", 0)}
