@@ -1,7 +1,7 @@
-"""Reads one OpenSSH public key line, as a robot presents it when it joins.
+"""Reads one OpenSSH public key line, as a robot presents it when it joins, or a person in the profile.
 
-Used by web. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it lets
-nothing through but a key type and its base64: no options, no comment, no second line.
+Used by web and administration. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
+lets nothing through but a key type and its base64: no options, no comment, no second line.
 """
 
 import base64
@@ -13,9 +13,20 @@ from dataclasses import dataclass
 from robotether_server.problems import FieldInvalid
 
 LONGEST_LINE = 2048
-SMALLEST_RSA_BITS = 3072
+SMALLEST_RSA_BITS = 2048
 ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
-TYPES = ("ssh-ed25519", *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES), "ssh-rsa")
+ED25519 = "ssh-ed25519"
+SK_ED25519 = "sk-ssh-ed25519@openssh.com"
+SK_ECDSA = "sk-ecdsa-sha2-nistp256@openssh.com"
+# Robots make their keys themselves, so one good type is enough; people bring what they have.
+ROBOT_TYPES = (ED25519,)
+PERSON_TYPES = (
+    ED25519,
+    *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES),
+    "ssh-rsa",
+    SK_ED25519,
+    SK_ECDSA,
+)
 ED25519_BYTES = 32
 
 
@@ -28,13 +39,27 @@ class PublicKey:
 
 
 def parse(text: str) -> PublicKey:
-    """Return the key of one line; raise FieldInvalid when it is no key that robots may use."""
+    """Return a robot's key of one line; raise FieldInvalid when it is none that robots may use."""
+    return _parse(text, ROBOT_TYPES)
+
+
+def parse_persons(text: str) -> PublicKey:
+    """Return a person's key of one line; raise FieldInvalid when it is none that people may use."""
+    return _parse(text, PERSON_TYPES)
+
+
+def comment(text: str) -> str:
+    """Return what stands after the key, or nothing."""
+    return " ".join(text.split()[2:])
+
+
+def _parse(text: str, types: tuple[str, ...]) -> PublicKey:
     words = text.strip().split(" ")
-    if len(text) > LONGEST_LINE or not text.isprintable() or not words[0] or len(words) < 2:  # noqa: PLR2004 - type and key
+    if len(text) > LONGEST_LINE or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
         raise _invalid("it must be one line: type, key and perhaps a comment")
     kind, encoded = words[:2]
-    if kind not in TYPES:
-        raise _invalid(f"its type is not one of {', '.join(TYPES)} (options are not allowed)")
+    if kind not in types:
+        raise _invalid(f"its type is not one of {', '.join(types)} (options are not allowed)")
     try:
         blob = base64.b64decode(encoded, validate=True)
         fields = _fields(blob)
@@ -64,6 +89,10 @@ def _check_fields(kind: str, fields: list[bytes]) -> None:
         raise _invalid("the key inside is of another type than the line says")
     match kind, fields[1:]:
         case "ssh-ed25519", [point] if len(point) == ED25519_BYTES:
+            return
+        case "sk-ssh-ed25519@openssh.com", [point, _] if len(point) == ED25519_BYTES:
+            return
+        case "sk-ecdsa-sha2-nistp256@openssh.com", [b"nistp256", _, _]:
             return
         case "ssh-rsa", [_, modulus]:
             bits = int.from_bytes(modulus, "big").bit_length()

@@ -1,11 +1,14 @@
 """How a key becomes a robot's own: what joins and playbooks share. Its callers hold the enrolment lock.
 
 A MAC only names a robot, and showing a public key proves nothing. So without somebody who vouches a key only
-waits, and nothing that waits may keep a robot out that somebody vouches for. An active robot's key is never
-replaced here.
+waits, and nothing that waits may keep a robot out that somebody vouches for. The key of an active robot is
+never replaced here.
 """
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain, count
 
 from robotether_server import macs, ssh_keys
 from robotether_server.administration.vouching import Vouch
@@ -20,7 +23,21 @@ from robotether_server.problems import (
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import Transaction, audit, claims, join_tokens, robots
 from robotether_server.store.audit import Event, Source
+from robotether_server.store.claims import Claim
 from robotether_server.store.robots import Report, Robot
+
+ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
+SHORTEST_SUFFIX = 6
+MAC_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a robot shows and tells: its MAC (normalised), its key, and about itself."""
+
+    mac: str
+    key: PublicKey
+    report: Report
 
 
 @dataclass(frozen=True)
@@ -31,11 +48,171 @@ class Registration:
     mac: str
     public_key: str
     vouch: Vouch
-    hostname: str = ""
-    agent_version: str = ""
+    hostname: str | None = None
+    agent_version: str | None = None
     allow_local_mac: bool = False
 
 
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
-    """Make the robot active with this key, or find it so; see robots.register."""
-    raise NotImplementedError
+    """Make the robot active with this key, or find it so; tell whether its row was made for it."""
+    shown = Shown(
+        mac=macs.normalise(registration.mac),
+        key=ssh_keys.parse(registration.public_key),
+        report=Report(
+            registration.hostname or "", registration.agent_version or "", source.address or ""
+        ),
+    )
+    check_not_rejected(tx, shown.key)
+    found = robots.find_by_mac(tx, shown.mac)
+    if found is not None:
+        _check_may_register(found, shown)
+        found = _named(tx, source, found, registration.name)
+        if found.state == "active" and found.fingerprint == shown.key.fingerprint:
+            return found, False
+    elif not registration.allow_local_mac:
+        macs.check_universal(shown.mac)
+    check_key_is_free(tx, source, shown, vouched=True)
+    row = found or _add(tx, shown.mac, registration.name)
+    return let_in(tx, source, row, shown, registration.vouch), found is None
+
+
+def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
+    """Raise KeyRejected for a key that an admin turned away."""
+    claim = claims.find(tx, key.fingerprint)
+    if claim is not None and claim.is_rejected:
+        raise KeyRejected(
+            f"cannot join with key {key.fingerprint}: an admin turned it away; make a new key on the robot "
+            "(robotether-agent rekey), or let an admin take it off the list of rejected keys"
+        )
+
+
+def check_key_is_free(tx: Transaction, source: Source, shown: Shown, *, vouched: bool) -> None:
+    """Raise KeyInUse when the key stands at another MAC; where it only waits there, a vouched robot gets it."""
+    holder = robots.find_by_key(tx, shown.key.fingerprint)
+    claim = claims.find(tx, shown.key.fingerprint)
+    waits_elsewhere = holder is not None and holder.mac != shown.mac
+    claimed_elsewhere = claim is not None and claim.mac != shown.mac
+    if not waits_elsewhere and not claimed_elsewhere:
+        return
+    if not vouched or (waits_elsewhere and holder is not None and holder.state != "pending"):
+        raise KeyInUse(
+            f"cannot join with MAC {shown.mac}: the key belongs to a robot with another MAC; "
+            "make a new key on this one"
+        )
+    _release(tx, source, holder, claim)
+
+
+def let_in(
+    tx: Transaction, source: Source, robot: Robot, shown: Shown, vouch: Vouch | None
+) -> Robot:
+    """Make the key the robot's own, and the robot active; None: JOIN_POLICY vouches for first keys.
+
+    Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
+    """
+    if vouch is not None and vouch.token is not None:
+        _count_use(tx, vouch.token, shown.key)
+    take_key(tx, robot, shown)
+    robots.set_state(tx, robot.id, "active")
+    details: dict[str, object] = {
+        "was": robot.state,
+        "mac": shown.mac,
+        "fingerprint": shown.key.fingerprint,
+        "hostname": shown.report.hostname,
+        **(vouch.details if vouch else {"by": "first key"}),
+    }
+    audit.record(tx, source, Event("robot_approved", robot.name, details))
+    return robots.get(tx, robot.name)
+
+
+def take_key(tx: Transaction, robot: Robot, shown: Shown) -> None:
+    """Write the key into the row, unless it stands there: a known key changes nothing. Raises KeyInUse."""
+    claim = claims.find(tx, shown.key.fingerprint)
+    if claim is not None:
+        claims.remove(tx, claim.id)
+    if robot.fingerprint == shown.key.fingerprint:
+        return
+    try:
+        robots.set_key(tx, robot.id, shown.key, shown.report)
+    except RecordExists as error:
+        # Only SQL written by hand comes in between: joins and admins hold the lock.
+        raise KeyInUse(f"cannot join with MAC {shown.mac}: another robot has the key") from error
+
+
+def is_spent(tx: Transaction, vouch: Vouch, key: PublicKey) -> bool:
+    """Tell whether the join token let this key in before, which an admin has undone since."""
+    return vouch.token is not None and join_tokens.has_let_in(tx, vouch.token.id, key.fingerprint)
+
+
+def free_name(tx: Transaction, mac: str, wish: str | None = None) -> str:
+    """Return the wish if it can be had, or robot- and as many of the MAC's digits as make it a new name."""
+    wishes = [wish] if wish is not None and ROBOT_NAME.fullmatch(wish) else []
+    names = chain(wishes, usual_names(mac))
+    return next(name for name in names if not robots.name_is_taken(tx, name))
+
+
+def usual_names(mac: str) -> Iterator[str]:
+    """Return names for an unknown robot, the shortest first; there is always another."""
+    digits = mac.replace(":", "")
+    for length in range(SHORTEST_SUFFIX, MAC_DIGITS + 1):
+        yield f"robot-{digits[-length:]}"
+    for number in count(2):
+        yield f"robot-{digits}-{number}"
+
+
+def _add(tx: Transaction, mac: str, name: str) -> Robot:
+    robots.add(tx, mac, name)
+    return robots.get(tx, name)
+
+
+def _check_may_register(found: Robot, shown: Shown) -> None:
+    if found.state == "disabled":
+        raise RobotDisabled(
+            f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
+            f"robotether robot enable {found.name}"
+        )
+    is_other = found.fingerprint not in (None, shown.key.fingerprint)
+    if found.state == "active" and is_other:
+        raise MacInUse(
+            f"cannot enrol MAC {shown.mac}: robot {found.name} has it, with another key; if this is that robot "
+            f"with a new disk, an admin forgets the old key with: robotether robot rekey {found.name}"
+        )
+
+
+def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
+    """Return the robot under the name that the playbook gives; only a stranger is renamed for it."""
+    if found.name == name:
+        return found
+    if not found.is_stranger:
+        raise RecordExists(
+            f"cannot enrol robot {name}: MAC {found.mac} belongs to robot {found.name}; use that name, or "
+            f"rename it first"
+        )
+    robots.rename(tx, found.id, name)
+    audit.record(tx, source, Event("robot_renamed", name, {"was": found.name}))
+    return robots.get(tx, name)
+
+
+def _count_use(tx: Transaction, token: join_tokens.JoinToken, key: PublicKey) -> None:
+    if join_tokens.has_let_in(tx, token.id, key.fingerprint):
+        raise TokenUsedUp(
+            f"cannot join with this token: it has let key {key.fingerprint} in before, and an admin has undone "
+            "that; get another token, or an admin's approval"
+        )
+    if not join_tokens.use(tx, token.id, key.fingerprint):
+        raise TokenUsedUp(
+            f"cannot join with this token: it was good for {token.uses} "
+            f"{'robot' if token.uses == 1 else 'robots'}, which are in; make another"
+        )
+
+
+def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim | None) -> None:
+    if claim is not None:
+        claims.remove(tx, claim.id)
+    if holder is None:
+        return
+    if holder.is_stranger:
+        robots.remove(tx, holder.id)
+    else:
+        robots.forget_key(tx, holder.id)
+    details: dict[str, object] = {"mac": holder.mac, "fingerprint": holder.fingerprint}
+    audit.record(tx, source, Event("key_released", holder.name, details))

@@ -29,7 +29,7 @@ def add(
 
 
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
-    """Make a robot active with this key; tell whether anything was made or changed.
+    """Make a robot active with this key; tell whether its row was made for it. Asking again changes nothing.
 
     Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
     """
@@ -137,7 +137,7 @@ def move_ports(
     return moved
 
 
-def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:  # noqa: FBT001 - the deed's own value
+def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
     """Forward a port to the robot's sshd, or stop doing so; raise RecordRefused when no port is free."""
     found = _get(tx, name)
     if found.shell == on:
@@ -149,9 +149,7 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:  #
     return changed
 
 
-def set_settings(
-    tx: Transaction, source: Source, name: str, settings: dict[str, object]
-) -> Robot:
+def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str, object]) -> Robot:
     """Replace a robot's settings; {} clears them. Raises FieldInvalid."""
     found = _get(tx, name)
     _check_settings(settings)
@@ -241,7 +239,9 @@ def _no_such_key(found: Robot, fingerprint: str) -> str:
 
 def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str) -> None:
     if found.key is None or found.fingerprint != fingerprint or found.report is None:
-        raise NotPossible(f"cannot reject key {fingerprint}: it does not wait at robot {found.name}")
+        raise NotPossible(
+            f"cannot reject key {fingerprint}: it does not wait at robot {found.name}"
+        )
     if found.state != "pending":
         raise NotPossible(
             f"cannot reject key {fingerprint}: robot {found.name} is {found.state} with it; forget the key "
@@ -251,7 +251,7 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
         robots.remove(tx, found.id)
     else:
         robots.forget_key(tx, found.id)
-    claims.add_rejected(tx, found.name, found.mac, found.key, found.report, source.actor)
+    claims.add_rejected(tx, found, source.actor)
 
 
 def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:
@@ -263,6 +263,8 @@ def _change_state(tx: Transaction, source: Source, found: Robot, state: State, k
 def _check_settings(settings: dict[str, object]) -> None:
     unknown = sorted(set(settings) - {"shell_user"})
     if unknown:
-        raise FieldInvalid(f"cannot use settings: {unknown[0][:40]!r} is no setting; there is shell_user")
+        raise FieldInvalid(
+            f"cannot use settings: {unknown[0][:40]!r} is no setting; there is shell_user"
+        )
     if "shell_user" in settings:
         check_shell_user(settings["shell_user"])

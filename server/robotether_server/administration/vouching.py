@@ -16,10 +16,11 @@ ROBOT = "robot"
 
 @dataclass(frozen=True)
 class Vouch:
-    """`actor` stands in the audit log; `token`: the join token that a use is counted of, if it is one."""
+    """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
 
     actor: str
     token: JoinToken | None = None
+    admin: User | None = None
 
     @property
     def details(self) -> dict[str, object]:
@@ -35,7 +36,7 @@ def find(tx: Transaction, text: str) -> Vouch:
     A join token that is used up still tells who asks: a use is counted when it lets a robot in.
     """
     if text.startswith(join_tokens.PREFIX):
-        return Vouch(ROBOT, _join_token(tx, text))
+        return Vouch(ROBOT, token=_join_token(tx, text))
     user = tokens.find_user(tx, text)
     if user is None:
         raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
@@ -46,7 +47,7 @@ def of_admin(user: User) -> Vouch:
     """Return an admin as who vouches; raise GrantMissing for another user."""
     if not user.is_admin:
         raise GrantMissing("cannot let a robot in with this token: it must be one of an admin")
-    return Vouch(user.name)
+    return Vouch(user.name, admin=user)
 
 
 def _join_token(tx: Transaction, text: str) -> JoinToken:

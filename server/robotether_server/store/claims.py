@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from robotether_server.problems import RecordMissing
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store.database import Row, Transaction
-from robotether_server.store.robots import Report
+from robotether_server.store.robots import Report, Robot
 
 # While a claim waits its robot may get another name; a rejected key keeps the name of its time.
 SELECT = (
@@ -59,16 +59,16 @@ def find(tx: Transaction, fingerprint: str) -> Claim | None:
     return _claim(row) if row else None
 
 
-def add(tx: Transaction, robot_id: int, robot: str, mac: str, key: PublicKey, report: Report) -> None:
+def add(tx: Transaction, robot: Robot, key: PublicKey, report: Report) -> None:
     """Write down that a key wants to be the one of that robot. Raises RecordExists."""
     tx.insert(
         "INSERT INTO key_claims "
         "(robot_id, robot, mac, fingerprint, public_key, hostname, agent_version, address) "
         "VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
         (
-            robot_id,
-            robot,
-            mac,
+            robot.id,
+            robot.name,
+            robot.mac,
             key.fingerprint,
             key.line,
             report.hostname,
@@ -78,21 +78,20 @@ def add(tx: Transaction, robot_id: int, robot: str, mac: str, key: PublicKey, re
     )
 
 
-def add_rejected(
-    tx: Transaction, robot: str, mac: str, key: PublicKey, report: Report, by: str
-) -> None:
-    """Remember a key of a robot's row as turned away. Raises RecordExists."""
+def add_rejected(tx: Transaction, robot: Robot, by: str) -> None:
+    """Remember the key that this robot's row had as turned away. Raises RecordExists."""
+    report = robot.report
     tx.insert(
         "INSERT INTO key_claims (robot, mac, fingerprint, public_key, hostname, agent_version, address, "
         "rejected_at, rejected_by) VALUES (%s, %s, %s, %s, %s, %s, %s, CURRENT_TIMESTAMP(6), %s)",
         (
-            robot,
-            mac,
-            key.fingerprint,
-            key.line,
-            report.hostname,
-            report.agent_version,
-            report.address,
+            robot.name,
+            robot.mac,
+            robot.fingerprint,
+            robot.public_key,
+            report.hostname if report else None,
+            report.agent_version if report else None,
+            report.address if report else None,
             by,
         ),
     )
@@ -124,7 +123,9 @@ def waiting(tx: Transaction) -> list[Claim]:
 
 def rejected(tx: Transaction) -> list[Claim]:
     """Return the keys that were turned away, the newest first."""
-    rows = tx.rows(SELECT + "WHERE c.rejected_at IS NOT NULL ORDER BY c.rejected_at DESC, c.id DESC")
+    rows = tx.rows(
+        SELECT + "WHERE c.rejected_at IS NOT NULL ORDER BY c.rejected_at DESC, c.id DESC"
+    )
     return [_claim(row) for row in rows]
 
 

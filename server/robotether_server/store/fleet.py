@@ -33,6 +33,13 @@ class Robot:
     ros_port: int
     video_port: int
     agent_version: str | None = None
+    # None: no forward to the robot's own sshd.
+    shell_port: int | None = None
+    # The key that may log in, and the one before it, whose connections live on.
+    fingerprint: str | None = None
+    previous_fingerprint: str | None = None
+    # The agent is asked for a new key.
+    rotate_key: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,14 +140,20 @@ def load(tx: Transaction) -> Snapshot:
     """Read robots and rights, all of the same moment as the version in it."""
     rights = changes(tx).rights
     robots = tx.rows(
-        "SELECT id, name, state, ros_port, video_port, agent_version FROM relay_robots"
+        "SELECT id, name, state, ros_port, video_port, agent_version, shell_port,"
+        " fingerprint, previous_fingerprint, rotate_key FROM relay_robots"
     )
     grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")
     return Snapshot(
-        robots={row["id"]: Robot(**row) for row in robots},
+        robots={row["id"]: _robot_of(row) for row in robots},
         grants={(row["user_id"], row["robot_id"]): row["level"] for row in grants},
         rights=rights,
     )
+
+
+def _robot_of(row: Row) -> Robot:
+    # MariaDB has no truth values of its own.
+    return Robot(**{**row, "rotate_key": bool(row["rotate_key"])})
 
 
 def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:

@@ -153,12 +153,25 @@ def list_all(tx: Transaction) -> list[SeenRobot]:
     return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
 
 
+def get_seen(tx: Transaction, name: str) -> SeenRobot:
+    """Return one robot as an admin sees it; raise RecordMissing."""
+    values = {"admin": True, "user_id": 0, "name": name}
+    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
+    if row is None:
+        raise _missing(name)
+    return _seen(row)
+
+
 def get(tx: Transaction, name: str) -> Robot:
     """Return the robot of that name, locked until the transaction ends; raise RecordMissing."""
     row = tx.row(SELECT + "WHERE r.name = %s FOR UPDATE", (name,))
     if row is None:
         raise RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
     return _robot(row)
+
+
+def _missing(name: str) -> RecordMissing:
+    return RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
 
 
 def find_by_mac(tx: Transaction, mac: str) -> Robot | None:
@@ -182,7 +195,8 @@ def peek_by_mac(tx: Transaction, mac: str) -> Robot | None:
 def list_waiting(tx: Transaction) -> list[Robot]:
     """Return the robots whose key waits for approval, the oldest first."""
     rows = tx.rows(
-        SELECT + "WHERE r.state = 'pending' AND r.fingerprint IS NOT NULL ORDER BY r.joined_at, r.id"
+        SELECT
+        + "WHERE r.state = 'pending' AND r.fingerprint IS NOT NULL ORDER BY r.joined_at, r.id"
     )
     return [_robot(row) for row in rows]
 
@@ -242,7 +256,8 @@ def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> N
     """
     tx.change(
         "UPDATE robots SET public_key = %s, fingerprint = %s, joined_at = CURRENT_TIMESTAMP(6), "
-        "previous_fingerprint = NULL, rotate_requested_at = NULL, hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
+        "previous_fingerprint = NULL, rotate_requested_at = NULL, "
+        "hostname = %s, agent_version = %s, join_address = %s WHERE id = %s",
         (
             key.line,
             key.fingerprint,

@@ -1,132 +1,274 @@
 """Lets robots in: decides what a robot that shows a MAC and a key is told.
 
-Used by api.py. A MAC only names a robot; its key is what proves it. A key waits until an admin
-approves it, unless it comes with an API token of an admin, which approves at once. A join proves no
-possession of the key, so one with a key that is known already must never change the row.
+Used by api/join.py. A MAC only names a robot; its key is what proves it. Without a token JOIN_POLICY says
+what becomes of a new key. A join proves no possession of the key, so one with a key that is known already
+must never change the row, and only the old key's signature or an admin changes the key of an active robot.
 """
 
 import datetime as dt
 from dataclasses import dataclass
+from typing import Literal
 
+from robotether_server import macs, signatures
+from robotether_server.administration import enrolment, vouching
+from robotether_server.administration.enrolment import Shown
+from robotether_server.administration.vouching import Vouch
 from robotether_server.networks import network_of
 from robotether_server.problems import (
-    GrantMissing,
-    KeyInUse,
-    MacInUse,
-    RecordExists,
+    FieldInvalid,
+    MacElsewhere,
     RobotDisabled,
-    StoreUnavailable,
+    TokenRequired,
+    TokenUsedUp,
     TooManyPending,
 )
-from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Transaction, audit, robots
+from robotether_server.settings import JoinSettings
+from robotether_server.store import Transaction, audit, claims, locks, robots, sessions
 from robotether_server.store.audit import Event, Source
-from robotether_server.store.robots import Report, Robot
-from robotether_server.store.users import User
+from robotether_server.store.robots import Robot
 
-SHORTEST_SUFFIX = 6
-MAC_DIGITS = 12
-# Robots that nobody announced: what one network may leave waiting, and for how long.
+# What nobody announced: how much one network may leave waiting, and for how long.
 STRANGERS_PER_NETWORK = 10
 STRANGER_LIFETIME = dt.timedelta(hours=24)
+# A join proves nothing, so it may not fill the audit log either.
+MAC_CHANGED_EVERY = dt.timedelta(hours=24)
+ROTATION = "robotether-rotation"
+
+
+@dataclass(frozen=True)
+class PreviousKey:
+    """The key that a robot had until now, and its signature over MAC and new key."""
+
+    fingerprint: str
+    signature: str
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a robot shows. `approver`: the admin whose token came with it."""
+    """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has."""
 
-    mac: str
-    key: PublicKey
-    report: Report
-    approver: User | None
+    shown: Shown
+    token: str | None = None
+    name: str | None = None
+    mac_present: bool = True
+    previous: PreviousKey | None = None
 
 
-def join(tx: Transaction, request: Request, max_pending: int) -> Robot:
-    """Return the robot's record, pending or active, after writing down what is new.
+@dataclass(frozen=True)
+class Answer:
+    """What it is told: `robot` is its name, or the one that its MAC alone would give it."""
 
-    Raises RobotDisabled, MacInUse, KeyInUse, TooManyPending or GrantMissing.
+    robot: str
+    code: Literal["active", "approval_pending", "mac_in_use"]
+    detail: str = ""
+
+
+def is_in(tx: Transaction, request: Request) -> Answer | None:
+    """Answer a robot that is active with this key; every robot asks so at every start, all at once.
+
+    Takes no lock and changes nothing; None: `join` decides. The token is not looked at.
     """
-    if request.approver is not None and not request.approver.is_admin:
-        raise GrantMissing("cannot join with this token: it must be one of an admin")
-    robots.remove_strangers(tx, dt.datetime.now(dt.UTC) - STRANGER_LIFETIME)
-    robot = robots.find_by_mac(tx, request.mac) or _add_stranger(tx, request, max_pending)
-    if robot.state == "disabled":
+    robot = robots.peek_by_mac(tx, request.shown.mac)
+    if robot is None or robot.state != "active" or not request.mac_present:
+        return None
+    return _active(robot) if robot.fingerprint == request.shown.key.fingerprint else None
+
+
+def join(tx: Transaction, request: Request, rules: JoinSettings) -> Answer:
+    """Answer a robot after writing down what is new; must be the first deed in its transaction.
+
+    Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
+    KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
+    """
+    locks.enrolment(tx)
+    _forget_old(tx)
+    shown = request.shown
+    enrolment.check_not_rejected(tx, shown.key)
+    robot = robots.find_by_mac(tx, shown.mac)
+    if robot is not None:
+        is_known = robot.fingerprint == shown.key.fingerprint
+        _check_not_disabled(robot, shown, is_known=is_known)
+        if is_known and robot.state == "active":
+            return _still_active(tx, request, robot)
+        if _rotate(tx, request, robot):
+            return _active(robot)
+    vouch = _vouch(tx, request, rules)
+    source = Source(vouch.actor if vouch else vouching.ROBOT, shown.report.address)
+    return _Joining(tx, source, request, rules, vouch).decide(robot)
+
+
+@dataclass(frozen=True)
+class _Joining:
+    """One join of a robot that is not in yet, with what the deciding needs."""
+
+    tx: Transaction
+    source: Source
+    request: Request
+    rules: JoinSettings
+    vouch: Vouch | None
+
+    def decide(self, robot: Robot | None) -> Answer:
+        """Let the key in, let it wait, or note that it claims another key's place."""
+        enrolment.check_key_is_free(
+            self.tx, self.source, self.request.shown, vouched=self.vouch is not None
+        )
+        if robot is None:
+            robot = self._add()
+        holds_other = robot.fingerprint not in (None, self.request.shown.key.fingerprint)
+        if holds_other and (robot.state == "active" or self.vouch is None):
+            return self._claim(robot)
+        if self.vouch is not None or self._is_first_key(robot):
+            return _active(
+                enrolment.let_in(self.tx, self.source, robot, self.request.shown, self.vouch)
+            )
+        return self._wait(robot)
+
+    def _add(self) -> Robot:
+        """Add a row for a MAC that nobody knows."""
+        mac = self.request.shown.mac
+        if not self.rules.allow_local_macs:
+            macs.check_universal(mac)
+        if self.vouch is None:
+            self._check_room()
+        name = enrolment.free_name(self.tx, mac, self.request.name if self.vouch else None)
+        robots.add(self.tx, mac, name, stranger=self.vouch is None)
+        return robots.get(self.tx, name)
+
+    def _is_first_key(self, robot: Robot) -> bool:
+        is_open = not robot.is_stranger and not robot.had_key
+        return self.rules.policy == "first-key" and is_open
+
+    def _wait(self, robot: Robot) -> Answer:
+        shown = self.request.shown
+        if robot.fingerprint != shown.key.fingerprint:
+            enrolment.take_key(self.tx, robot, shown)
+            # The key is new, so it waits even in a row that was active without one.
+            robots.set_state(self.tx, robot.id, "pending")
+            audit.record(self.tx, self.source, Event("robot_pending", robot.name, _details(shown)))
+        return Answer(
+            robot.name,
+            "approval_pending",
+            f"robot {robot.name} waits for approval; an admin approves it with: "
+            f"robotether robot approve {robot.name}",
+        )
+
+    def _claim(self, robot: Robot) -> Answer:
+        """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
+        shown = self.request.shown
+        if claims.find(self.tx, shown.key.fingerprint) is None:
+            self._check_room()
+            claims.add(self.tx, robot, shown.key, shown.report)
+            audit.record(self.tx, self.source, Event("key_claimed", robot.name, _details(shown)))
+        return Answer(
+            next(enrolment.usual_names(shown.mac)),
+            "mac_in_use",
+            f"a robot with MAC {shown.mac} and another key is known and goes on with that one; an admin "
+            f"decides about this key, {shown.key.fingerprint}, in the page's list of pending robots",
+        )
+
+    def _check_room(self) -> None:
+        """Raise TooManyPending when all, or one network, have as much waiting as may."""
+        waiting = robots.strangers(self.tx)
+        waiting += [claim.report.address for claim in claims.waiting(self.tx)]
+        network = network_of(self.request.shown.report.address)
+        from_there = sum(network_of(other) == network for other in waiting)
+        is_crowded = from_there >= STRANGERS_PER_NETWORK
+        whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
+        if is_crowded or len(waiting) >= self.rules.max_pending:
+            raise TooManyPending(
+                f"cannot take another unknown robot: {whose} wait for approval already; an admin approves or "
+                "rejects some, or lets this one in beforehand with: robotether robot add NAME --mac MAC"
+            )
+
+
+def _forget_old(tx: Transaction) -> None:
+    before = dt.datetime.now(dt.UTC) - STRANGER_LIFETIME
+    robots.remove_strangers(tx, before)
+    claims.remove_old(tx, before)
+
+
+def _check_not_disabled(robot: Robot, shown: Shown, *, is_known: bool) -> None:
+    if robot.state != "disabled":
+        return
+    if not is_known:
         raise RobotDisabled(
-            f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
-            f"robotether robot enable {robot.name}"
+            f"cannot join with MAC {shown.mac}: its robot is disabled; ask an admin"
         )
-    if robot.fingerprint != request.key.fingerprint:
-        _check_may_bring_key(robot, request)
-        _take_key(tx, robot, request)
-    if request.approver is not None and robot.state != "active":
-        _approve(tx, robot, request.approver, request)
-    return robots.get(tx, robot.name)
-
-
-def _add_stranger(tx: Transaction, request: Request, max_pending: int) -> Robot:
-    if request.approver is None:
-        _check_room(robots.strangers(tx), request.report.address, max_pending)
-    name = _free_name(tx, request.mac)
-    try:
-        robots.add(tx, request.mac, name, stranger=True)
-    except RecordExists as error:
-        # The same robot asked twice at once, and the other request was first.
-        raise StoreUnavailable("cannot join: another join is at work; try again") from error
-    return robots.get(tx, name)
-
-
-def _check_room(waiting: list[str], address: str, max_pending: int) -> None:
-    """Raise TooManyPending when all, or one network, have as many unknown robots waiting as may."""
-    network = network_of(address)
-    from_there = sum(network_of(other) == network for other in waiting)
-    whose = (
-        f"{len(waiting)}" if from_there < STRANGERS_PER_NETWORK else f"{from_there} from {network}"
+    raise RobotDisabled(
+        f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
+        f"robotether robot enable {robot.name}"
     )
-    if len(waiting) >= max_pending or from_there >= STRANGERS_PER_NETWORK:
-        raise TooManyPending(
-            f"cannot take another unknown robot: {whose} wait for approval already; an admin approves or "
-            "removes some, or lets this one in beforehand with: robotether robot add NAME --mac MAC"
+
+
+def _still_active(tx: Transaction, request: Request, robot: Robot) -> Answer:
+    if not request.mac_present:
+        _check_moved(tx, request, robot)
+    return _active(robot)
+
+
+def _check_moved(tx: Transaction, request: Request, robot: Robot) -> None:
+    """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
+    if sessions.is_online(tx, robot.id):
+        raise MacElsewhere(
+            f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
+            "copy of that robot's disk, and must join with its own MAC and a new key"
         )
+    last = audit.find(tx, robot=robot.name, kind="mac_changed", limit=1)
+    if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
+        return
+    source = Source(vouching.ROBOT, request.shown.report.address)
+    audit.record(tx, source, Event("mac_changed", robot.name, _details(request.shown)))
 
 
-def _free_name(tx: Transaction, mac: str) -> str:
-    """Return robot- and the last digits of the MAC, as many as make it a new name."""
-    digits = mac.replace(":", "")
-    names = [f"robot-{digits[-count:]}" for count in range(SHORTEST_SUFFIX, MAC_DIGITS + 1)]
-    return next((name for name in names if not robots.name_is_taken(tx, name)), names[-1])
-
-
-def _check_may_bring_key(robot: Robot, request: Request) -> None:
-    """Raise MacInUse unless the row has no key yet, or one that waits while an admin vouches for this one."""
-    is_vouched = request.approver is not None and robot.state == "pending"
-    if robot.fingerprint is not None and not is_vouched:
-        raise MacInUse(
-            f"cannot join with MAC {request.mac}: robot {robot.name} has it, with another key; if this is "
-            f"that robot with a new key, an admin lets it in with: robotether robot rekey {robot.name}"
+def _rotate(tx: Transaction, request: Request, robot: Robot) -> bool:
+    """Put the new key in place of the one that signed it; False: the row does not have that one."""
+    shown, previous = request.shown, request.previous
+    if previous is None or robot.key is None or robot.state != "active":
+        return False
+    if previous.fingerprint != robot.key.fingerprint:
+        return False
+    message = f"{shown.mac} {shown.key.line}\n"
+    if not signatures.holds(robot.key, ROTATION, message, previous.signature):
+        raise FieldInvalid(
+            f"cannot use previous_key: its signature is not one of key {previous.fingerprint} over this MAC and "
+            "the new key"
         )
+    source = Source(vouching.ROBOT, shown.report.address)
+    enrolment.check_key_is_free(tx, source, shown, vouched=True)
+    claim = claims.find(tx, shown.key.fingerprint)
+    if claim is not None:
+        claims.remove(tx, claim.id)
+    robots.rotate_key(tx, robot.id, shown.key)
+    details: dict[str, object] = {"was": previous.fingerprint, "fingerprint": shown.key.fingerprint}
+    audit.record(tx, source, Event("key_rotated", robot.name, details))
+    return True
 
 
-def _take_key(tx: Transaction, robot: Robot, request: Request) -> None:
-    """Write the key down. It waits for approval even when the row was active before."""
-    try:
-        robots.set_key(tx, robot.id, request.key, request.report)
-    except RecordExists as error:
-        raise KeyInUse(
-            f"cannot join with MAC {request.mac}: the key belongs to a robot with another MAC; "
-            "make a new key on this one"
-        ) from error
-    robots.set_state(tx, robot.id, "pending")
-    details: dict[str, object] = {
-        "mac": request.mac,
-        "fingerprint": request.key.fingerprint,
-        "hostname": request.report.hostname,
+def _vouch(tx: Transaction, request: Request, rules: JoinSettings) -> Vouch | None:
+    """Return who vouches for a robot that is not in yet; None: nobody, so it may only wait."""
+    vouch = vouching.find(tx, request.token) if request.token else None
+    if vouch is not None and not enrolment.is_spent(tx, vouch, request.shown.key):
+        return vouch
+    if rules.policy != "token-only":
+        return None
+    if vouch is not None:
+        raise TokenUsedUp(
+            "cannot join with this token: it has let this key in before, and an admin has undone that; "
+            "get another token"
+        )
+    raise TokenRequired(
+        "cannot join without a token: this server takes no other robots (JOIN_POLICY=token-only); an admin makes "
+        "one with: robotether robot invite"
+    )
+
+
+def _active(robot: Robot) -> Answer:
+    return Answer(robot.name, "active")
+
+
+def _details(shown: Shown) -> dict[str, object]:
+    return {
+        "mac": shown.mac,
+        "fingerprint": shown.key.fingerprint,
+        "hostname": shown.report.hostname,
     }
-    source = Source("robot", request.report.address)
-    audit.record(tx, source, Event("robot_pending", robot.name, details))
-
-
-def _approve(tx: Transaction, robot: Robot, approver: User, request: Request) -> None:
-    robots.set_state(tx, robot.id, "active")
-    details: dict[str, object] = {"by": "join token", "fingerprint": request.key.fingerprint}
-    source = Source(approver.name, request.report.address)
-    audit.record(tx, source, Event("robot_approved", robot.name, details))

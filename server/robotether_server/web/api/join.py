@@ -4,41 +4,67 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server import macs, ssh_keys
-from robotether_server.store.robots import Report, Robot
-from robotether_server.web import access, fields, host_keys, joining
+from robotether_server import macs, signatures, ssh_keys
+from robotether_server.administration.enrolment import Shown
+from robotether_server.problems import FieldInvalid
+from robotether_server.store.robots import Report
+from robotether_server.web import fields, host_keys, joining
 from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.joining import Answer, PreviousKey
 from robotether_server.web.parts import parts
 
-LONGEST_MAC = 17
 LONGEST_HOSTNAME = 253
 LONGEST_VERSION = 32
 LONGEST_TOKEN = 200
+LONGEST_WISH = 253
+LONGEST_FINGERPRINT = 64
 SSH_USER = "tunnel"
 
 
 @blueprint.post("/join")
 def join() -> tuple[Response, int]:
     """Let a robot in, or note that it waits."""
-    body = fields.json_object(request)
-    token = fields.optional_text(body, "token", LONGEST_TOKEN)
-    mac = macs.normalise(fields.text(body, "mac", LONGEST_MAC))
-    key = ssh_keys.parse(fields.text(body, "public_key", ssh_keys.LONGEST_LINE))
+    asked = _asked(fields.json_object(request))
+    with parts().database.transaction() as tx:
+        answer = joining.is_in(tx, asked)
+    if answer is None:
+        with parts().database.transaction() as tx:
+            answer = joining.join(tx, asked, parts().join)
+    if answer.code == "active":
+        return jsonify(_joined(answer)), HTTPStatus.OK
+    return jsonify(_pending(answer)), HTTPStatus.ACCEPTED
+
+
+def _asked(body: dict[str, object]) -> joining.Request:
     report = Report(
         hostname=fields.text(body, "hostname", LONGEST_HOSTNAME),
         agent_version=fields.text(body, "agent_version", LONGEST_VERSION),
         address=request.remote_addr or "",
     )
-    with parts().database.transaction() as tx:
-        approver = access.token_user(tx, token) if token else None
-        asked = joining.Request(mac, key, report, approver)
-        robot = joining.join(tx, asked, parts().join.max_pending)
-    if robot.state == "active":
-        return jsonify(_joined(robot)), HTTPStatus.OK
-    return jsonify(_pending(robot)), HTTPStatus.ACCEPTED
+    return joining.Request(
+        shown=Shown(
+            mac=macs.normalise(fields.text(body, "mac", macs.LONGEST_TEXT)),
+            key=ssh_keys.parse(fields.text(body, "public_key", ssh_keys.LONGEST_LINE)),
+            report=report,
+        ),
+        token=fields.optional_text(body, "token", LONGEST_TOKEN),
+        name=fields.optional_text(body, "name", LONGEST_WISH),
+        mac_present=body.get("mac_present") is None or fields.flag(body, "mac_present"),
+        previous=_previous(body),
+    )
 
 
-def _joined(robot: Robot) -> dict[str, object]:
+def _previous(body: dict[str, object]) -> PreviousKey | None:
+    if body.get("previous_key") is None:
+        return None
+    given = fields.mapping(body, "previous_key")
+    signature = fields.secret(given, "signature")
+    if len(signature) > signatures.LONGEST_SIGNATURE:
+        raise FieldInvalid("cannot use signature: it is longer than one of an ssh-ed25519 key")
+    return PreviousKey(fields.text(given, "fingerprint", LONGEST_FINGERPRINT), signature)
+
+
+def _joined(answer: Answer) -> dict[str, object]:
     settings = parts().join
     ssh = {
         "user": SSH_USER,
@@ -46,14 +72,13 @@ def _joined(robot: Robot) -> dict[str, object]:
         "ports": list(settings.ssh_ports),
         "host_keys": host_keys.read(settings.ssh_host_keys_dir),
     }
-    return {"state": "active", "robot": robot.name, "ssh": ssh}
+    return {"state": "active", "robot": answer.robot, "ssh": ssh}
 
 
-def _pending(robot: Robot) -> dict[str, object]:
+def _pending(answer: Answer) -> dict[str, object]:
     return {
         "state": "pending",
-        "robot": robot.name,
-        "code": "approval_pending",
-        "detail": f"robot {robot.name} waits for approval; an admin approves it with: "
-        f"robotether robot approve {robot.name}",
+        "robot": answer.robot,
+        "code": answer.code,
+        "detail": answer.detail,
     }
