@@ -6,6 +6,8 @@ Used by every handler that needs a user. Reveals nothing about logins and tokens
 from flask import Request
 from werkzeug.wrappers import Response
 
+from robotether_server.administration import vouching
+from robotether_server.administration.vouching import Vouch
 from robotether_server.problems import LoginMissing, TokenInvalid
 from robotether_server.store import Transaction, digests, logins, tokens
 from robotether_server.store.users import User
@@ -37,6 +39,17 @@ def api_user(tx: Transaction, request: Request) -> User:
         raise LoginMissing("cannot tell who asks: log in, or send an API token as Bearer")
     csrf.protect()
     return user
+
+
+def voucher(tx: Transaction, request: Request) -> Vouch:
+    """Return who vouches for a robot: a join token, or an admin by API token or login.
+
+    Raises LoginMissing, TokenInvalid, TokenExpired or GrantMissing.
+    """
+    header = request.headers.get("Authorization")
+    if header is not None:
+        return vouching.find(tx, _bearer(header))
+    return vouching.of_admin(api_user(tx, request))
 
 
 def credential_of(request: Request) -> tuple[CredentialKind, str]:

@@ -4,10 +4,38 @@ docs/protocols.md says what they agree on, and openapi/ every path in full. The 
 write objects; what may be done and what it changes is decided in `administration` and `joining`.
 """
 
-from robotether_server.web.api import description, join, me, robots, tickets
+from robotether_server.web.api import (
+    audit,
+    description,
+    grants,
+    join,
+    join_tokens,
+    me,
+    pending,
+    robot_keys,
+    robots,
+    ssh_keys,
+    tickets,
+    tokens,
+    users,
+)
 from robotether_server.web.api.blueprint import blueprint
 
 # Each puts its paths on the blueprint when it is loaded.
-RESOURCES = (description, join, me, robots, tickets)
+RESOURCES = (
+    audit,
+    description,
+    grants,
+    join,
+    join_tokens,
+    me,
+    pending,
+    robot_keys,
+    robots,
+    ssh_keys,
+    tickets,
+    tokens,
+    users,
+)
 
 __all__ = ["RESOURCES", "blueprint"]

@@ -1,15 +1,13 @@
 """/api/v1/me: who asks."""
 
-from flask import Response, jsonify, request
+from flask import Response, jsonify
 
-from robotether_server.web import access
+from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.parts import parts
 
 
 @blueprint.get("/me")
 def me() -> Response:
     """Tell who asks."""
-    with parts().database.transaction() as tx:
-        user = access.api_user(tx, request)
-    return jsonify({"name": user.name, "role": user.role})
+    with callers.any_user() as caller:
+        return jsonify({"name": caller.user.name, "role": caller.user.role})

@@ -1,31 +1,133 @@
-"""/api/v1/robots: the robots that a user may see."""
+"""/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
+
+from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.store import robots
-from robotether_server.store.robots import SeenRobot
-from robotether_server.web import access
+from robotether_server import macs
+from robotether_server.administration import robots as deeds
+from robotether_server.administration.enrolment import Registration
+from robotether_server.administration.vouching import Vouch
+from robotether_server.problems import FieldInvalid, RobotUnknown
+from robotether_server.ssh_keys import LONGEST_LINE
+from robotether_server.store import robots, sessions
+from robotether_server.store.audit import Source
+from robotether_server.web import access, fields
+from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.pages import moment_text
+from robotether_server.web.api.callers import Caller
+from robotether_server.web.api.objects import plain, robot_object, ssh_object
+from robotether_server.web.fields import Fields
 from robotether_server.web.parts import parts
+
+LONGEST_NAME = 63
+LONGEST_HOSTNAME = 253
+LONGEST_VERSION = 32
+REGISTRATION = ("mac", "public_key", "hostname", "agent_version")
+CHANGES = ("name", "mac", "state", "shell", "settings")
+STATES = ("active", "disabled")
+USUAL_SESSIONS = 100
+MOST_SESSIONS = 500
 
 
 @blueprint.get("/robots")
 def list_robots() -> Response:
     """List the robots that the user may see."""
+    with callers.any_user() as caller:
+        seen = robots.list_seen(caller.tx, caller.user)
+    return jsonify({"robots": [robot_object(one, for_admin=caller.user.is_admin) for one in seen]})
+
+
+@blueprint.get("/robots/<robot>")
+def show_robot(robot: str) -> Response:
+    """Show one robot; one that the user may not see looks like one that does not exist."""
+    with callers.any_user() as caller:
+        seen = robots.find_seen(caller.tx, caller.user, robot)
+    if seen is None:
+        raise RobotUnknown(
+            f"cannot show robot {robot}: there is none of that name that you may see"
+        )
+    return jsonify(robot_object(seen, for_admin=caller.user.is_admin))
+
+
+@blueprint.put("/robots/<robot>")
+def register_robot(robot: str) -> tuple[Response, int]:
+    """Enrol a robot with its key, or find it enrolled."""
     with parts().database.transaction() as tx:
-        seen = robots.list_seen(tx, access.api_user(tx, request))
-    return jsonify({"robots": [_robot(robot) for robot in seen]})
+        vouch = access.voucher(tx, request)
+        registration = _registration(robot, vouch)
+        ssh = ssh_object(parts().join)
+        source = Source(vouch.actor, request.remote_addr)
+        _, is_new = deeds.register(tx, source, registration)
+        seen = robots.get_seen(tx, robot)
+    shown = robot_object(seen, for_admin=vouch.admin is not None) | {"ssh": ssh}
+    if vouch.admin is None:
+        shown["level"] = None
+    return jsonify(shown), HTTPStatus.CREATED if is_new else HTTPStatus.OK
 
 
-def _robot(seen: SeenRobot) -> dict[str, object]:
-    return {
-        "name": seen.robot.name,
-        "mac": seen.robot.mac,
-        "state": seen.robot.state,
-        "online": seen.online,
-        "since": moment_text(seen.since),
-        "level": seen.level,
-        "ros_port": seen.robot.ros_port,
-        "video_port": seen.robot.video_port,
-    }
+@blueprint.patch("/robots/<robot>")
+def change_robot(robot: str) -> Response:
+    """Change what is given, all or nothing."""
+    with callers.admin() as caller:
+        body = fields.json_object(request, CHANGES)
+        if not body:
+            raise FieldInvalid(f"cannot change robot {robot}: give one of {', '.join(CHANGES)}")
+        name = _change(caller, robot, body)
+        seen = robots.get_seen(caller.tx, name)
+    return jsonify(robot_object(seen, for_admin=True))
+
+
+@blueprint.delete("/robots/<robot>")
+def remove_robot(robot: str) -> tuple[str, int]:
+    """Remove the robot with its grants and sessions."""
+    with callers.admin() as caller:
+        deeds.remove(caller.tx, caller.source, robot)
+    return "", HTTPStatus.NO_CONTENT
+
+
+@blueprint.get("/robots/<robot>/sessions")
+def list_sessions(robot: str) -> Response:
+    """List the robot's connections, the newest first."""
+    with callers.admin() as caller:
+        given = fields.query(request, ("limit",))
+        limit = fields.number_in_query(given, "limit", 1, MOST_SESSIONS) or USUAL_SESSIONS
+        found = sessions.of_robot(caller.tx, robots.get_seen(caller.tx, robot).robot.id, limit)
+    return jsonify({"sessions": [plain(one._asdict()) for one in found]})
+
+
+def _registration(robot: str, vouch: Vouch) -> Registration:
+    body = fields.json_object(request, REGISTRATION)
+    return Registration(
+        name=robot,
+        mac=fields.text(body, "mac", macs.LONGEST_TEXT),
+        public_key=fields.text(body, "public_key", LONGEST_LINE),
+        vouch=vouch,
+        hostname=fields.optional_text(body, "hostname", LONGEST_HOSTNAME),
+        agent_version=fields.optional_text(body, "agent_version", LONGEST_VERSION),
+        allow_local_mac=parts().join.allow_local_macs,
+    )
+
+
+def _change(caller: Caller, name: str, body: Fields) -> str:
+    """Do what the body says; return the robot's name afterwards, which is changed last."""
+    tx, source = caller.tx, caller.source
+    if "mac" in body:
+        mac = fields.text(body, "mac", macs.LONGEST_TEXT)
+        deeds.set_mac(tx, source, name, mac, allow_local_mac=parts().join.allow_local_macs)
+    if "settings" in body:
+        deeds.set_settings(tx, source, name, fields.mapping(body, "settings"))
+    if "shell" in body:
+        deeds.set_shell(tx, source, name, fields.flag(body, "shell"))
+    if "state" in body:
+        _change_state(caller, name, fields.choice(body, "state", STATES))
+    if "name" not in body:
+        return name
+    return deeds.rename(tx, source, name, fields.text(body, "name", LONGEST_NAME)).name
+
+
+def _change_state(caller: Caller, name: str, state: str) -> None:
+    if state == "disabled":
+        deeds.disable(caller.tx, caller.source, name)
+    elif robots.get(caller.tx, name).state != "active":
+        deeds.enable(caller.tx, caller.source, name)

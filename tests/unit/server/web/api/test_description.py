@@ -2,35 +2,114 @@
 
 from __future__ import annotations
 
-import json
+import re
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
+from flask import Flask
+from jsonschema import Draft202012Validator
 from robotether_server.settings import WebSettings
 from robotether_server.web import create_app
+from robotether_server.web.api.description import joined
 from web_visitor import Browser
 
+# nginx gives these to the relay.
+ELSEWHERE = {("/api/v1/events", "get")}
+METHODS = {"get", "post", "put", "patch", "delete"}
+Document = dict[str, Any]
 
-def test_api_describes_itself(program: Browser) -> None:
-    """Every path under /api/v1 that Flask has stands in the document, with its methods."""
-    document = program.ask("GET", "/api/v1/openapi.json").json
-    assert document["openapi"].startswith("3.1")
+
+@pytest.fixture
+def document(program: Browser) -> Document:
+    """What the API says of itself."""
+    answer = program.ask("GET", "/api/v1/openapi.json")
+    assert answer.content_type == "application/json"
+    return dict(answer.json)
+
+
+def operations(document: Document) -> Iterator[tuple[str, str, Document]]:
+    """Path, method and description of each operation."""
+    for path, item in document["paths"].items():
+        for method in METHODS & set(item):
+            yield path, method, item[method]
+
+
+def test_each_route_is_described_and_each_description_routed(
+    app: Flask, document: Document
+) -> None:
+    """Paths, methods and the names of what stands in the paths."""
     served = {
-        (rule.rule, method.lower())
-        for rule in program.client.application.url_map.iter_rules()
-        if rule.rule.startswith("/api/v1/")
+        (re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", rule.rule), method.lower())
+        for rule in app.url_map.iter_rules()
+        if rule.rule.startswith("/api/")
         for method in rule.methods - {"HEAD", "OPTIONS"}
     }
-    described = {(path, method) for path, item in document["paths"].items() for method in item}
-    assert served <= described
-    assert json.dumps(document)
+    described = {(path, method) for path, method, _ in operations(document)}
+    assert served == described - ELSEWHERE
+
+
+def test_every_name_in_a_path_is_a_parameter(document: Document) -> None:
+    """And no parameter is left from another path."""
+    parameters = document["components"]["parameters"]
+    for path, item in document["paths"].items():
+        named = [one["$ref"].rpartition("/")[2] for one in item.get("parameters", [])]
+        given = {parameters[name]["name"] for name in named if parameters[name]["in"] == "path"}
+        assert given == set(re.findall(r"{(\w+)}", path)), path
+
+
+def test_every_reference_leads_somewhere(document: Document) -> None:
+    """A misspelt one would let any answer pass."""
+    for target in re.findall(r"'\$ref': '#/([^']+)'", str(document)):
+        found: Any = document
+        for step in target.split("/"):
+            found = found[step]
+
+
+def test_every_component_is_used(document: Document) -> None:
+    """Nothing is left over from an earlier version."""
+    used = set(re.findall(r"'#/components/([^']+)'", str(document)))
+    kinds = ("schemas", "responses", "parameters")
+    has = {f"{kind}/{name}" for kind in kinds for name in document["components"][kind]}
+    assert has == used
+
+
+def test_operations_have_names_of_their_own(document: Document) -> None:
+    """Generated clients make methods of them."""
+    names = [described["operationId"] for _, _, described in operations(document)]
+    assert len(names) == len(set(names))
+
+
+def test_what_is_for_admins_is_tagged_and_may_be_refused(document: Document) -> None:
+    """403 stands wherever somebody may be too small for it."""
+    for path, method, described in operations(document):
+        if "admin" in described.get("tags", []):
+            assert {"401", "403"} <= set(described["responses"]), (path, method)
+
+
+def test_every_schema_is_one(document: Document) -> None:
+    """JSON Schema 2020-12, which OpenAPI 3.1 uses; an object names its required members among its own."""
+    assert document["openapi"] == "3.1.0"
+    for name, schema in document["components"]["schemas"].items():
+        Draft202012Validator.check_schema(schema)
+        assert set(schema.get("required", [])) <= set(schema.get("properties", {})), name
+
+
+def test_parts_are_joined_and_may_not_contradict() -> None:
+    """Two files may add to one object, and never say one thing twice."""
+    assert joined([{"a": {"b": 1}}, {"a": {"c": 2}}]) == {"a": {"b": 1, "c": 2}}
+    with pytest.raises(ValueError, match="/a/b stands in two files"):
+        joined([{"a": {"b": 1}}, {"a": {"b": 1}}])
 
 
 @pytest.mark.parametrize(
     ("method", "path", "status", "code"),
     [
         ("GET", "/api/v1/nothing", 404, "not_found"),
+        ("DELETE", "/api/v1/tokens/first", 404, "not_found"),
         ("GET", "/api/v1/join", 405, "method_not_allowed"),
+        ("POST", "/api/v1/robots/sim1", 405, "method_not_allowed"),
     ],
 )
 def test_wrong_paths_and_methods_are_problems_too(

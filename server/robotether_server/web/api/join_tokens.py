@@ -1,0 +1,60 @@
+"""/api/v1/join-tokens: what lets robots in unseen, each with the line that installs one."""
+
+import datetime as dt
+from dataclasses import asdict
+from http import HTTPStatus
+
+from flask import Response, jsonify, request
+
+from robotether_server.administration import join_tokens as deeds
+from robotether_server.install_line import install_line
+from robotether_server.problems import StoreUnavailable
+from robotether_server.store import Transaction, join_tokens
+from robotether_server.web import fields
+from robotether_server.web.api import callers
+from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.api.objects import Object, plain
+from robotether_server.web.parts import parts
+
+LONGEST_NAME = 63
+MOST_HOURS = 8760
+MEMBERS = ("name", "uses", "hours")
+
+
+@blueprint.get("/join-tokens")
+def list_join_tokens() -> Response:
+    """List the join tokens, without their texts."""
+    with callers.admin() as caller:
+        found = deeds.list_all(caller.tx)
+    return jsonify({"join_tokens": [plain(asdict(one)) for one in found]})
+
+
+@blueprint.post("/join-tokens")
+def create_join_token() -> tuple[Response, int]:
+    """Make a token; its text and the line are told this one time."""
+    with callers.admin() as caller:
+        body = fields.json_object(request, MEMBERS)
+        name = fields.text(body, "name", LONGEST_NAME)
+        uses = fields.number(body, "uses", 1, deeds.MOST_USES)
+        hours = fields.number(body, "hours", 1, MOST_HOURS)
+        expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+        text = deeds.create(caller.tx, caller.source, name, uses, expires_at)
+        made = _token(caller.tx, text)
+        # Inside: a token whose line cannot be told is not made.
+        command = install_line(parts().front, request.host, text)
+    return jsonify(made | {"token": text, "command": command}), HTTPStatus.CREATED
+
+
+@blueprint.delete("/join-tokens/<int:token_id>")
+def delete_join_token(token_id: int) -> tuple[str, int]:
+    """Delete a token."""
+    with callers.admin() as caller:
+        deeds.delete(caller.tx, caller.source, token_id)
+    return "", HTTPStatus.NO_CONTENT
+
+
+def _token(tx: Transaction, text: str) -> Object:
+    found = join_tokens.find(tx, text)
+    if found is None:
+        raise StoreUnavailable("cannot make the join token: it is gone already; try again")
+    return plain(asdict(found))

@@ -1,0 +1,74 @@
+"""How records look in the API's answers. Pure, but for reading sshd's host keys.
+
+What only admins may know of a robot stands in `_for_admins`, and nowhere else.
+"""
+
+import datetime as dt
+from collections.abc import Mapping
+
+from robotether_server.settings import JoinSettings
+from robotether_server.store.robots import SeenRobot
+from robotether_server.store.users import User
+from robotether_server.web import host_keys
+
+Object = dict[str, object]
+SSH_USER = "tunnel"
+
+
+def moment_text(moment: dt.datetime | None) -> str | None:
+    """Return a moment as 2026-01-01T12:03:00Z."""
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ") if moment else None
+
+
+def plain(record: Mapping[str, object]) -> Object:
+    """Return a record's fields as they are, moments as texts."""
+    return {
+        name: moment_text(value) if isinstance(value, dt.datetime) else value
+        for name, value in record.items()
+    }
+
+
+def robot_object(seen: SeenRobot, *, for_admin: bool) -> Object:
+    """Return a robot as an admin, or a user who may see it, may know it."""
+    robot = seen.robot
+    known: Object = {
+        "name": robot.name,
+        "mac": robot.mac,
+        "state": robot.state,
+        "online": seen.online,
+        "since": moment_text(seen.since),
+        "level": seen.level,
+        "ros_port": robot.ros_port,
+        "video_port": robot.video_port,
+        "shell_port": robot.shell_port,
+        "settings": robot.settings,
+    }
+    return known | _for_admins(seen) if for_admin else known
+
+
+def _for_admins(seen: SeenRobot) -> Object:
+    robot, report = seen.robot, seen.robot.report
+    return {
+        "fingerprint": robot.fingerprint,
+        "hostname": report.hostname if report else None,
+        "agent_version": seen.agent_version,
+        "join_address": report.address if report else None,
+        "joined_at": moment_text(robot.joined_at),
+        "address": seen.address,
+        "rotate_key": robot.rotate_requested_at is not None,
+    }
+
+
+def user_object(user: User) -> Object:
+    """Return a user as admins may know one."""
+    return {"name": user.name, "role": user.role, "disabled": user.disabled}
+
+
+def ssh_object(settings: JoinSettings) -> Object:
+    """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailable."""
+    return {
+        "user": SSH_USER,
+        "host": settings.public_host,
+        "ports": list(settings.ssh_ports),
+        "host_keys": host_keys.read(settings.ssh_host_keys_dir),
+    }

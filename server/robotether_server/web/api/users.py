@@ -1,0 +1,87 @@
+"""/api/v1/users: who may log in; for admins."""
+
+from http import HTTPStatus
+
+from flask import Response, jsonify, request
+
+from robotether_server import passwords
+from robotether_server.administration import users as deeds
+from robotether_server.problems import FieldInvalid
+from robotether_server.store import users
+from robotether_server.store.users import ROLES
+from robotether_server.web import fields
+from robotether_server.web.api import callers
+from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.api.callers import Caller
+from robotether_server.web.api.objects import user_object
+from robotether_server.web.fields import Fields
+
+LONGEST_NAME = 63
+MEMBERS = ("name", "role", "password")
+CHANGES = ("role", "disabled", "password")
+
+
+@blueprint.get("/users")
+def list_users() -> Response:
+    """List the users."""
+    with callers.admin() as caller:
+        found = users.list_all(caller.tx)
+    return jsonify({"users": [user_object(one) for one in found]})
+
+
+@blueprint.post("/users")
+def add_user() -> tuple[Response, int]:
+    """Add a user; a password that is made here is told this one time."""
+    with callers.admin() as caller:
+        body = fields.json_object(request, MEMBERS)
+        name = fields.text(body, "name", LONGEST_NAME)
+        role = fields.choice(body, "role", ROLES)
+        password = fields.secret(body, "password") if "password" in body else None
+        given = password if password is not None else passwords.new_password()
+        added = deeds.add(caller.tx, caller.source, name, given, role)
+    told = {} if password is not None else {"password": given}
+    return jsonify(user_object(added) | told), HTTPStatus.CREATED
+
+
+@blueprint.get("/users/<user>")
+def show_user(user: str) -> Response:
+    """Show one user."""
+    with callers.admin() as caller:
+        return jsonify(user_object(users.get(caller.tx, user)))
+
+
+@blueprint.patch("/users/<user>")
+def change_user(user: str) -> Response:
+    """Change what is given, all or nothing."""
+    with callers.admin() as caller:
+        body = fields.json_object(request, CHANGES)
+        if not body:
+            raise FieldInvalid(f"cannot change user {user}: give one of {', '.join(CHANGES)}")
+        _change(caller, user, body)
+        return jsonify(user_object(users.get(caller.tx, user)))
+
+
+@blueprint.delete("/users/<user>")
+def remove_user(user: str) -> tuple[str, int]:
+    """Remove the user with grants, tokens and keys."""
+    with callers.admin() as caller:
+        deeds.remove(caller.tx, caller.source, user)
+    return "", HTTPStatus.NO_CONTENT
+
+
+@blueprint.delete("/users/<user>/logins")
+def log_out_everywhere(user: str) -> tuple[str, int]:
+    """End all logins of the user."""
+    with callers.admin() as caller:
+        deeds.log_out_everywhere(caller.tx, caller.source, user)
+    return "", HTTPStatus.NO_CONTENT
+
+
+def _change(caller: Caller, user: str, body: Fields) -> None:
+    tx, source = caller.tx, caller.source
+    if "role" in body:
+        deeds.set_role(tx, source, user, fields.choice(body, "role", ROLES))
+    if "disabled" in body:
+        deeds.set_disabled(tx, source, user, disabled=fields.flag(body, "disabled"))
+    if "password" in body:
+        deeds.set_password(tx, source, user, fields.secret(body, "password"))
