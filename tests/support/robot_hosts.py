@@ -46,7 +46,7 @@ SYSTEMD: dict[str, Any] = {
 T = TypeVar("T")
 
 
-class CommandFailed(AssertionError):
+class CommandError(AssertionError):
     """A command on a host ended with an error; the text has what it printed."""
 
 
@@ -66,12 +66,12 @@ class RobotHost:
     key: Path
 
     def run(self, command: str, *, check: bool = True, stdin: str | None = None) -> str:
-        """Run a shell command as root and return what it printed; CommandFailed when it fails."""
+        """Run a shell command as root and return what it printed; CommandError when it fails."""
         script = command if stdin is None else f"{command} <<'END_OF_INPUT'\n{stdin}\nEND_OF_INPUT"
         status, output = self.container.exec_run(["bash", "-c", script])
         printed = output.decode(errors="replace")
         if check and status != 0:
-            raise CommandFailed(f"{self.name}: {command!r} exited {status}\n{printed}")
+            raise CommandError(f"{self.name}: {command!r} exited {status}\n{printed}")
         return printed
 
     def succeeds(self, command: str) -> bool:

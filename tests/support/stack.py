@@ -52,8 +52,8 @@ class Stack:
         """What `tools/up` generated."""
         return (self.folder / "secrets" / "admin_password").read_text()
 
-    def up(self) -> None:
-        """Start everything and wait until three simulated robots are online."""
+    def up(self, *, robots: bool = True) -> None:
+        """Start everything; with `robots`, three simulated ones too, and wait until they are online."""
         self.folder.mkdir(parents=True, exist_ok=True)
         example = (ROOT / "compose" / ".env.example").read_text()
         ours = {
@@ -66,7 +66,7 @@ class Stack:
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]
         self.env_file.write_text("\n".join(lines) + "\n")
-        self.tool("tools/up", "--demo", timeout=1500)
+        self.tool("tools/up", *(["--demo"] if robots else []), timeout=1500)
 
     def down(self) -> None:
         """Remove containers, networks and volumes of this project."""

@@ -1,0 +1,128 @@
+#!/usr/bin/python
+"""Ansible module: looks at a robot before anything is changed. Runs on the robot and changes nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import socket
+import ssl
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.robotether_server import ServerError, digits_of, host_and_port
+
+DOCUMENTATION = r"""
+module: robotether_preflight
+short_description: Tells everything that would stop a robot's enrolment
+description:
+  - Looks at disk space, at the server as this robot sees it, and at its rosbridge. C(problems) holds one sentence for
+    each thing that is wrong, which says what to do.
+options:
+  server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
+  tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
+  ca_file: {description: A file on the robot with certificates in PEM to trust, type: path}
+  rosbridge_url: {description: Where the robot's rosbridge must answer; empty when it need not, type: str, default: ""}
+  folder: {description: Where the agent is installed, type: path, required: true}
+  free_mb: {description: Megabytes that must be free there, type: int, required: true}
+author: ["Robotether"]
+"""
+
+RETURN = r"""
+problems: {description: sentences, empty when all is well, type: list, elements: str, returned: success}
+"""
+
+TIMEOUT_S = 8.0
+MB = 1024 * 1024
+
+
+def main() -> None:
+    """Run all checks and return what they found."""
+    module = AnsibleModule(
+        argument_spec={
+            "server": {"type": "str", "required": True},
+            "tls_fingerprint": {"type": "str", "default": ""},
+            "ca_file": {"type": "path", "default": None},
+            "rosbridge_url": {"type": "str", "default": ""},
+            "folder": {"type": "path", "required": True},
+            "free_mb": {"type": "int", "required": True},
+        },
+        supports_check_mode=True,
+    )
+    checks = (_disk, _server, _rosbridge)
+    problems = [sentence for check in checks if (sentence := check(module.params))]
+    module.exit_json(changed=False, problems=problems)
+
+
+def _disk(params: dict[str, Any]) -> str:
+    place = Path(params["folder"])
+    while not place.exists():
+        place = place.parent
+    free_mb = shutil.disk_usage(place).free // MB
+    if free_mb < params["free_mb"]:
+        return f"{place} has {free_mb} MB free and the agent needs {params['free_mb']} MB: make room there"
+    if os.statvfs(place).f_flag & os.ST_RDONLY:
+        return f"{place} is mounted read-only: mount it writable (mount -o remount,rw ...) for the installation"
+    return ""
+
+
+def _server(params: dict[str, Any]) -> str:
+    try:
+        host, port = host_and_port(params["server"])
+        pinned = digits_of(params["tls_fingerprint"])
+        seen = _certificate(host, port, "" if pinned else host, params["ca_file"])
+    except ServerError as problem:
+        return str(problem)
+    except ssl.SSLCertVerificationError as error:
+        return (
+            f"the certificate of {params['server']} is not trusted here ({error.verify_message}): set robotether_agent_"
+            "tls_fingerprint to the SHA-256 that the server printed, and see that this robot's clock is right"
+        )
+    except OSError as error:
+        return (
+            f"this robot cannot reach https://{params['server']} ({error.strerror or error}): check its network, "
+            "robotether_agent_server, and that the server's port is open"
+        )
+    if pinned and seen != pinned:
+        return (
+            f"the certificate of {params['server']} has the SHA-256 {seen}, but robotether_agent_tls_fingerprint is "
+            f"{pinned}: compare both with the one that the server printed; if they differ, somebody stands in between"
+        )
+    return ""
+
+
+def _certificate(host: str, port: int, name: str, ca_file: str | None) -> str:
+    """Return the SHA-256 of the server's certificate; with a `name`, checked against the authorities."""
+    context = ssl.create_default_context(cafile=ca_file)
+    if not name:
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_NONE
+    with (
+        socket.create_connection((host, port), timeout=TIMEOUT_S) as plain,
+        context.wrap_socket(plain, server_hostname=host) as tls,
+    ):
+        return hashlib.sha256(tls.getpeercert(binary_form=True) or b"").hexdigest()
+
+
+def _rosbridge(params: dict[str, Any]) -> str:
+    url = params["rosbridge_url"]
+    if not url:
+        return ""
+    try:
+        parts = urlsplit(url)
+        address = (parts.hostname or "", parts.port or 9090)
+        with socket.create_connection(address, timeout=TIMEOUT_S):
+            return ""
+    except (OSError, ValueError) as error:
+        return (
+            f"rosbridge does not answer at {url} ({error}): start it (ros2 launch rosbridge_server "
+            "rosbridge_websocket_launch.xml), correct robotether_agent_rosbridge_url, or enrol without it with "
+            "robotether_agent_rosbridge_required=false"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+#!/usr/bin/python
+"""Ansible module: a robot's row on a Robotether server. Runs on the controller; the robot never sees the token."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import quote
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
+
+DOCUMENTATION = r"""
+module: robotether_robot
+short_description: Makes, or removes, a robot's row on a Robotether server
+description:
+  - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
+  - C(absent) removes the row of that MAC, or of that name when no MAC is given, which ends the robot's tunnel.
+    It needs an API token of an admin.
+  - C(known) only asks, so that a wrong token is found before anything is changed. A join token may not ask.
+options:
+  server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
+  tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
+  ca_file: {description: A file of certificates in PEM to trust in place of the system's, type: path}
+  token: {description: A join token (rj_) or an API token of an admin (rt_), type: str, required: true}
+  name: {description: The robot's name, type: str, required: true}
+  mac: {description: The robot's MAC address, type: str}
+  public_key: {description: The robot's public key, one line; for C(present), type: str}
+  hostname: {description: What the robot calls itself, type: str}
+  agent_version: {description: The version of its agent, type: str}
+  state: {description: Whether there is such a row, type: str, choices: [present, absent, known], default: present}
+author: ["Robotether"]
+"""
+
+RETURN = r"""
+created: {description: whether the server had no such robot before, type: bool, returned: present}
+robot: {description: the robot's object as the server answers it, type: dict, returned: present}
+"""
+
+ADVICE = {
+    "token_invalid": "set ROBOTETHER_TOKEN (or robotether_agent_token) to a join token or an admin's API token",
+    "token_expired": "make a new token: robotether robot invite, or robotether token create",
+    "token_used_up": "make a new token with more uses: robotether robot invite",
+    "grant_missing": "use an API token of a user with role admin",
+    "record_exists": "choose another robotether_agent_name, or retire the robot that has it",
+    "mac_in_use": (
+        "if this robot got a new disk or is installed anew, let its key in on the server (robotether robot rekey NAME) "
+        "and run this again; if another robot has the same MAC, set robotether_agent_interface to another interface"
+    ),
+    "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
+    "robot_disabled": "enable the robot on the server, then run this again",
+    "key_rejected": "an admin turned this key away: let it ask again on the server's page of pending robots",
+    "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
+}
+CREATED, OK, NO_CONTENT, NOT_FOUND = 201, 200, 204, 404
+JOIN_TOKEN = "rj_"  # noqa: S105  the beginning of every join token, no secret
+
+
+def main() -> None:
+    """Do what `state` says and tell whether that changed anything."""
+    module = AnsibleModule(
+        argument_spec={
+            **ARGUMENTS,
+            "name": {"type": "str", "required": True},
+            "mac": {"type": "str"},
+            "public_key": {"type": "str"},
+            "hostname": {"type": "str"},
+            "agent_version": {"type": "str"},
+            "state": {"type": "str", "choices": list(DEEDS), "default": "present"},
+        },
+        required_if=[("state", "present", ("mac", "public_key"))],
+        supports_check_mode=True,
+    )
+    act = DEEDS[module.params["state"]]
+    try:
+        result = act(Server.of(module.params), module.params, check_mode=module.check_mode)
+    except ServerError as problem:
+        module.fail_json(msg=str(problem), code=problem.code)
+    module.exit_json(**result)
+
+
+def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
+    before = _row(server, params["name"])
+    if check_mode:
+        return {"changed": before is None, "created": False, "robot": before or {}}
+    fields = ("mac", "public_key", "hostname", "agent_version")
+    body = {field: params[field] for field in fields if params[field]}
+    status, answer = server.ask("PUT", _path(params["name"]), body)
+    if status not in {OK, CREATED}:
+        raise _refusal(f"enrol robot {params['name']}", status, answer)
+    created = status == CREATED
+    # 200 is also the answer when a row that was announced, or waited, took the key.
+    taken = before is not None and any(
+        before.get(key) != answer.get(key) for key in ("state", "fingerprint")
+    )
+    return {"changed": created or taken, "created": created, "robot": answer}
+
+
+def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
+    name = _name_now(server, params["mac"]) if params["mac"] else params["name"]
+    if name is None or _row(server, name) is None:
+        return {"changed": False}
+    if not check_mode:
+        status, answer = server.ask("DELETE", _path(name))
+        if status not in {OK, NO_CONTENT, NOT_FOUND}:
+            raise _refusal(f"remove robot {name}", status, answer)
+    return {"changed": True}
+
+
+def _known(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
+    del check_mode  # it changes nothing
+    if server.token.startswith(JOIN_TOKEN):
+        server.connect().close()
+        return {"changed": False, "robot": {}}
+    status, answer = server.ask("GET", "/api/v1/join-tokens")
+    if status != OK:
+        raise _refusal(f"ask {server.address} as an admin", status, answer)
+    return {"changed": False, "robot": _row(server, params["name"]) or {}}
+
+
+def _row(server: Server, name: str) -> dict[str, Any] | None:
+    """Return the robot as it is; None when it is unknown, or when a join token asks, which may not."""
+    if server.token.startswith(JOIN_TOKEN):
+        return None
+    status, answer = server.ask("GET", _path(name))
+    if status not in {OK, NOT_FOUND}:
+        raise _refusal(f"ask for robot {name}", status, answer)
+    return answer if status == OK else None
+
+
+def _name_now(server: Server, mac: str) -> str | None:
+    """Return the name of the robot with this MAC: an admin may have renamed it since."""
+    status, answer = server.ask("GET", "/api/v1/robots")
+    if status != OK:
+        raise _refusal("list the robots", status, answer)
+    return next((row["name"] for row in answer["robots"] if row["mac"] == mac), None)
+
+
+def _path(name: str) -> str:
+    return f"/api/v1/robots/{quote(name, safe='')}"
+
+
+def _refusal(deed: str, status: int, answer: dict[str, Any]) -> ServerError:
+    code = str(answer.get("code", "answer_invalid"))
+    detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
+    advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
+    return ServerError(f"cannot {deed}: {detail}; {advice} [{code}]", code)
+
+
+DEEDS = {"present": _present, "absent": _absent, "known": _known}
+
+if __name__ == "__main__":
+    main()

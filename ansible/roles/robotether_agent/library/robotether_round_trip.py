@@ -1,0 +1,118 @@
+#!/usr/bin/python
+"""Ansible module: proves that a robot is drivable through its Robotether server. Runs on the controller."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import time
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
+from ansible.module_utils.robotether_websocket import WebSocket, WebSocketError
+
+DOCUMENTATION = r"""
+module: robotether_round_trip
+short_description: Sends a message to a robot through the server and waits for it to come back
+description:
+  - Gets a ticket, opens the robot's rosbridge through the server, and publishes one text on a topic of its own that the
+    same connection is subscribed to. It moves nothing, and takes the way of any program that drives the robot.
+options:
+  server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
+  tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
+  ca_file: {description: A file of certificates in PEM to trust in place of the system's, type: path}
+  token: {description: An API token (rt_) of a user who may drive the robot, type: str, required: true}
+  name: {description: The robot's name, type: str, required: true}
+  timeout: {description: Seconds in which it must succeed once, type: int, default: 60}
+author: ["Robotether"]
+"""
+
+RETURN = r"""
+round_trip_ms: {description: how long the message was on its way, type: float, returned: success}
+"""
+
+TOPIC = "/robotether_enrolment"
+ANSWER_S = 5.0
+PAUSE_S = 0.5
+CREATED = 201
+# Nothing that a wait could mend.
+FINAL = {"token_invalid", "grant_missing", "tls_untrusted", "robot_unknown"}
+
+
+def main() -> None:
+    """Try until one round trip succeeds or the time is over."""
+    module = AnsibleModule(
+        argument_spec={
+            **ARGUMENTS,
+            "name": {"type": "str", "required": True},
+            "timeout": {"type": "int", "default": 60},
+        },
+        supports_check_mode=True,
+    )
+    end = time.monotonic() + module.params["timeout"]
+    try:
+        server = Server.of(module.params)
+        while (took_ms := _try(server, module.params["name"], is_last=False)) is None:
+            if time.monotonic() > end:
+                took_ms = _try(server, module.params["name"], is_last=True)
+                break
+            time.sleep(PAUSE_S)
+    except ServerError as problem:
+        module.fail_json(msg=str(problem), code=problem.code)
+    module.exit_json(changed=False, round_trip_ms=took_ms)
+
+
+def _try(server: Server, robot: str, *, is_last: bool) -> float | None:
+    """Return what the round trip took, or None when it may succeed later."""
+    try:
+        return _round_trip(server, robot)
+    except ServerError as problem:
+        if is_last or problem.code in FINAL:
+            raise
+        return None
+
+
+def _round_trip(server: Server, robot: str) -> float:
+    path = _ros_path(server, robot)
+    socket = None
+    try:
+        connection = server.connect()
+        socket = WebSocket(connection.sock, server.address, path)
+        return _echo(socket)
+    except (WebSocketError, OSError) as error:
+        raise ServerError(
+            f"cannot reach rosbridge of robot {robot} through {server.address}: {error}; "
+            "run 'robotether-agent doctor' on the robot",
+            "robot_unreachable",
+        ) from error
+    finally:
+        if socket is not None:
+            socket.close()
+
+
+def _ros_path(server: Server, robot: str) -> str:
+    status, answer = server.ask("POST", "/api/v1/tickets", {"robot": robot, "mode": "drive"})
+    if status != CREATED:
+        code = str(answer.get("code", "answer_invalid"))
+        detail = answer.get("detail", f"HTTP status {status}")
+        raise ServerError(f"cannot open robot {robot}: {detail} [{code}]", code)
+    return str(answer["ros_url"])
+
+
+def _echo(socket: WebSocket) -> float:
+    text = secrets.token_hex(8)
+    topic = {"topic": TOPIC, "type": "std_msgs/String"}
+    for operation in ("advertise", "subscribe"):
+        socket.send(json.dumps({"op": operation, **topic}))
+    started = time.monotonic()
+    socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
+    while text not in socket.receive(ANSWER_S):
+        pass
+    took_ms = (time.monotonic() - started) * 1000
+    for operation in ("unsubscribe", "unadvertise"):
+        socket.send(json.dumps({"op": operation, "topic": TOPIC}))
+    return round(took_ms, 1)
+
+
+if __name__ == "__main__":
+    main()

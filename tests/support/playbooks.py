@@ -1,0 +1,137 @@
+"""Runs the playbooks of ansible/ as a site's administrator does, and reads what they say.
+
+    site = Site(folder, stack, hosts)
+    recap = site.play("enroll.yml", turtle)
+    assert recap["turtle"].changed == 0
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, RobotHost, RobotHosts
+from stack import Stack
+
+ANSIBLE = ROOT / "ansible"
+RECAP = re.compile(
+    r"^(?P<host>\S+)\s+: ok=(?P<ok>\d+)\s+changed=(?P<changed>\d+)\s+unreachable=(?P<unreachable>\d+)"
+    r"\s+failed=(?P<failed>\d+)\s+skipped=(?P<skipped>\d+)\s+rescued=(?P<rescued>\d+)",
+    re.MULTILINE,
+)
+
+
+@dataclass(frozen=True)
+class Recap:
+    """What Ansible counted for one host."""
+
+    ok: int
+    changed: int
+    unreachable: int
+    failed: int
+    skipped: int
+    rescued: int
+
+
+@dataclass(frozen=True)
+class Played:
+    """One run of a playbook."""
+
+    code: int
+    printed: str
+    took_s: float
+
+    @property
+    def recaps(self) -> dict[str, Recap]:
+        """The recap of each host that was played."""
+        return {
+            found["host"]: Recap(
+                **{name: int(text) for name, text in found.groupdict().items() if name != "host"}
+            )
+            for found in RECAP.finditer(self.printed)
+        }
+
+    @property
+    def text(self) -> str:
+        """What it printed with all white space as single blanks, so that a sentence is found across lines."""
+        return " ".join(self.printed.split())
+
+
+@dataclass
+class Site:
+    """An administrator's machine: the inventory, the server's address, and a token."""
+
+    folder: Path
+    stack: Stack
+    hosts: RobotHosts
+    token: str
+    variables: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def server(self) -> str:
+        """The server as robots and this machine reach it."""
+        return f"{self.hosts.server_host}:{self.stack.https_port}"
+
+    @property
+    def fingerprint(self) -> str:
+        """The SHA-256 of the server's certificate, as nginx has it."""
+        printed = self.stack.exec(
+            "nginx", "openssl", "x509", "-in", "/etc/nginx/tls/cert.pem", "-noout", "-fingerprint", "-sha256",
+        )  # fmt: skip
+        return printed.strip().split("=")[-1].replace(":", "").lower()
+
+    def inventory(self, robots: Iterable[RobotHost]) -> Path:
+        """Write the inventory of these robots, as a site's robots.ini."""
+        ours = {
+            "robotether_agent_server": self.server,
+            "robotether_agent_tls_fingerprint": self.fingerprint,
+            # A container's interface is virtual, so the agent's rule finds none by itself.
+            "robotether_agent_interface": "eth0",
+            # This machine's way to the package index, as behind an inspecting proxy.
+            "robotether_agent_environment": str({"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}),
+            **self.variables,
+        }
+        lines = [
+            "[robots]",
+            *(robot.inventory_line() for robot in robots),
+            "",
+            "[robots:vars]",
+            *(f"{name}={value}" for name, value in ours.items()),
+        ]
+        path = self.folder / "robots.ini"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    def play(self, playbook: str, *robots: RobotHost, check: bool = False, **extra: str) -> Played:
+        """Run a playbook on these robots; `extra` are variables (-e), and `token` the one of this run."""
+        environment = {
+            **os.environ,
+            "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
+            "ANSIBLE_NOCOLOR": "1",
+            "ROBOTETHER_TOKEN": extra.pop("token", self.token),
+        }
+        command = [
+            str(Path(sys.executable).with_name("ansible-playbook")),
+            "-i", str(self.inventory(robots)),
+            *(["--check"] if check else []),
+            *(word for name, value in extra.items() for word in ("-e", f"{name}={value}")),
+            playbook,
+        ]  # fmt: skip
+        started = time.monotonic()
+        done = subprocess.run(
+            command, cwd=ANSIBLE, env=environment, capture_output=True, text=True, timeout=400,
+            check=False, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        return Played(done.returncode, done.stdout + done.stderr, time.monotonic() - started)
+
+    def play_well(self, playbook: str, *robots: RobotHost, **extra: str) -> Played:
+        """Run a playbook that must succeed, or fail the test with all that it printed."""
+        played = self.play(playbook, *robots, **extra)
+        assert played.code == 0, played.printed
+        return played
