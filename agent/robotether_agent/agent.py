@@ -1,4 +1,4 @@
-"""The agent's main loop: who this robot is, its place on the server, its two connections, its status.
+"""The agent's main loop: who this robot is, its place on the server, its connections, its status.
 
 Started by the cli's `run`. Ends only on a problem that no retry mends, or when it is cancelled; it then
 leaves no SSH client, no control socket and no half-written file behind.
@@ -8,27 +8,31 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 from random import Random
+from typing import Any
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff
-from robotether_agent.connection import Role, run_connection
+from robotether_agent.connection import Role
+from robotether_agent.dialer import Dialer
 from robotether_agent.enroller import Enroller
-from robotether_agent.enrolment import Enrolment
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.health import Health
-from robotether_agent.keys import KeyPair
 from robotether_agent.notify import Notifier
-from robotether_agent.problems import KeyRefused, Problem, ServerUnreachable
-from robotether_agent.session import Config, Session
+from robotether_agent.problems import KeyRefused, Problem, ServerUnreachable, SessionEnded
+from robotether_agent.session import Checked, Config, Session
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import SshFiles, Target, forward_to
+from robotether_agent.ssh_command import Forward, Target, forward_to
 from robotether_agent.status import CONNECTED, StatusBoard
 from robotether_agent.supervisor import Uptime, keep_going
 from robotether_agent.tasks import first_of
+from robotether_agent.wishes import Wishes
 
 STATUS_EVERY_S = 2.0
+# The server's word for a shell that an admin has switched off.
+SHELL_OFF = "shell_off"
 
 log = logging.getLogger(__name__)
 
@@ -41,12 +45,13 @@ class Agent:
         self._notifier = notifier
         self._rng = rng
         self._enroller = Enroller(settings)
+        self._dialer = Dialer(settings, self._enroller)
         self._health = Health(settings.rosbridge_url, settings.video_url)
         self._board = StatusBoard(settings.run_dir, settings.server, on_state=notifier.status)
         self._session: Session | None = None
         self._session_up = asyncio.Event()
-        # The port that worked last comes first: on many networks only one of them is let out.
-        self._good_port: int | None = None
+        self._wishes = Wishes(allows_shell=bool(settings.shell_address))
+        self._recheck = asyncio.Event()
 
     async def run(self) -> None:
         """Keep the robot connected."""
@@ -57,45 +62,51 @@ class Agent:
             # Ready means running, not connected: the boot must not wait for a server that is down.
             self._notifier.ready()
             try:
-                await first_of(
-                    keep_going("session", self._session_attempt, self._backoff(), self._no_session),
-                    keep_going(
-                        "video tunnel", self._media_attempt, self._backoff(), self._no_media
-                    ),
-                    self._health.run(),
-                    self._show_health(),
-                    self._refresh_status(),
-                    self._notifier.keep_watchdog(),
-                )
+                await first_of(*self._work())
             except Problem as problem:
                 self._board.tell(problem, "stopped")
                 raise
             finally:
                 self._notifier.stopping()
-                self._board.set(state="stopped", rtt_ms=-1.0, video_tunnel="closed")
+                self._board.set(
+                    state="stopped", rtt_ms=-1.0, video_tunnel="closed", shell_tunnel="off"
+                )
 
-    def _backoff(self) -> Backoff:
-        return Backoff(self._rng)
+    def _work(self) -> list[Coroutine[Any, Any, None]]:
+        def keep(
+            what: str, attempt: Callable[[Uptime], Awaitable[None]], tell: Callable[[Problem], None]
+        ) -> Coroutine[Any, Any, None]:
+            return keep_going(what, attempt, Backoff(self._rng), tell)
+
+        return [
+            keep("session", self._session_attempt, self._no_session),
+            keep("video tunnel", self._media_attempt, self._no_media),
+            keep("shell tunnel", self._shell_attempt, self._no_shell),
+            keep("new key", self._rotation_attempt, self._no_rotation),
+            self._health.run(),
+            self._show_health(),
+            self._refresh_status(),
+            self._notifier.keep_watchdog(),
+        ]
 
     async def _session_attempt(self, uptime: Uptime) -> None:
-        key = await self._enroller.key()
-        shown = await self._enroller.next_key() or key
-        # While the robot waits for its approval, the admin compares this with what the server got.
-        self._board.set(fingerprint=shown.fingerprint)
-        enrolment = await self._enroller.enrolment(key)
+        await self._show_key()
+        self._show_identity()
+        enrolment = await self._enroller.enrolment()
         self._board.set(state="connecting", robot=enrolment.robot)
         role = Role(
             kind="session",
             forward=lambda config: forward_to(self._settings.rosbridge_url, config.ros_port),
             on_up=partial(self._session_is_up, uptime),
             health=self._health,
+            recheck=self._recheck,
         )
         try:
-            await self._connect(enrolment, key, role)
+            await self._dialer.connect(enrolment, await self._enroller.key(), role)
         except KeyRefused:
             # Only the join tells why: not approved yet, disabled, or another key in this robot's place.
             self._enroller.doubt()
-            await self._enroller.enrolment(key)
+            await self._enroller.enrolment()
             raise
         except ServerUnreachable:
             self._enroller.doubt()
@@ -103,58 +114,89 @@ class Agent:
         finally:
             self._session = None
             self._session_up.clear()
+            self._show_checked(Checked())
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
-        key = await self._enroller.key()
         role = Role(
             kind="media",
             forward=lambda config: forward_to(self._settings.video_url, config.video_port),
             on_up=partial(self._media_is_up, uptime),
         )
-        await self._connect(await self._enroller.enrolment(key), key, role)
+        await self._connect(role)
 
-    async def _connect(self, enrolment: Enrolment, key: KeyPair, role: Role) -> None:
-        """Try the server's ports in order, until one answers; raise what ended the connection."""
-        unreachable = [
-            await self._unless_unreachable(target, key, role) for target in self._targets(enrolment)
-        ]
-        raise ServerUnreachable(
-            "; ".join(problem.message for problem in unreachable), advice=unreachable[0].advice
+    async def _shell_attempt(self, uptime: Uptime) -> None:
+        await self._wishes.shell.wait()
+        await self._session_up.wait()
+        role = Role(
+            kind="shell", forward=self._shell_forward, on_up=partial(self._shell_is_up, uptime)
         )
-
-    async def _unless_unreachable(
-        self, target: Target, key: KeyPair, role: Role
-    ) -> ServerUnreachable:
-        """Connect to `target`; return only if nothing answers there."""
-        control = self._settings.run_dir / f"{role.kind}.ctl"
-        files = SshFiles(key.path, self._enroller.known_hosts, control)
         try:
-            await run_connection(target, files, role)
-        except ServerUnreachable as problem:
-            return problem
+            await self._connect(role)
+        except SessionEnded as problem:
+            if problem.code != SHELL_OFF:
+                raise
+            # Until the next configuration, which the session brings.
+            self._wishes.shell.clear()
+            self._board.set(shell_tunnel="off")
+            log.info("robot %s: the server wants no shell any more", self._board.status.robot)
 
-    def _targets(self, enrolment: Enrolment) -> list[Target]:
-        settings, ssh = self._settings, enrolment.ssh
-        host = settings.ssh_host or ssh.host or settings.server_host
-        ports = settings.ssh_ports or ssh.ports
-        in_order = sorted(ports, key=lambda port: port != self._good_port)
-        return [Target(host, port, ssh.user) for port in in_order]
+    def _shell_forward(self, config: Config) -> Forward | None:
+        if config.shell_port is None:
+            return None
+        return forward_to(f"ssh://{self._settings.shell_address}", config.shell_port)
+
+    async def _rotation_attempt(self, _: Uptime) -> None:
+        await self._wishes.new_key.wait()
+        await self._enroller.rotate()
+        self._wishes.new_key.clear()
+        self._board.set(new_key="")
+        await self._show_key()
+
+    async def _connect(self, role: Role) -> None:
+        enrolment = await self._enroller.enrolment()
+        await self._dialer.connect(enrolment, await self._enroller.key(), role)
+
+    async def _show_key(self) -> None:
+        """Show the key that an admin compares with what the server got."""
+        key = await self._enroller.key()
+        shown = await self._enroller.next_key() or key
+        self._board.set(fingerprint=shown.fingerprint)
+
+    def _show_identity(self) -> None:
+        found = self._enroller.identity()
+        has_it = found.interface or "by the settings"
+        self._board.set(mac=found.mac, interface=has_it if found.is_present else "")
 
     def _session_is_up(
         self, uptime: Uptime, target: Target, config: Config, session: Session
     ) -> None:
         uptime.is_up()
-        self._good_port = target.port
         self._session = session
         self._session_up.set()
-        self._board.set(state=CONNECTED, robot=config.robot)
+        self._wishes.take(config)
+        self._recheck.set()
+        shell = self._shell_state(is_open=self._board.status.shell_tunnel == "open")
+        self._board.set(state=CONNECTED, robot=config.robot, shell_tunnel=shell)
         log.info("robot %s: connected to %s", config.robot, target)
+
+    def _shell_state(self, *, is_open: bool) -> str:
+        if not self._wishes.shell.is_set():
+            return "off"
+        return "open" if is_open else "closed"
 
     def _media_is_up(self, uptime: Uptime, _: Target, config: Config, __: Session) -> None:
         uptime.is_up()
+        self._recheck.set()
         self._board.set(video_tunnel="open")
         log.info("robot %s: video tunnel open", config.robot)
+
+    def _shell_is_up(self, uptime: Uptime, _: Target, config: Config, __: Session) -> None:
+        uptime.is_up()
+        if config.shell_port is not None:
+            self._recheck.set()
+            self._board.set(shell_tunnel="open")
+            log.info("robot %s: shell tunnel open", config.robot)
 
     def _no_session(self, problem: Problem) -> None:
         pending = problem.code == "not_enrolled"
@@ -162,6 +204,13 @@ class Agent:
 
     def _no_media(self, problem: Problem) -> None:
         self._board.tell(problem, self._board.status.state, video_tunnel="closed")
+
+    def _no_shell(self, problem: Problem) -> None:
+        shell = self._shell_state(is_open=False)
+        self._board.tell(problem, self._board.status.state, shell_tunnel=shell)
+
+    def _no_rotation(self, problem: Problem) -> None:
+        self._board.set(new_key=str(problem))
 
     async def _show_health(self) -> None:
         report = self._health.report
@@ -174,8 +223,17 @@ class Agent:
                 video_detail=report.video_detail,
             )
 
+    def _show_checked(self, checked: Checked) -> None:
+        self._board.set(
+            end_to_end_ros=checked.ros,
+            end_to_end_video=checked.video,
+            end_to_end_shell=checked.shell,
+        )
+
     async def _refresh_status(self) -> None:
         while True:
             rtt_ms = None if self._session is None else self._session.rtt_ms
+            if self._session is not None:
+                self._show_checked(self._session.checked)
             self._board.set(rtt_ms=-1.0 if rtt_ms is None else rtt_ms)
             await asyncio.sleep(STATUS_EVERY_S)

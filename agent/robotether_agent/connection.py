@@ -1,14 +1,16 @@
-"""One connection of a kind, from its SSH client to its forward: session (control) or media (video).
+"""One connection of a kind, from its SSH client to its forward: session (control), media (video) or shell.
 
-Run by the agent, one of each kind, so that control never waits behind video. A connection ends with the
+Run by the agent, one of each kind, so that control never waits behind video or a file copy. A connection ends with the
 problem that ended it; it never tries again by itself.
 """
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -16,8 +18,12 @@ from robotether_agent import __version__
 from robotether_agent.health import Health
 from robotether_agent.session import Config, Session
 from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
-from robotether_agent.tasks import first_of
+from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import Tunnel
+
+# The server answers at most once in 5 s.
+CHECK_PAUSE_S = 5.5
+CHECK_EVERY_S = 60.0
 
 log = logging.getLogger(__name__)
 
@@ -27,12 +33,14 @@ class Role:
     """What a connection of one kind is for."""
 
     kind: Kind
-    # The forward that a configuration asks for on this connection.
-    forward: Callable[[Config], Forward]
+    # The forward that a configuration asks for on this connection, if any.
+    forward: Callable[[Config], Forward | None]
     # Told when the forward stands, for the first time and after each change.
     on_up: Callable[[Target, Config, Session], None]
     # Reported to the server, on the session only.
     health: Health | None = None
+    # Set when the server's own view of the forwards may be another one; on the session only.
+    recheck: asyncio.Event | None = None
 
 
 async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
@@ -44,6 +52,7 @@ async def run_connection(target: Target, files: SshFiles, role: Role) -> NoRetur
             session.run(),
             _keep_forward(tunnel, session, role, target),
             *([] if role.health is None else [_report(session, role.health)]),
+            *([] if role.recheck is None else [_ask_for_checks(session, role.recheck)]),
         )
         raise await tunnel.why_ended(was_connected=session.config is not None)
     finally:
@@ -60,16 +69,32 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ta
         if wanted != open_now:
             if open_now is not None:
                 await tunnel.cancel(open_now)
-            await tunnel.add(wanted)
-            log.info(
-                "robot %s: port %d of the server leads to %s:%d",
-                config.robot,
-                wanted.listen_port,
-                wanted.host,
-                wanted.port,
-            )
+            if wanted is not None:
+                await tunnel.add(wanted)
+                _log_forward(config, wanted)
             open_now = wanted
         role.on_up(target, config, session)
+
+
+def _log_forward(config: Config, forward: Forward) -> None:
+    log.info(
+        "robot %s: port %d of the server leads to %s:%d",
+        config.robot,
+        forward.listen_port,
+        forward.host,
+        forward.port,
+    )
+
+
+async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
+    """Ask how the robot looks from the server: when a forward stands, and now and then."""
+    await recheck.wait()
+    while True:
+        recheck.clear()
+        session.send({"type": "check"})
+        await asyncio.sleep(CHECK_PAUSE_S)
+        with suppress(asyncio.TimeoutError):
+            await within(CHECK_EVERY_S - CHECK_PAUSE_S, recheck.wait())
 
 
 async def _report(session: Session, health: Health) -> None:

@@ -7,6 +7,7 @@ connection gave a reason to, or when this machine may be a copy of the robot.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from dataclasses import replace
@@ -59,6 +60,7 @@ class Enroller:
         self._vouched = False
         self._absent_mac_told = False
         self._repeats = Repeats()
+        self._asking = asyncio.Lock()
         self.known_hosts = self._store.known_hosts
 
     async def key(self) -> KeyPair:
@@ -84,28 +86,46 @@ class Enroller:
         self._absent_mac_told = not found.is_present
         return found
 
-    async def enrolment(self, key: KeyPair) -> Enrolment:
+    async def enrolment(self) -> Enrolment:
         """Return what is known, or what the server answers to a join."""
         identity = self.identity()
         known = self._store.load(self._settings.server)
         # Only the server can tell a new network card from a copied disk.
         may_be_copy = not (identity.is_present or self._vouched)
         usable = known is not None and known.mac == identity.mac and not may_be_copy
-        if known is not None and usable and not self._doubted:
+        # A change of keys that was cut short is brought to its end first.
+        asks = self._doubted or await self.next_key() is not None
+        if known is not None and usable and not asks:
             return known
         try:
-            return await self.join(key)
+            return await self.join()
         except HARMLESS_ONCE_ENROLLED as problem:
             if known is None or not usable:
                 raise
             self._repeats.tell("join", problem)
             return known
 
-    async def join(self, key: KeyPair) -> Enrolment:
+    async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
+        # One at a time: a key that changes between two questions would come back as a stranger's.
+        async with self._asking:
+            return await self._join()
+
+    async def rotate(self) -> None:
+        """Give the robot another key, which the server takes in exchange for the old one."""
+        key = await self.key()
+        coming = await keys.ensure_next_key(self._settings.state_dir)
+        log.info("the robot gets a new key: %s in place of %s", coming.fingerprint, key.fingerprint)
+        await self.join()
+
+    def doubt(self) -> None:
+        """Ask the server before the next connection: its address or ports may have changed."""
+        self._doubted = True
+
+    async def _join(self) -> Enrolment:
         settings, identity = self._settings, self.identity()
         known = self._store.load(settings.server)
-        answer = await self._ask(identity, key, is_enrolled=known is not None)
+        answer = await self._ask(identity, is_enrolled=known is not None)
         if self._store.is_of_other_server(settings.server):
             log.warning(
                 "the settings name another server now, %s: pinning its host keys", settings.server
@@ -121,20 +141,9 @@ class Enroller:
             )
         return enrolment
 
-    async def rotate(self) -> KeyPair:
-        """Give the robot another key, which the server takes in exchange for the old one; return it."""
-        key = await self.key()
-        coming = await keys.ensure_next_key(self._settings.state_dir)
-        log.info("the robot gets a new key: %s in place of %s", coming.fingerprint, key.fingerprint)
-        await self.join(key)
-        return await self.key()
-
-    def doubt(self) -> None:
-        """Ask the server before the next connection: its address or ports may have changed."""
-        self._doubted = True
-
-    async def _ask(self, identity: Identity, key: KeyPair, *, is_enrolled: bool) -> Joined:
+    async def _ask(self, identity: Identity, *, is_enrolled: bool) -> Joined:
         """Join with the next key if there is one; else with the token, if it is of use."""
+        key = await self.key()
         request = JoinRequest(
             mac=identity.mac,
             public_key=key.public,

@@ -53,6 +53,19 @@ def get_int(obj: JsonObject, name: str, low: int, high: int) -> int:
     return _int(_present(obj, name), name, low, high)
 
 
+def get_optional_port(obj: JsonObject, name: str) -> int | None:
+    """Return the TCP port at `name`, or None when it is null or missing."""
+    return None if obj.get(name) is None else _int(obj[name], name, 1, 65535)
+
+
+def get_flag(obj: JsonObject, name: str, *, default: bool) -> bool:
+    """Return the truth value at `name`."""
+    value = obj.get(name, default)
+    if not isinstance(value, bool):
+        raise FieldError(f"field {name} must be true or false, not {_shown(value)}")
+    return value
+
+
 def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
     """Return the finite number at `name`, from `low` to `high`."""
     value = _present(obj, name)

@@ -44,6 +44,9 @@ TIMEOUT_S = 15.0
 ANSWER_LIMIT = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
+# OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
+WRONG_TIME = frozenset({9, 10})
+
 ADVICE = {
     "token_invalid": "make a new join token on the server (robotether robot invite), or remove the token from "
     "the settings: the robot then waits for an approval",
@@ -130,7 +133,8 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
     except aiohttp.ServerFingerprintMismatch as error:
         raise TlsUntrusted(
             f"cannot trust {settings.server}: its certificate has the SHA-256 {error.got.hex(':')}, not the pinned one",
-            advice="compare it with the one that the server printed, and correct tls_fingerprint",
+            advice="compare it with the one that the server printed and correct tls_fingerprint, or find out who is in "
+            "between, such as a captive portal",
         ) from error
     except aiohttp.ClientConnectorCertificateError as error:
         raise _untrusted(settings, error.certificate_error) from error
@@ -203,9 +207,17 @@ def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
 
 def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
     now = f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"
+    if getattr(error, "verify_code", None) in WRONG_TIME:
+        return TlsUntrusted(
+            f"cannot trust the certificate of {settings.server}: this robot's clock says {now}, and by that "
+            f"{printable(str(getattr(error, 'verify_message', error)))}",
+            advice="this is tried again: a robot without a battery-backed clock waits for the time from the network "
+            "(timedatectl set-ntp true); with tls_fingerprint set the clock does not matter",
+        )
     return TlsUntrusted(
         f"cannot trust the certificate of {settings.server}: {printable(str(error))}",
-        advice=f"set tls_fingerprint or ca_file, and see that this robot's clock is right (it says {now})",
+        advice=f"set tls_fingerprint or ca_file, see that this robot's clock is right (it says {now}), and that no "
+        "captive portal is in between",
     )
 
 

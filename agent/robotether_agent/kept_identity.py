@@ -35,9 +35,10 @@ class Identity:
 class IdentityStore:
     """The file in `state_dir` that keeps what was found first."""
 
-    def __init__(self, settings: Settings, root: Path = Path("/")) -> None:
+    def __init__(self, settings: Settings, root: Path = Path("/"), *, keeps: bool = True) -> None:
         self._settings = settings
         self._root = root
+        self._keeps = keeps
         self._file = settings.state_dir / FILE
 
     def identity(self, enrolled_mac: str | None = None) -> Identity:
@@ -89,7 +90,7 @@ class IdentityStore:
     def _write(self, mac: str, interface: str) -> None:
         text = json.dumps({"interface": interface, "mac": mac}) + "\n"
         try:
-            if read_text(self._file) != text:
+            if self._keeps and read_text(self._file) != text:
                 write_atomic(self._file, text, 0o644)
         except StateUnusable as problem:
             # An enrolled robot has its MAC in the enrolment too, and a fresh one needs the disk for its key.

@@ -56,6 +56,11 @@ async def ensure_next_key(state_dir: Path) -> KeyPair:
     return await _ensure(state_dir / NEXT, "the robot's next key")
 
 
+async def present_key(state_dir: Path) -> KeyPair | None:
+    """Return the robot's key, or None when there is none yet."""
+    return await _load(state_dir / NAME)
+
+
 async def next_key(state_dir: Path) -> KeyPair | None:
     """Return the key that is to replace the other one, if a change has begun."""
     try:

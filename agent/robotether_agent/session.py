@@ -18,9 +18,11 @@ from dataclasses import dataclass
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
+    get_flag,
     get_int,
     get_match,
     get_number,
+    get_optional_port,
     get_text,
     parse_object,
 )
@@ -32,14 +34,16 @@ from robotether_agent.tasks import first_of, within
 FIRST_TIMEOUT_S = 20.0
 UNSENT_LIMIT = 64 * 1024
 PINGS_KEPT = 16
+SERVICE = re.compile("ok|down|unknown")
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
 BYE_ADVICE = {
     "superseded": "if this repeats, two robots use one key: remove the key and enrolment of the copied one",
     "robot_disabled": "enable the robot on the server's page",
     "robot_unknown": "the robot was removed on the server; it must be enrolled again",
+    "key_changed": "the server has another key for this robot now; the next try asks why",
 }
-SLOW_BYES = frozenset(BYE_ADVICE)
+SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
 
 log = logging.getLogger(__name__)
 
@@ -53,10 +57,25 @@ class Config:
     video_port: int
     heartbeat_s: float
     timeout_s: float
+    shell_port: int | None = None
+    rotate_key: bool = False
+
+
+@dataclass(frozen=True)
+class Checked:
+    """How the robot's services answer the server at its own end of the tunnels: ok, down or unknown."""
+
+    ros: str = "unknown"
+    video: str = "unknown"
+    shell: str = "unknown"
 
 
 class Session:
-    """Both ways of one session; `rtt_ms` is the newest round trip, `config` the newest configuration."""
+    """Both ways of one session, and what it brought last.
+
+    `rtt_ms` is the newest round trip, `config` the newest configuration, `checked` what the server found at
+    its own end of the tunnels.
+    """
 
     def __init__(
         self,
@@ -67,6 +86,7 @@ class Session:
     ) -> None:
         self.config: Config | None = None
         self.rtt_ms: float | None = None
+        self.checked = Checked()
         self._in = lines_in
         self._out = lines_out
         self._clock = clock
@@ -76,6 +96,7 @@ class Session:
             "config": self._on_config,
             "ping": self._on_ping,
             "pong": self._on_pong,
+            "checked": self._on_checked,
             "bye": self._on_bye,
         }
 
@@ -137,6 +158,8 @@ class Session:
             video_port=get_int(message, "video_port", 1, 65535),
             heartbeat_s=get_number(message, "heartbeat_s", 0.05, 60),
             timeout_s=get_number(message, "timeout_s", 0.1, 600),
+            shell_port=get_optional_port(message, "shell_port"),
+            rotate_key=get_flag(message, "rotate_key", default=False),
         )
         self._configured.set()
 
@@ -149,6 +172,13 @@ class Session:
         sent = next((at for number, at in self._pings if number == seq), None)
         if sent is not None:
             self.rtt_ms = (self._clock() - sent) * 1000
+
+    def _on_checked(self, message: JsonObject) -> None:
+        ros, video, shell = (
+            get_match(message, name, SERVICE, "ok, down or unknown")
+            for name in ("ros", "video", "shell")
+        )
+        self.checked = Checked(ros, video, shell)
 
     def _on_bye(self, message: JsonObject) -> None:
         code = get_match(message, "code", CODE, "a short code")

@@ -23,6 +23,7 @@ else:
     import tomli as tomllib
 
 DEFAULT_FILE = Path("/etc/robotether/agent.toml")
+HTTPS = 443
 PREFIX = "ROBOTETHER_"
 SECRETS = frozenset({"token"})
 
@@ -74,6 +75,11 @@ class Settings:
     def server_host(self) -> str:
         """The server's host without the port and without brackets."""
         return urlsplit(f"//{self.server}").hostname or self.server
+
+    @property
+    def server_port(self) -> int:
+        """The server's https port."""
+        return urlsplit(f"//{self.server}").port or HTTPS
 
     def join_token(self) -> str | None:
         """Return the join token, read when it is needed: an enrolled robot may have lost the file."""

@@ -14,8 +14,11 @@ from urllib.parse import urlsplit
 
 from robotether_agent.known_hosts import ALIAS
 
-Kind = Literal["session", "media"]
+Kind = Literal["session", "media", "shell"]
 CONNECT_TIMEOUT_S = 10
+# What the network may know of each kind: heartbeats and control go first, a file copy gives way. OpenSSH's
+# own choice for a client without a terminal is the lowest class for all of them.
+IP_QOS: dict[Kind, str] = {"session": "af21", "media": "throughput", "shell": "throughput"}
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,12 @@ class Target:
 
 @dataclass(frozen=True)
 class SshFiles:
-    """The files of one connection; `control` is the socket that takes forwards later."""
+    """The files of one connection.
 
-    key: Path
+    `keys` stand in the order in which they are shown to the server; the socket `control` takes forwards later.
+    """
+
+    keys: tuple[Path, ...]
     known_hosts: Path
     control: Path
 
@@ -64,29 +70,45 @@ def forward_to(url: str, listen_port: int) -> Forward:
 
 def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
     """Return the command of a connection whose stdin and stdout carry the session of `kind`."""
-    options = {
-        "BatchMode": "yes",
-        "ConnectTimeout": str(CONNECT_TIMEOUT_S),
-        "ControlPersist": "no",
-        "ExitOnForwardFailure": "yes",
-        "GlobalKnownHostsFile": "/dev/null",
-        "HostKeyAlias": ALIAS,
-        "IdentitiesOnly": "yes",
-        "IdentityAgent": "none",
-        "IdentityFile": str(files.key),
-        "LogLevel": "INFO",
-        "PreferredAuthentications": "publickey",
-        "RequestTTY": "no",
-        "ServerAliveCountMax": "3",
-        "ServerAliveInterval": "5",
-        "StrictHostKeyChecking": "yes",
+    options = [
+        *_trust_options(files.known_hosts),
+        "ControlPersist=no",
+        "ExitOnForwardFailure=yes",
+        *(f"IdentityFile={key}" for key in files.keys),
+        f"IPQoS={IP_QOS[kind]}",
+        "PreferredAuthentications=publickey",
+        "ServerAliveCountMax=3",
+        "ServerAliveInterval=5",
+    ]
+    return _command(target, options, ["-M", "-S", str(files.control)], kind)
+
+
+def host_key_command(target: Target, known_hosts: Path) -> list[str]:
+    """Return the command that checks the server's host key, and gets no further than that."""
+    options = [*_trust_options(known_hosts), "IdentityFile=none", "PreferredAuthentications=none"]
+    return _command(target, options, ["-S", "none"], "session")
+
+
+def _trust_options(known_hosts: Path) -> list[str]:
+    return [
+        "BatchMode=yes",
+        f"ConnectTimeout={CONNECT_TIMEOUT_S}",
+        "GlobalKnownHostsFile=/dev/null",
+        f"HostKeyAlias={ALIAS}",
+        "IdentitiesOnly=yes",
+        "IdentityAgent=none",
+        "LogLevel=INFO",
+        "RequestTTY=no",
+        "StrictHostKeyChecking=yes",
         # The pin is ours to set, so the server must not add keys by itself.
-        "UpdateHostKeys": "no",
-        "UserKnownHostsFile": str(files.known_hosts),
-    }
-    flags = [word for name, value in options.items() for word in ("-o", f"{name}={value}")]
+        "UpdateHostKeys=no",
+        f"UserKnownHostsFile={known_hosts}",
+    ]
+
+
+def _command(target: Target, options: list[str], control: list[str], kind: Kind) -> list[str]:
+    flags = [word for option in options for word in ("-o", option)]
     address = f"{target.user}@{target.host}"
-    control = ["-M", "-S", str(files.control)]
     return ["ssh", "-F", "none", *control, *flags, "-p", str(target.port), "--", address, kind]
 
 

@@ -94,8 +94,8 @@ def _host_key_changed(line: str, target: Target, files: SshFiles) -> Problem:
 
 def _key_unusable(line: str, _: Target, files: SshFiles) -> Problem:
     return KeyUnusable(
-        f"cannot use the key {files.key}: {line}",
-        advice=f"let only the agent's user read it: chmod 600 {files.key}",
+        f"cannot use the key {files.keys[0]}: {line}",
+        advice=f"let only the agent's user read it: chmod 600 {files.keys[0]}",
     )
 
 

@@ -45,6 +45,9 @@ class Status:
     since: float = 0.0
     server: str = ""
     robot: str = ""
+    mac: str = ""
+    # The interface that has this MAC now, if any.
+    interface: str = ""
     fingerprint: str = ""
     rtt_ms: float = -1.0
     ros: str = "unknown"
@@ -52,6 +55,14 @@ class Status:
     video: str = "unknown"
     video_detail: str = ""
     video_tunnel: str = "closed"
+    # off: nobody wants one; else open or closed.
+    shell_tunnel: str = "off"
+    # How the robot answers the server at its own end of the tunnels: ok, down or unknown.
+    end_to_end_ros: str = "unknown"
+    end_to_end_video: str = "unknown"
+    end_to_end_shell: str = "unknown"
+    # Why the robot has no new key yet, while the server wants one.
+    new_key: str = ""
     problem_code: str = ""
     problem: str = ""
     advice: str = ""
@@ -156,15 +167,23 @@ def render(status: Status, now: float) -> str:
         ("state", f"{state} since {_when(status.since)}"),
         ("robot", status.robot or "(no name yet)"),
         ("server", status.server),
+        ("mac", _mac(status)),
         ("key", status.fingerprint or "(none yet)"),
     ]
     if status.state == CONNECTED and is_alive(status, now):
         rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"
-        rows += [("round trip", rtt), ("video tunnel", status.video_tunnel)]
+        rows += [
+            ("round trip", rtt),
+            ("video tunnel", status.video_tunnel),
+            ("shell tunnel", status.shell_tunnel),
+            ("end to end", _end_to_end(status)),
+        ]
     rows += [
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
+    if status.new_key:
+        rows += [("new key", status.new_key)]
     rows += _problem_rows(status)
     return "\n".join(f"{name:<13} {value}".rstrip() for name, value in rows)
 
@@ -187,7 +206,19 @@ def _sentence(status: Status) -> str:
 
 def _is_whole(status: Status) -> bool:
     """Tell whether all that the agent keeps open is open."""
-    return status.state == CONNECTED and status.video_tunnel == "open"
+    tunnels = status.video_tunnel == "open" and status.shell_tunnel != "closed"
+    return status.state == CONNECTED and tunnels
+
+
+def _mac(status: Status) -> str:
+    if not status.mac:
+        return "(not known yet)"
+    return f"{status.mac} ({status.interface or 'no interface of this machine has it now'})"
+
+
+def _end_to_end(status: Status) -> str:
+    shell = "" if status.shell_tunnel == "off" else f", shell {status.end_to_end_shell}"
+    return f"rosbridge {status.end_to_end_ros}, video {status.end_to_end_video}{shell}"
 
 
 def _service(state: str, detail: str) -> str:

@@ -20,12 +20,21 @@ def act_as_agent(state_dir: Path) -> None:
     if os.geteuid() != 0:
         return
     try:
-        owner = _owner(state_dir)
+        if not state_dir.exists():
+            _make(state_dir)
     except OSError as error:
         raise StateUnusable(
             f"cannot make the directory {state_dir}: {error.strerror}",
             advice="see that the disk is neither full nor read-only, or set state_dir to another place",
         ) from error
+    become_owner(state_dir)
+
+
+def become_owner(state_dir: Path) -> None:
+    """Become the owner of `state_dir`, if root asks and there is one."""
+    if os.geteuid() != 0 or not state_dir.exists():
+        return
+    owner = _user(state_dir.stat().st_uid)
     # In a container root itself may be the agent's user.
     if owner is not None and owner.pw_uid != 0:
         os.initgroups(owner.pw_name, owner.pw_gid)
@@ -33,14 +42,16 @@ def act_as_agent(state_dir: Path) -> None:
         os.setuid(owner.pw_uid)
 
 
-def _owner(state_dir: Path) -> pwd.struct_passwd | None:
+def _make(state_dir: Path) -> None:
+    owner = _user(AGENT_USER)
+    if owner is not None:
+        state_dir.mkdir(mode=0o700, parents=True)
+        os.chown(state_dir, owner.pw_uid, owner.pw_gid)
+
+
+def _user(who: str | int) -> pwd.struct_passwd | None:
+    """Return an account; an installation without a user of its own has none."""
     try:
-        if state_dir.exists():
-            return pwd.getpwuid(state_dir.stat().st_uid)
-        owner = pwd.getpwnam(AGENT_USER)
+        return pwd.getpwuid(who) if isinstance(who, int) else pwd.getpwnam(who)
     except KeyError:
-        # An installation without a user of its own.
         return None
-    state_dir.mkdir(mode=0o700, parents=True)
-    os.chown(state_dir, owner.pw_uid, owner.pw_gid)
-    return owner

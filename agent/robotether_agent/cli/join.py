@@ -31,7 +31,7 @@ def join(settings: Settings) -> int:
 async def _join(enroller: Enroller) -> int:
     key = await enroller.key()
     try:
-        enrolment = await enroller.join(key)
+        enrolment = await enroller.join()
     except NotEnrolled as problem:
         # Whoever approves it compares this with what the server got.
         shown = await enroller.next_key() or key

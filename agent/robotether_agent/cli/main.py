@@ -10,9 +10,11 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from robotether_agent import __version__
+from robotether_agent.cli.doctor import doctor
 from robotether_agent.cli.forget import forget
 from robotether_agent.cli.identity import identity
 from robotether_agent.cli.join import join
@@ -36,6 +38,8 @@ class Call:
 def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os.environ) -> int:
     """Run the command and return its exit code."""
     options = _parser().parse_args(arguments)
+    if options.command == "doctor":
+        return doctor(partial(load, options.config, environ))
     try:
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
         return COMMANDS[options.command](Call(settings, options, environ))
@@ -75,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     told = commands.add_parser("status", help="tell how the running agent is; 0 when connected")
     told.add_argument("--json", action="store_true", help="for programs")
     commands.add_parser("join", help="ask the server once: 0 active, 10 pending, 1 refused")
+    commands.add_parser("doctor", help="check every step, and say what to do; 0 when all is well")
     named = commands.add_parser("identity", help="print the MAC that names this robot")
     named.add_argument("--json", action="store_true", help="for programs")
     commands.add_parser("key", help="make the robot's key if there is none, print its public half")

@@ -1,0 +1,33 @@
+"""`robotether-agent doctor`: one line a step, and for each that fails what is wrong and what to do."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from robotether_agent.doctor.examination import examine
+from robotether_agent.doctor.findings import FAIL, fail
+from robotether_agent.problems import SettingsInvalid
+from robotether_agent.settings import Settings
+from robotether_agent.users import become_owner
+
+
+def doctor(load: Callable[[], Settings]) -> int:
+    """Print all findings, and return 0 only when nothing fails."""
+    try:
+        settings = load()
+    except SettingsInvalid as problem:
+        print(fail("settings", problem.message, problem.advice))
+        return 1
+    # What root may read and write tells nothing about the agent.
+    become_owner(settings.state_dir)
+    return asyncio.run(_examine(settings))
+
+
+async def _examine(settings: Settings) -> int:
+    failed = 0
+    async for finding in examine(settings):
+        print(finding, flush=True)
+        failed += finding.state == FAIL
+    print("all is well" if not failed else f"{failed} of these steps failed")
+    return 1 if failed else 0

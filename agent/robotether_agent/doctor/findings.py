@@ -1,0 +1,36 @@
+"""What one check found: a line for a person, and where it fails, what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+OK, FAIL, SKIPPED = "ok", "FAIL", "skipped"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One step's result; `advice` stands only beside a FAIL."""
+
+    step: str
+    state: str
+    detail: str
+    advice: str = ""
+
+    def __str__(self) -> str:
+        line = f"{self.state:<8} {self.step:<12} {self.detail}"
+        return f"{line}\n{'':<22}what to do: {self.advice}" if self.advice else line
+
+
+def ok(step: str, detail: str) -> Finding:
+    """Return that a step is well."""
+    return Finding(step, OK, detail)
+
+
+def fail(step: str, detail: str, advice: str) -> Finding:
+    """Return what is wrong with a step, and what to do."""
+    return Finding(step, FAIL, detail, advice)
+
+
+def skipped(step: str, why: str) -> Finding:
+    """Return that a step could not be looked at, or need not be."""
+    return Finding(step, SKIPPED, why)

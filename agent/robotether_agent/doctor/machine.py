@@ -1,0 +1,142 @@
+"""What is on the robot itself: room on the disk, the MAC that names it, its key, its services."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from http import HTTPStatus
+from pathlib import Path
+
+import aiohttp
+
+from robotether_agent import keys
+from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.enrolment import EnrolmentStore
+from robotether_agent.fields import printable
+from robotether_agent.identity import interface_with
+from robotether_agent.kept_identity import IdentityStore
+from robotether_agent.problems import Problem
+from robotether_agent.settings import Settings
+from robotether_agent.ssh_command import forward_to
+from robotether_agent.tasks import within
+
+TIMEOUT_S = 4.0
+ENOUGH_MB = 20
+FORGET = "if this disk is a copy, make it a robot of its own: sudo robotether-agent forget"
+
+
+def check_disk(settings: Settings) -> Finding:
+    """Whether the agent could keep its state; an enrolled robot connects without."""
+    place = settings.state_dir
+    step, advice = "disk", "see that the disk is neither full nor read-only (df, mount)"
+    if not place.is_dir():
+        return fail(step, f"there is no {place}", "start the agent, or run: robotether-agent key")
+    if os.statvfs(place).f_flag & os.ST_RDONLY:
+        return fail(step, f"{place} is read-only", advice)
+    if not os.access(place, os.W_OK):
+        owner = f"chown -R robotether: {place}"
+        return fail(step, f"uid {os.getuid()} may not write in {place}", owner)
+    room = os.statvfs(place)
+    free_mb = room.f_bavail * room.f_frsize // 1_000_000
+    if free_mb < ENOUGH_MB or not (room.f_favail or not room.f_files):
+        return fail(step, f"{place} has {free_mb} MB left", advice)
+    return ok(step, f"{place} is writable, {free_mb} MB are free")
+
+
+def check_mac(settings: Settings, root: Path = Path("/")) -> Finding:
+    """Which MAC names this robot, and whether this machine has it."""
+    try:
+        known = EnrolmentStore(settings.state_dir).load(settings.server)
+        store = IdentityStore(settings, root, keeps=False)
+        found = store.identity(known.mac if known else None)
+    except Problem as problem:
+        return fail("mac", problem.message, problem.advice)
+    if not found.is_present:
+        had = found.interface or "another interface"
+        why = f"no interface of this machine has {found.mac}, by which the server knows it ({had} had it)"
+        return fail("mac", why, f"put the network card back; {FORGET}")
+    where = interface_with(found.mac, root) or "set in agent.toml"
+    return ok("mac", f"{found.mac} ({where})")
+
+
+async def check_key(settings: Settings) -> Finding:
+    """Whether the robot has a key that OpenSSH can use."""
+    try:
+        key = await keys.present_key(settings.state_dir)
+    except Problem as problem:
+        return fail("key", problem.message, problem.advice)
+    if key is None:
+        return fail(
+            "key", "the robot has no key yet", "start the agent, or run: robotether-agent key"
+        )
+    return ok("key", key.fingerprint)
+
+
+async def check_rosbridge(settings: Settings) -> Finding:
+    """Whether rosbridge answers with a WebSocket."""
+    url = settings.rosbridge_url
+    try:
+        await within(TIMEOUT_S, _open_socket(url))
+    except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+        return fail(
+            "rosbridge",
+            f"no WebSocket at {url}: {_why(error)}",
+            "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
+        )
+    return ok("rosbridge", f"answers at {url}")
+
+
+async def check_video(settings: Settings) -> Finding:
+    """Whether web_video_server answers."""
+    url = settings.video_url
+    try:
+        status = await within(TIMEOUT_S, _get(url))
+    except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+        return fail(
+            "video",
+            f"no answer at {url}: {_why(error)}",
+            "start web_video_server, or correct video_url; a robot without a camera works without it",
+        )
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
+    return ok("video", f"answers at {url}")
+
+
+async def check_shell(settings: Settings) -> Finding:
+    """Whether the robot's own SSH server answers where shells would go."""
+    if not settings.shell_address:
+        return skipped("shell", "shell_address allows none")
+    target = forward_to(f"ssh://{settings.shell_address}", 0)
+    try:
+        banner = await within(TIMEOUT_S, _banner(target.host, target.port))
+    except (OSError, asyncio.TimeoutError) as error:
+        return skipped("shell", f"no SSH server at {settings.shell_address}: {_why(error)}")
+    if not banner.startswith("SSH-"):
+        return skipped("shell", f"what answers at {settings.shell_address} is no SSH server")
+    return ok("shell", f"{banner} answers at {settings.shell_address}")
+
+
+async def _open_socket(url: str) -> None:
+    async with aiohttp.ClientSession() as http, http.ws_connect(url):
+        return
+
+
+async def _get(url: str) -> int:
+    async with aiohttp.ClientSession() as http, http.get(url, allow_redirects=False) as response:
+        return response.status
+
+
+async def _banner(host: str, port: int) -> str:
+    reader, writer = await asyncio.open_connection(host, port)
+    try:
+        return printable((await reader.readline()).decode(errors="replace"), 80)
+    except ValueError:
+        return ""
+    finally:
+        writer.close()
+
+
+def _why(error: BaseException) -> str:
+    if isinstance(error, asyncio.TimeoutError):
+        return f"no answer in {TIMEOUT_S:g} s"
+    return printable(str(error) or type(error).__name__, 200)

@@ -1,0 +1,238 @@
+"""How the server looks from here: its name, its port, its certificate, its clock, and whether it is ours.
+
+look() asks the network once; the checks are pure functions of what it saw.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import socket
+import ssl
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta, timezone
+from email.utils import parsedate_to_datetime
+
+import aiohttp
+
+from robotether_agent.doctor.certificate import CertificateError, validity
+from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.fields import FieldError, get_text, parse_object, printable
+from robotether_agent.settings import Settings
+from robotether_agent.tasks import within
+
+TIMEOUT_S = 6.0
+ANSWER_LIMIT = 16 * 1024
+# Without a login it answers with an error of its own, which no other server words like that.
+ASKED = "/api/v1/robots"
+CLOCK_TOLERANCE = timedelta(minutes=5)
+BUILT = datetime(2025, 1, 1, tzinfo=timezone.utc)
+REDIRECTS = range(300, 400)
+
+
+@dataclass(frozen=True)
+class Look:
+    """What could be seen of the server; a text is why not, and what comes after it was not asked."""
+
+    host: str
+    port: int
+    addresses: tuple[str, ...] = ()
+    no_address: str = ""
+    no_port: str = ""
+    no_tls: str = ""
+    certificate: bytes = b""
+    distrust: str = ""
+    no_answer: str = ""
+    date: datetime | None = None
+    status: int = 0
+    location: str = ""
+    code: str = ""
+
+
+async def look(settings: Settings) -> Look:
+    """Return how the server looks; sends nothing that is secret, and trusts nothing."""
+    host, port = settings.server_host, settings.server_port
+    seen = Look(host, port)
+    try:
+        seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
+    except (OSError, asyncio.TimeoutError) as error:
+        return replace(seen, no_address=_why(error))
+    try:
+        await within(TIMEOUT_S, _connect(host, port, None))
+    except (OSError, asyncio.TimeoutError) as error:
+        return replace(seen, no_port=_why(error))
+    try:
+        seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(host, port, _blind())))
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
+        return replace(seen, no_tls=_why(error))
+    seen = replace(seen, distrust=await _distrust(settings, seen))
+    try:
+        return await within(TIMEOUT_S, _ask(settings, seen))
+    except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
+        return replace(seen, no_answer=_why(error))
+
+
+def check_name(seen: Look) -> Finding:
+    """Whether the server's name leads to an address."""
+    if seen.no_address:
+        return fail(
+            "name",
+            f"cannot find the address of {seen.host}: {seen.no_address}",
+            "check the setting server, and this robot's name service (resolvectl status)",
+        )
+    return ok("name", f"{seen.host} is {', '.join(seen.addresses)}")
+
+
+def check_port(seen: Look) -> Finding:
+    """Whether the server's https port accepts."""
+    if seen.no_address:
+        return skipped("https port", "no address to ask")
+    if seen.no_port:
+        return fail(
+            "https port",
+            f"cannot reach {seen.host} port {seen.port}: {seen.no_port}",
+            "see that the server runs, and that no firewall is in between",
+        )
+    return ok("https port", f"{seen.host} port {seen.port} accepts")
+
+
+def check_certificate(seen: Look, pinned: bytes | None) -> Finding:
+    """Whether the certificate is the pinned one, or one that an authority vouches for."""
+    if seen.no_address or seen.no_port:
+        return skipped("certificate", "no connection")
+    if seen.no_tls:
+        return fail(
+            "certificate",
+            f"{seen.host} port {seen.port} does not speak TLS: {seen.no_tls}",
+            "see that server names the https port, and that no captive portal is in between",
+        )
+    shown = hashlib.sha256(seen.certificate).hexdigest()
+    if pinned is None:
+        return _check_authority(seen, shown)
+    if shown != pinned.hex():
+        return fail(
+            "certificate",
+            f"the server shows {shown}, and tls_fingerprint is {pinned.hex()}",
+            "ask the server's administrator which one is right: correct tls_fingerprint, or find out who is in between",
+        )
+    return ok("certificate", f"it is the pinned one, {shown}")
+
+
+def check_clock(seen: Look, now: datetime, *, is_pinned: bool) -> Finding:
+    """Whether this robot's clock agrees with the server's, or at least with its certificate."""
+    advice = "set the clock: sudo timedatectl set-ntp true" + (
+        "; with tls_fingerprint set the tunnel works all the same" if is_pinned else ""
+    )
+    says = f"this robot's clock says {_shown(now)}"
+    if seen.date is not None:
+        if abs(now - seen.date) > CLOCK_TOLERANCE:
+            return fail("clock", f"{says}, and the server's {_shown(seen.date)}", advice)
+        return ok("clock", f"{says}, as the server's")
+    with suppress(CertificateError):
+        begin, end = validity(seen.certificate)
+        if not begin <= now <= end:
+            dates = f"{_shown(begin)} to {_shown(end)}"
+            return fail("clock", f"{says}, and the server's certificate is for {dates}", advice)
+    if now < BUILT:
+        return fail("clock", f"{says}, which is before this program was written", advice)
+    return ok("clock", f"{says}; there is nothing to compare it with")
+
+
+def check_answer(seen: Look) -> Finding:
+    """Whether it is a Robotether server that answers, and nothing in between."""
+    step, portal = "answer", "log in to this network's portal in a browser, or use another network"
+    if seen.no_address or seen.no_port or seen.no_tls:
+        return skipped(step, "no connection")
+    if seen.no_answer:
+        return fail(step, f"no answer from {seen.host}: {seen.no_answer}", "see the server's log")
+    if seen.status in REDIRECTS:
+        where = printable(seen.location, 100)
+        return fail(step, f"a captive portal answers: it redirects to {where}", portal)
+    if not seen.code:
+        why = f"something answers with HTTP status {seen.status} that is no Robotether server"
+        return fail(step, why, f"check the setting server; {portal}")
+    return ok(step, f"a Robotether server answers at {seen.host}")
+
+
+def _check_authority(seen: Look, shown: str) -> Finding:
+    if seen.distrust:
+        return fail(
+            "certificate",
+            f"no known authority vouches for {shown}: {seen.distrust}",
+            "set tls_fingerprint or ca_file, and see that the clock is right",
+        )
+    return ok("certificate", f"an authority vouches for it ({shown})")
+
+
+async def _resolve(host: str, port: int) -> tuple[str, ...]:
+    loop = asyncio.get_running_loop()
+    found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return tuple(dict.fromkeys(str(address[0]) for *_, address in found))
+
+
+async def _connect(host: str, port: int, context: ssl.SSLContext | None) -> bytes:
+    """Connect, and return the certificate that was shown, if this is TLS."""
+    name = None if context is None else host
+    _, writer = await asyncio.open_connection(host, port, ssl=context, server_hostname=name)
+    try:
+        session = writer.get_extra_info("ssl_object")
+        return b"" if session is None else session.getpeercert(binary_form=True)
+    finally:
+        writer.transport.abort()
+
+
+async def _distrust(settings: Settings, seen: Look) -> str:
+    """Return why no authority vouches for the server, or nothing when one does or none is asked."""
+    if settings.tls_fingerprint is not None:
+        return ""
+    try:
+        context = ssl.create_default_context(cafile=settings.ca_file)
+        await within(TIMEOUT_S, _connect(seen.host, seen.port, context))
+    except ssl.SSLCertVerificationError as error:
+        return error.verify_message
+    except (OSError, asyncio.TimeoutError) as error:
+        return _why(error)
+    return ""
+
+
+async def _ask(settings: Settings, seen: Look) -> Look:
+    url = f"https://{settings.server}{ASKED}"
+    async with (
+        aiohttp.ClientSession() as http,
+        http.get(url, ssl=_blind(), allow_redirects=False) as response,
+    ):
+        body = await response.content.read(ANSWER_LIMIT)
+        date = response.headers.get("Date")
+        return replace(
+            seen,
+            status=response.status,
+            location=response.headers.get("Location", ""),
+            date=parsedate_to_datetime(date) if date else None,
+            code=_code(body),
+        )
+
+
+def _code(body: bytes) -> str:
+    try:
+        return get_text(parse_object(body, "the answer"), "code")
+    except FieldError:
+        return ""
+
+
+def _blind() -> ssl.SSLContext:
+    """Return a context that looks without trusting: what it sees is shown to a person, and nothing else."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def _why(error: BaseException) -> str:
+    if isinstance(error, asyncio.TimeoutError):
+        return f"no answer in {TIMEOUT_S:g} s"
+    return printable(str(error) or type(error).__name__, 200)
+
+
+def _shown(moment: datetime) -> str:
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,154 @@
+"""The way to the server over SSH: its ports and host key, the boot service, and what the agent itself says."""
+
+from __future__ import annotations
+
+import asyncio
+
+from robotether_agent import known_hosts
+from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.enrolment import Enrolment, EnrolmentStore
+from robotether_agent.known_hosts import HostKey
+from robotether_agent.problems import (
+    HostKeyChanged,
+    KeyRefused,
+    Problem,
+    ServerUnreachable,
+    SshMissing,
+)
+from robotether_agent.settings import Settings
+from robotether_agent.ssh_command import SshFiles, Target, child_environment, host_key_command
+from robotether_agent.ssh_errors import why_not_connected
+from robotether_agent.status import CONNECTED, Status, has_problem
+from robotether_agent.tasks import within
+
+# A little more than the client's own ConnectTimeout.
+TIMEOUT_S = 13.0
+DEFAULT_PORTS = (2222, 443)
+START = "sudo systemctl start robotether-agent"
+
+
+def check_join(settings: Settings, status: Status | None) -> Finding:
+    """Whether the server has let this robot in."""
+    try:
+        known = EnrolmentStore(settings.state_dir).load(settings.server)
+    except Problem as problem:
+        return fail("join", problem.message, problem.advice)
+    if status is not None and status.state == "pending":
+        return fail(
+            "join", f"{status.problem} (key {status.fingerprint})", "approve it on the server"
+        )
+    if known is None:
+        why = f"{settings.server} has not let this robot in yet"
+        return fail("join", why, "run: sudo robotether-agent join")
+    return ok("join", f"{known.server} knows this robot as {known.robot} (MAC {known.mac})")
+
+
+async def check_ssh(settings: Settings) -> list[Finding]:
+    """Whether the server's SSH ports answer with the pinned host key; one of them is enough."""
+    store = EnrolmentStore(settings.state_dir)
+    try:
+        known, pinned = store.load(settings.server), known_hosts.pinned(store.known_hosts)
+    except Problem as problem:
+        return [fail("ssh", problem.message, problem.advice)]
+    targets = _targets(settings, known)
+    found = await asyncio.gather(*(_problem_at(target, store) for target in targets))
+    one_works = any(isinstance(problem, KeyRefused) for problem in found)
+    return [
+        _told(target, problem, pinned, one_works=one_works)
+        for target, problem in zip(targets, found, strict=True)
+    ]
+
+
+def check_service(state: str | None, status: Status | None) -> Finding:
+    """Whether the boot service runs; `state` is systemd's word, None without systemd."""
+    if state not in {None, "active"}:
+        return fail(
+            "service",
+            f"systemd says that it is {state}",
+            f"{START}; journalctl -u robotether-agent",
+        )
+    if status is None:
+        return fail("service", "no agent runs", START)
+    return ok("service", f"robotether-agent {status.agent_version} runs (pid {status.pid:.0f})")
+
+
+def check_session(status: Status | None) -> Finding:
+    """Whether the robot is connected, and if not, what the agent says."""
+    if status is None:
+        return skipped("connection", "no agent runs")
+    if has_problem(status):
+        return fail(
+            "connection",
+            f"{status.problem} [{status.problem_code}]",
+            status.advice or "wait: it tries again",
+        )
+    if status.state != CONNECTED:
+        return fail(
+            "connection", f"the agent is {status.state}", "wait some seconds and look again"
+        )
+    return ok("connection", f"connected as {status.robot}, video tunnel {status.video_tunnel}")
+
+
+def check_end_to_end(status: Status | None) -> Finding:
+    """Whether the server reaches the robot's services through the tunnels."""
+    step = "end to end"
+    if status is None or status.state != CONNECTED:
+        return skipped(step, "not connected")
+    answers = {"rosbridge": status.end_to_end_ros, "video": status.end_to_end_video}
+    if status.shell_tunnel != "off":
+        answers["shell"] = status.end_to_end_shell
+    told = ", ".join(f"{name} {state}" for name, state in answers.items())
+    if "down" in answers.values():
+        return fail(
+            step, f"from the server: {told}", "mend what fails above; else see the server's log"
+        )
+    if "unknown" in answers.values():
+        return skipped(step, f"the server has not looked yet: {told}")
+    return ok(step, f"from the server: {told}")
+
+
+def _targets(settings: Settings, known: Enrolment | None) -> list[Target]:
+    host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
+    ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
+    user = known.ssh.user if known else "tunnel"
+    return [Target(host, port, user) for port in ports]
+
+
+async def _problem_at(target: Target, store: EnrolmentStore) -> Problem:
+    """Return what ends a connection without a key: KeyRefused when all before that is well."""
+    command = host_key_command(target, store.known_hosts)
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            env=child_environment(),
+        )
+    except FileNotFoundError:
+        return SshMissing("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
+    try:
+        _, words = await within(TIMEOUT_S, process.communicate())
+    except asyncio.TimeoutError:
+        return ServerUnreachable(f"cannot reach SSH at {target}: no answer in {TIMEOUT_S:g} s")
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    files = SshFiles((), store.known_hosts, store.known_hosts)
+    lines = words.decode(errors="replace").splitlines()
+    return why_not_connected(lines, process.returncode or 0, target, files)
+
+
+def _told(target: Target, problem: Problem, pinned: list[HostKey], *, one_works: bool) -> Finding:
+    step = f"ssh {target.port}"
+    if isinstance(problem, KeyRefused):
+        return ok(step, f"{target.host} answers with the pinned host key")
+    if isinstance(problem, HostKeyChanged) and not pinned:
+        return skipped(step, f"{target.host} answers; no host key is pinned before the first join")
+    if isinstance(problem, HostKeyChanged):
+        known = ", ".join(key.fingerprint for key in pinned)
+        return fail(step, f"{problem.message}; pinned is {known}", problem.advice)
+    if one_works:
+        return skipped(step, f"{problem.message}; the other port is enough")
+    return fail(step, problem.message, problem.advice)
