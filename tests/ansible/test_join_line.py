@@ -1,0 +1,367 @@
+"""The install line, run for real on Debian hosts that boot systemd, against the running stack."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from robot_hosts import CA_BUNDLE, ROOT, RobotHost, RobotHosts
+from stack import Stack
+
+WHEELHOUSE = "/opt/wheelhouse"
+# A container's interface is virtual, so the agent would find none by itself.
+USUAL = f"--interface eth0 --wheelhouse {WHEELHOUSE}"
+# What enrolling makes on a robot, whoever looks for it.
+TRACES = (
+    "/opt/robotether-agent",
+    "/etc/robotether",
+    "/var/lib/robotether-agent",
+    "/run/robotether-agent",
+    "/etc/systemd/system/robotether-agent.service",
+    "/etc/systemd/system/multi-user.target.wants/robotether-agent.service",
+    "/usr/local/bin/robotether-agent",
+)
+DIGITS = re.compile(r"[0-9a-f]{64}")
+
+
+@pytest.fixture(scope="module")
+def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
+    """The hosts of this module."""
+    with RobotHosts(tmp_path_factory.mktemp("hosts")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The agent's dependencies for the hosts' Python 3.11, as a tar that unpacks at /."""
+    folder = tmp_path_factory.mktemp("wheelhouse")
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--require-hashes"]
+    command += ["--python-version", "3.11", "--only-binary", ":all:", "--dest", str(folder)]
+    command += ["--requirement", str(ROOT / "agent" / "requirements.txt")]
+    subprocess.run(command, check=True, timeout=300)
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as archive:
+        archive.add(folder, WHEELHOUSE.lstrip("/"))
+    return buffer.getvalue()
+
+
+class Robot:
+    """A host, with what these tests do on it."""
+
+    def __init__(self, host: RobotHost, wheelhouse: bytes) -> None:
+        self.host = host
+        assert host.container.put_archive("/", wheelhouse)
+        # A site whose pip needs a CA bundle of its own says so to all of the machine.
+        host.put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
+
+    def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
+        """Run the line with more options; whether it succeeded, and what it printed."""
+        # `sh` must get nothing when curl fails, and its end is what counts, as for a person at the prompt.
+        status, output = self.host.container.exec_run(["bash", "-c", f"{line} {options} 2>&1"])
+        return status == 0, output.decode()
+
+    def traces(self) -> list[str]:
+        """What of an installed agent is on this machine."""
+        found = [path for path in TRACES if self.host.succeeds(f"test -e {path} -o -L {path}")]
+        return found + (["user"] if self.host.succeeds("id robotether") else [])
+
+    def state(self) -> str:
+        """All that a second run must leave as it is: files, their times, and the service's start."""
+        folders = (
+            "/opt/robotether-agent /etc/robotether /var/lib/robotether-agent /etc/systemd/system"
+        )
+        listed = self.host.run(
+            f"find {folders} -not -name __pycache__ -not -name '*.pyc' -printf '%p %m %u %T@ %l\\n'"
+        )
+        return listed + self.host.run("systemctl show robotether-agent -p ExecMainPID,NRestarts")
+
+    def key(self) -> str:
+        """The fingerprint of the robot's key."""
+        public = "/var/lib/robotether-agent/id_ed25519.pub"
+        return self.host.run(f"ssh-keygen -lf {public}").split()[1]
+
+
+@pytest.fixture
+def robot(hosts: RobotHosts, wheelhouse: bytes, request: pytest.FixtureRequest) -> Iterator[Robot]:
+    """A fresh host."""
+    name = re.sub(r"[^a-z0-9]+", "-", request.node.name.removeprefix("test_").lower())[:40]
+    host = hosts.boot(name.strip("-"))
+    yield Robot(host, wheelhouse)
+    hosts.remove(host)
+    hosts.booted.remove(host)
+
+
+@pytest.fixture(scope="module")
+def admin(stack: Stack) -> dict[str, str]:
+    """Headers of an admin's program, that reaches the server where the hosts do."""
+    token = stack.token("join-line")
+    return {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
+
+
+def invite(stack: Stack, admin: dict[str, str], uses: int = 1) -> str:
+    """The line that a new join token gives."""
+    invite.count += 1  # type: ignore[attr-defined]  # names of tokens are unique
+    body = {"name": f"line-{invite.count}", "uses": uses, "hours": 1}  # type: ignore[attr-defined]
+    status, answer = stack.request("POST", "/api/v1/join-tokens", body, admin)
+    assert status == 201, answer
+    return str(answer["command"])
+
+
+invite.count = 0  # type: ignore[attr-defined]
+
+
+def without_token(line: str) -> str:
+    return re.sub(r" --token \S+", "", line)
+
+
+def rows(stack: Stack) -> dict[str, dict[str, Any]]:
+    """The server's robots by MAC."""
+    return {row["mac"]: row for row in json.loads(stack.robotether("robot", "list", "--json"))}
+
+
+def online(stack: Stack, mac: str) -> bool:
+    row = rows(stack).get(mac)
+    return bool(row and row["online"])
+
+
+def test_line_makes_a_robot_and_again_changes_nothing(
+    stack: Stack, admin: dict[str, str], robot: Robot
+) -> None:
+    """The printed line brings a machine online; a second run finds nothing to do; uninstalling leaves nothing."""
+    line = invite(stack, admin)
+    good, said = robot.install(line, "--interface eth0 --name turtle")
+    assert good, said
+    assert f"done: this robot is turtle, at https://cloud:{stack.https_port}/robots/turtle" in said
+    stack.wait("turtle online", lambda: online(stack, robot.host.mac), "relay", "sshd")
+    assert not robot.host.succeeds("test -e /etc/robotether/token")
+    assert "token" not in robot.host.run("cat /etc/robotether/agent.toml")
+
+    before = robot.state()
+    good, said = robot.install(line, "--interface eth0 --name turtle")
+    assert good, said
+    assert "nothing to do" in said
+    assert robot.state() == before
+
+    good, said = robot.install(without_token(line), "--uninstall")
+    assert not good
+    assert "Add --yes" in said
+    assert robot.state() == before
+    good, said = robot.install(without_token(line), "--uninstall --yes")
+    assert good, said
+    assert robot.traces() == []
+    stack.wait("turtle offline", lambda: not online(stack, robot.host.mac), "relay")
+
+
+def test_without_a_token_an_admin_approves(
+    stack: Stack, admin: dict[str, str], robot: Robot
+) -> None:
+    """The line says how to approve, and which key to compare; the robot is online a moment after."""
+    good, said = robot.install(without_token(invite(stack, admin)))
+    assert good, said
+    assert robot.key() in said
+    assert "robot approve" in said
+    name = rows(stack)[robot.host.mac]["name"]
+    stack.robotether("robot", "approve", name, "--fingerprint", robot.key())
+    stack.wait("online", lambda: online(stack, robot.host.mac), "relay", "sshd", seconds=40)
+
+
+def test_row_of_plain_sql_is_enough(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+    """One INSERT announces the robot under the name that it gives."""
+    stack.sql(f"INSERT INTO robots (mac, name) VALUES ('{robot.host.mac}', 'by-sql')")
+    good, said = robot.install(without_token(invite(stack, admin)))
+    assert good, said
+    stack.robotether("robot", "approve", "by-sql", "--fingerprint", robot.key())
+    stack.wait("online", lambda: online(stack, robot.host.mac), "relay", "sshd", seconds=40)
+
+
+def test_absent_rosbridge_is_no_error(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+    """The line says that rosbridge is missing, and that nothing else is needed."""
+    robot.host.run("systemctl stop sim-robot")
+    good, said = robot.install(invite(stack, admin))
+    assert good, said
+    assert "rosbridge does not answer yet" in said
+
+
+def test_bad_input_leaves_nothing_behind(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+    """Each wrong line says what is wrong and undoes what it did; the right one then finishes the work."""
+    line = invite(stack, admin)
+    port = stack.https_port
+    used = invite(stack, admin)
+    gone = invite(stack, admin)
+    token = re.search(r"rj_\S+", gone)
+    assert token
+    stack.sql(
+        "UPDATE join_tokens SET expires_at = NOW() - INTERVAL 1 HOUR ORDER BY id DESC LIMIT 1"
+    )
+    other = robot.host.mac.replace("00:1b:44", "00:1b:45")
+    join = {"mac": other, "public_key": _new_key(), "hostname": "x", "agent_version": "0"}
+    used_token = re.search(r"rj_\S+", used)
+    assert used_token
+    status, _ = stack.request("POST", "/api/v1/join", {**join, "token": used_token[0]}, admin)
+    assert status == 200
+
+    wrong_pin = DIGITS.sub("0" * 64, line)
+    bad: list[tuple[str, str, str]] = [
+        (re.sub(r"rj_\S+", "rj_" + "A" * 43, line), USUAL, "token"),
+        (re.sub(r"--token \S+", "--token x'y", line), USUAL, "unexpected EOF"),
+        (gone, USUAL, "expired"),
+        (used, USUAL, "used up"),
+        (wrong_pin, USUAL, "its certificate has the SHA-256"),
+        (line, f"{USUAL} --server cloud:1", "cannot get https://cloud:1/agent/manifest"),
+        (line, f"{USUAL} --server nowhere.invalid", "cannot get https://nowhere.invalid"),
+        (line, f"{USUAL} --server https://cloud:{port}/", "without https://"),
+        (line, "--wheelhouse /nowhere --interface eth0", "there is no such folder"),
+        (line, f"--wheelhouse {WHEELHOUSE}", "no physical network interface"),
+        (line, f"--wheelhouse {WHEELHOUSE} --interface eth7", "no interface eth7"),
+        (line, f"--wheelhouse {WHEELHOUSE} --mac rubbish", "'rubbish' is not a MAC address"),
+        (line, f"--wheelhouse {WHEELHOUSE} --mac ff:ff:ff:ff:ff:ff", "multicast or broadcast"),
+        (line, f"--wheelhouse {WHEELHOUSE} --mac 02:00:00:00:00:01", "locally administered"),
+        (line, f"{USUAL} --frobnicate", "there is no such option"),
+        (line, f"{USUAL} --token", "its value is missing"),
+    ]
+    for wrong, options, sentence in bad:
+        good, said = robot.install(wrong, options)
+        assert not good, f"{options}: {said}"
+        assert sentence in said, f"{options}: {said}"
+        assert robot.traces() == [], said
+    good, said = robot.install(line)
+    assert good, said
+
+
+# What a host may lack, how it is taken away and given back, and the sentence that it gets.
+LACKS = {
+    "systemd": (
+        "mount -t tmpfs none /run/systemd/system 2>/dev/null; mv /usr/bin/systemctl /root/",
+        "mv /root/systemctl /usr/bin/; umount /run/systemd/system",
+        "has no systemd",
+    ),
+    "a newer Python": (
+        "printf '#!/bin/sh\\ncase \"$*\" in *version_info*) exit 1 ;; *) echo Python 3.9.2 ;; esac\\n'"
+        " > /usr/local/bin/python3; chmod +x /usr/local/bin/python3",
+        "rm /usr/local/bin/python3",
+        "Python 3.9.2, and 3.10 is needed",
+    ),
+    "disk space": (
+        "mount -t tmpfs -o size=20m none /opt",
+        "umount /opt",
+        "MB are needed",
+    ),
+    "a writable disk": ("mount -t tmpfs -o ro none /opt", "umount /opt", "mounted read-only"),
+}
+
+
+def test_lacking_machine_is_left_alone(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+    """A machine that cannot be a robot yet is told why, and is as it was; when that is mended the line works."""
+    line = invite(stack, admin)
+    options = "--interface eth0"
+    for what, (take, give, sentence) in LACKS.items():
+        robot.host.run(take)
+        good, said = robot.install(line, options)
+        robot.host.run(give)
+        assert not good, f"{what}: {said}"
+        assert sentence in said, f"{what}: {said}"
+        assert robot.traces() == [], f"{what}: {said}"
+    good, said = robot.install(line.replace("sudo sh", "sudo -u pi sh"), options)
+    assert not good
+    assert "run it with sudo" in said
+    assert robot.traces() == []
+    good, said = robot.install(line, options)
+    assert good, said
+
+
+def test_mac_of_another_robot_waits(
+    stack: Stack, admin: dict[str, str], hosts: RobotHosts, wheelhouse: bytes, robot: Robot
+) -> None:
+    """Who shows the MAC of a robot that has another key is told so, and the first one goes on."""
+    good, said = robot.install(invite(stack, admin))
+    assert good, said
+    copy = Robot(hosts.boot("copied-mac", mac=robot.host.mac), wheelhouse)
+    good, said = copy.install(invite(stack, admin))
+    assert good, said
+    assert copy.key() in said
+    assert "done: an admin lets it in" in said
+    assert online(stack, robot.host.mac)
+
+
+def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
+    stack: Stack, admin: dict[str, str], robot: Robot
+) -> None:
+    """A changed option reaches the settings, what a person wrote there stays, and so do key and name."""
+    line = without_token(invite(stack, admin))
+    good, said = robot.install(invite(stack, admin), f"{USUAL} --name keeper")
+    assert good, said
+    key = robot.key()
+    robot.host.run("echo 'log_level = \"debug\"' >> /etc/robotether/agent.toml")
+    # An older version runs: the same files under another name.
+    robot.host.run(
+        "cd /opt/robotether-agent/versions && cp -a * 0.0.9-aaaaaaaaaaaa"
+        ' && sed -i "s#/versions/0.1[^/]*/#/versions/0.0.9-aaaaaaaaaaaa/#" 0.0.9-aaaaaaaaaaaa/bin/*'
+        " && ln -sfn versions/0.0.9-aaaaaaaaaaaa ../current && systemctl restart robotether-agent"
+    )
+    stack.wait("online", lambda: online(stack, robot.host.mac), "relay")
+    good, said = robot.install(line, f"{USUAL} --rosbridge-url ws://127.0.0.1:9099")
+    assert good, said
+    assert "switching from 0.0.9-aaaaaaaaaaaa to 0.1.0-" in said
+    assert "0.0.9" not in robot.host.run("readlink /opt/robotether-agent/current")
+    config = robot.host.run("cat /etc/robotether/agent.toml")
+    assert 'log_level = "debug"' in config
+    assert 'rosbridge_url = "ws://127.0.0.1:9099"' in config
+    assert robot.key() == key
+    assert rows(stack)[robot.host.mac]["name"] == "keeper"
+
+
+def test_clones_of_an_image_are_robots_of_their_own(
+    stack: Stack, admin: dict[str, str], hosts: RobotHosts, robot: Robot
+) -> None:
+    """An image with a fleet token holds no key; each clone makes its own at its first boot and comes up."""
+    good, said = robot.install(invite(stack, admin, uses=2), f"{USUAL} --image")
+    assert good, said
+    assert not robot.host.succeeds("test -e /var/lib/robotether-agent/id_ed25519")
+    assert not robot.host.succeeds("systemctl is-active robotether-agent")
+    assert robot.host.run("stat -c '%a %U:%G' /etc/robotether/token").split() == [
+        "640",
+        "root:robotether",
+    ]
+    image = robot.host.container.commit(repository="robotether-test/golden", tag=str(id(robot)))
+    clones: list[RobotHost] = []
+    try:
+        clones += [hosts.boot(name, image=image.id) for name in ("clone-a", "clone-b")]
+        for clone in clones:
+            stack.wait("clone online", lambda mac=clone.mac: online(stack, mac), "relay", "sshd")
+        public = "cat /var/lib/robotether-agent/id_ed25519.pub"
+        assert len({clone.run(public).split()[1] for clone in clones}) == 2
+        assert len({rows(stack)[clone.mac]["name"] for clone in clones}) == 2
+    finally:
+        for clone in clones:
+            hosts.remove(clone)
+            hosts.booted.remove(clone)
+        hosts.engine.images.remove(image.id, force=True)
+
+
+def test_robot_in_service_is_no_image(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+    """A machine with a key is not made an image, as every clone would be that robot."""
+    line = invite(stack, admin)
+    good, said = robot.install(line)
+    assert good, said
+    good, said = robot.install(line, f"{USUAL} --image")
+    assert not good
+    assert "which every clone would have" in said
+
+
+def _new_key() -> str:
+    folder = Path("/dev/shm") if Path("/dev/shm").exists() else Path("/tmp")
+    path = folder / f"robotether-line-{id(invite)}"
+    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "", "-f", str(path)]
+    subprocess.run(command, check=True, timeout=20)
+    public = path.with_suffix(".pub").read_text().strip()
+    path.unlink()
+    path.with_suffix(".pub").unlink()
+    return public
