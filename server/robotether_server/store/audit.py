@@ -1,4 +1,4 @@
-"""The audit log: who changed what, who was refused. Only ever added to.
+"""The audit log: who changed what, who was refused. Only ever added to, but for what is very old.
 
 Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
 """
@@ -12,6 +12,7 @@ from robotether_server.networks import Network
 from robotether_server.store.database import Transaction
 
 LONGEST_ACTOR = 63
+REMOVED_AT_ONCE = 5000
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,13 @@ def find(
         (*asked.values(), limit),
     )
     return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
+
+
+def remove_some(tx: Transaction, before: dt.datetime) -> int:
+    """Remove some of the events from before that moment; return how many. Only account migrate may."""
+    return tx.change(
+        "DELETE FROM audit_events WHERE at < %s ORDER BY id LIMIT %s", (before, REMOVED_AT_ONCE)
+    )
 
 
 def recent_from(

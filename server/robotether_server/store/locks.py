@@ -1,8 +1,8 @@
 """Makes all enrolments take turns: joins, and what admins do to robots' rows and keys.
 
-A join asks for rows that do not exist yet and a key must be unique across two tables. With row locks alone two
-robots of one maker that join at once would wait for each other's gap between two MACs and one of them be
-thrown out; with this lock each finds what the one before it left. Who needs it takes it first, before any row.
+A join decides by several rows at once: whose the MAC is, whether another row or a claim has the key, how many
+wait, which name is free. Row locks in changing order would end some of those who join at the same moment with
+a deadlock; with this lock each finds what the one before it left. Who needs it takes it first, before any row.
 """
 
 from robotether_server.problems import StoreUnavailable

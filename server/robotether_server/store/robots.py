@@ -166,7 +166,7 @@ def get(tx: Transaction, name: str) -> Robot:
     """Return the robot of that name, locked until the transaction ends; raise RecordMissing."""
     row = tx.row(SELECT + "WHERE r.name = %s FOR UPDATE", (name,))
     if row is None:
-        raise RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
+        raise _missing(name)
     return _robot(row)
 
 

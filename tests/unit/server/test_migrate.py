@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from pathlib import Path
 
+import mariadb_server
 import pytest
 import sqlparse
 from mariadb_server import MariaDb
 from robotether_server.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import Database
+from robotether_server.store import Database, ports, robots
 
 
 def settings(
@@ -45,6 +47,46 @@ def test_interrupted_run_is_finished_by_the_next(
         tx.change("INSERT INTO yoyo_lock (locked, ctime, pid) VALUES (1, NOW(), 1)")
     applied = migrate(settings(mariadb, sql_dir))
     assert applied == sorted(file.stem for file in sql_dir.glob("*.sql"))
+
+
+def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path) -> None:
+    """Make a database of the release before join tokens and shells, with its range of ports."""
+    folder.mkdir()
+    for file in sorted(sql_dir.glob("000[1-4]_*.sql")):
+        shutil.copy(file, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ports, "set_range", lambda *_: None)
+        patch.setattr(ports, "set_shell_range", lambda *_: None)
+        migrate(settings(server, folder))
+    with Database(server.settings("migrate")).transaction() as tx:
+        tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002)")
+
+
+def test_rows_of_an_older_release_are_kept(
+    sql_dir: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Even what the newer one would refuse to add: such a robot can still be changed."""
+    with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
+        migrate_to_older(server, tmp_path / "sql", sql_dir)
+        with Database(server.settings("web")).transaction() as tx:
+            tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x')")
+            tx.insert(
+                "INSERT INTO robots (mac, name, state, public_key, fingerprint, ros_port, video_port) "
+                "VALUES ('01:00:5e:00:00:01', 'odd', 'active', 'k', 'f', 24000, 24002)"
+            )
+            tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
+        assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
+        with Database(server.settings("web")).transaction() as tx:
+            odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")
+            robots.rename(tx, odd.id, "still-odd")
+            robots.set_shell(tx, odd.id, on=True)
+            robots.set_ports(tx, odd.id, None, None)
+            changed = robots.get(tx, "still-odd")
+        assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
+        assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
+        # The ports that it had by hand are nobody's shell port.
+        assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
+        assert (changed.ros_port, changed.video_port) == (20002, 20003)
 
 
 @pytest.mark.usefixtures("admin_database")

@@ -26,6 +26,7 @@ def test_defaults_are_the_documented_ones() -> None:
     assert (web.tickets.ttl_s, web.login_ttl_h, web.log_level) == (30, 12, "info")
     assert (web.join.policy, web.join.max_pending, web.join.public_host) == ("approve", 50, None)
     assert web.join.ssh_ports == (2222, 443)
+    assert web.join.allow_local_macs is False
     assert web.join.ssh_host_keys_dir == Path("/ssh_host_keys")
     assert (web.front.public_host, web.front.public_port) == (None, 443)
     assert web.front.tls_front == ("nginx", 8443)
@@ -35,6 +36,7 @@ def test_defaults_are_the_documented_ones() -> None:
     assert relay.message_limit_bytes == 10 * 1024 * 1024
     migrate = settings.load_migrate(DATABASE)
     assert (migrate.port_range_first, migrate.port_range_last) == (20000, 23999)
+    assert (migrate.shell_port_first, migrate.shell_port_last) == (24000, 25999)
     assert migrate.migrations_dir == Path("/usr/share/robotether/sql")
 
 
@@ -67,6 +69,35 @@ def test_range_must_hold_a_pair() -> None:
     environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
     with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
         settings.load_migrate(environ)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "why"),
+    [
+        ("25000", "24999", "SHELL_PORT_LAST=24999.*SHELL_PORT_FIRST=25000"),
+        ("23999", "24999", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
+        ("1024", "65535", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
+        ("19000", "20000", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
+    ],
+)
+def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -> None:
+    """One port may be enough; no port is of both ranges."""
+    one = settings.load_migrate(
+        DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
+    )
+    assert one.shell_port_last == 24000
+    with pytest.raises(SettingsError, match=why):
+        settings.load_migrate(DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
+
+
+@pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
+def test_policy_is_one_of_three(policy: str) -> None:
+    """A misspelt one stops the start, and so does a yes that is none."""
+    assert settings.load_join({"JOIN_POLICY": policy}).policy == policy
+    assert settings.load_join({"ALLOW_LOCAL_MACS": "yes"}).allow_local_macs is True
+    for wrong in ({"JOIN_POLICY": f"{policy}s"}, {"ALLOW_LOCAL_MACS": "true"}):
+        with pytest.raises(SettingsError, match="allowed is"):
+            settings.load_join(wrong)
 
 
 def test_in_force_shows_everything_and_no_secret() -> None:

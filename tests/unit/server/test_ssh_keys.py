@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import struct
 import subprocess
 from pathlib import Path
 
@@ -10,7 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_server.problems import FieldInvalid
-from robotether_server.ssh_keys import parse
+from robotether_server.ssh_keys import comment, parse, parse_persons
+
+# The generator of the curve, which is a point of it.
+NISTP256_POINT = bytes.fromhex(
+    "046b17d1f2e12c4247f8bce6e563a440f277037d812deb33a0f4a13945d898c296"
+    "4fe342e2fe1a7f9b8ee7eb4a7c0f9e162bce33576b315ececbb6406837bf51f5"
+)
 
 
 def make_key(folder: Path, kind: str, bits: int) -> tuple[str, str]:
@@ -38,15 +45,50 @@ def ed25519(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_fingerprint_is_that_of_ssh_keygen(tmp_path: Path, kind: str, bits: int) -> None:
     """What sshd passes to the lookup is what stands in the row; the comment is gone."""
     line, fingerprint = make_key(tmp_path, kind, bits)
-    key = parse(line.strip())
+    key = parse_persons(line.strip())
     assert key.fingerprint == fingerprint
     assert key.line == " ".join(line.split()[:2])
+    assert comment(line) == "a comment"
+
+
+def test_robots_have_ed25519_keys_only(tmp_path: Path, ed25519: str) -> None:
+    """They make their keys themselves; people bring what they have."""
+    assert parse(ed25519) == parse_persons(ed25519)
+    for kind, bits in (("ecdsa", 256), ("rsa", 3072)):
+        folder = tmp_path / kind
+        folder.mkdir()
+        with pytest.raises(FieldInvalid, match="its type is not one of ssh-ed25519"):
+            parse(make_key(folder, kind, bits)[0])
+
+
+def wire(*fields: bytes) -> str:
+    return base64.b64encode(b"".join(struct.pack(">I", len(f)) + f for f in fields)).decode()
+
+
+def test_keys_of_security_keys_are_peoples(tmp_path: Path) -> None:
+    """Those that live in hardware, which ssh-keygen reads as we do."""
+    for kind, *fields in (
+        (b"sk-ssh-ed25519@openssh.com", b"p" * 32, b"ssh:"),
+        (b"sk-ecdsa-sha2-nistp256@openssh.com", b"nistp256", NISTP256_POINT, b"ssh:"),
+    ):
+        line = f"{kind.decode()} {wire(kind, *fields)} ann@desk"
+        file = tmp_path / "sk.pub"
+        file.write_text(line)
+        shown = subprocess.run(
+            ["ssh-keygen", "-lf", file], check=True, capture_output=True, text=True
+        )
+        assert parse_persons(line).fingerprint == shown.stdout.split()[1]
+        with pytest.raises(FieldInvalid):
+            parse(line)
+        with pytest.raises(FieldInvalid, match="damaged"):
+            parse_persons(f"{kind.decode()} {wire(kind, *fields[:-1])}")
 
 
 def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
-    """The sentence says how many bits it needs."""
-    with pytest.raises(FieldInvalid, match="3072 bits or more, this has 2048"):
-        parse(make_key(tmp_path, "rsa", 2048)[0].strip())
+    """The sentence says how many bits it needs; 2048 are enough."""
+    parse_persons(make_key(tmp_path, "rsa", 2048)[0])
+    with pytest.raises(FieldInvalid, match="2048 bits or more, this has 1024"):
+        parse_persons(f"ssh-rsa {wire(b'ssh-rsa', b'!', bytes(1) + bytes([255]) * 128)}")
 
 
 @pytest.mark.parametrize(
@@ -70,12 +112,13 @@ def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
 def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
     """Options, a second line, control characters, damage and other types do not reach sshd."""
     assert callable(change)
-    with pytest.raises(FieldInvalid, match="cannot use public_key"):
-        parse(change(ed25519))
+    for read in (parse, parse_persons):
+        with pytest.raises(FieldInvalid, match="cannot use public_key"):
+            read(change(ed25519))
 
 
 @given(st.binary(max_size=120), st.sampled_from(["ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256"]))
 def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
     """No bytes from outside raise anything else."""
     with pytest.raises(FieldInvalid):
-        parse(f"{kind} {base64.b64encode(blob).decode()}")
+        parse_persons(f"{kind} {base64.b64encode(blob).decode()}")

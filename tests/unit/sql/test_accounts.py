@@ -25,6 +25,10 @@ EXPECTED = {
         "grants": EDIT,
         "api_tokens": EDIT,
         "logins": EDIT,
+        "join_tokens": EDIT,
+        "join_token_uses": "SELECT, INSERT",
+        "key_claims": EDIT,
+        "user_ssh_keys": EDIT,
         "robot_sessions": "SELECT",
         "audit_events": "SELECT, INSERT",
     },
@@ -37,7 +41,11 @@ EXPECTED = {
         "robot_sessions": "SELECT, INSERT, UPDATE",
         "audit_events": "INSERT",
     },
-    "keylookup": {"tunnel_keys": "SELECT", "PROCEDURE record_refused_key": "EXECUTE"},
+    "keylookup": {
+        "tunnel_keys": "SELECT",
+        "jump_keys": "SELECT",
+        "PROCEDURE record_refused_key": "EXECUTE",
+    },
 }
 
 
@@ -92,6 +100,8 @@ def test_migrate_rules_its_database_and_nothing_global(mariadb: MariaDb) -> None
         ("web", "UPDATE audit_events SET actor = 'x'"),
         ("web", "SELECT * FROM port_pairs"),
         ("web", "DELETE FROM port_pairs"),
+        ("web", "DELETE FROM shell_ports"),
+        ("web", "DELETE FROM join_token_uses"),
         ("web", "DROP TABLE robots"),
         ("web", "CREATE TABLE x (y INT)"),
         ("web", "SELECT * FROM mysql.global_priv"),
@@ -103,6 +113,9 @@ def test_migrate_rules_its_database_and_nothing_global(mariadb: MariaDb) -> None
         ("relay", "DELETE FROM robot_sessions"),
         ("relay", "SELECT * FROM audit_events"),
         ("relay", "CALL record_refused_key('x', 'y')"),
+        ("relay", "SELECT * FROM join_tokens"),
+        ("keylookup", "SELECT * FROM user_ssh_keys"),
+        ("keylookup", "UPDATE jump_keys SET shell_port = 1"),
         ("keylookup", "SELECT * FROM robots"),
         ("keylookup", "UPDATE tunnel_keys SET robot_id = 1"),
         ("keylookup", "INSERT INTO audit_events (actor, kind) VALUES ('a', 'b')"),
@@ -159,3 +172,4 @@ def test_views_answer_although_tables_are_closed(
             tx.rows("SELECT * FROM " + view)
     with Database(mariadb.settings("keylookup")).transaction() as tx:
         assert tx.rows("SELECT * FROM tunnel_keys") == []
+        assert tx.rows("SELECT * FROM jump_keys") == []

@@ -7,7 +7,16 @@ import datetime as dt
 import pytest
 from mariadb_server import MariaDb
 from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Database, Transaction, grants, logins, robots, tokens, users
+from robotether_server.store import (
+    Database,
+    Transaction,
+    grants,
+    logins,
+    robots,
+    tokens,
+    user_keys,
+    users,
+)
 from robotether_server.store.robots import Report, State
 
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
@@ -46,6 +55,61 @@ def test_only_active_robots_may_open_a_tunnel(
         rows = tx.rows("SELECT * FROM tunnel_keys WHERE fingerprint = %s", (KEY.fingerprint,))
     assert len(rows) == found
     assert all(row["robot_id"] == robot_id and row["ros_port"] == 20000 for row in rows)
+
+
+def test_shell_port_stands_beside_the_others(
+    database: Database, keylookup: Database, relay: Database
+) -> None:
+    """And the relay learns both keys of a rotation, and that one is asked for."""
+    with database.transaction() as tx:
+        robot_id = add_active(tx, 1)
+        robots.set_shell(tx, robot_id, on=True)
+        robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 NEW", "SHA256:new"))
+        robots.request_rotation(tx, robot_id)
+    with keylookup.transaction() as tx:
+        assert [row["shell_port"] for row in tx.rows("SELECT * FROM tunnel_keys")] == [24000]
+    with relay.transaction() as tx:
+        (row,) = tx.rows("SELECT * FROM relay_robots")
+    assert (row["shell_port"], row["rotate_key"]) == (24000, 1)
+    assert (row["fingerprint"], row["previous_fingerprint"]) == ("SHA256:new", "SHA256:1")
+
+
+def add_active(tx: Transaction, number: int) -> int:
+    robot_id = robots.add(tx, f"02:00:00:00:00:0{number}", f"r{number}")
+    key = PublicKey(f"ssh-ed25519 {number}", f"SHA256:{number}")
+    robots.set_key(tx, robot_id, key, Report("turtle", "0.1.0", "192.0.2.1"))
+    robots.set_state(tx, robot_id, "active")
+    return robot_id
+
+
+def test_jump_leads_to_the_shells_of_robots_that_one_manages(
+    database: Database, keylookup: Database
+) -> None:
+    """A key each of enabled users; admins reach all, drivers none; robots without shell are not there."""
+    with database.transaction() as tx:
+        first, second, closed, disabled = (add_active(tx, number) for number in range(1, 5))
+        for robot_id in (first, second, disabled):
+            robots.set_shell(tx, robot_id, on=True)
+        robots.set_state(tx, disabled, "disabled")
+        for name in ("ann", "bob", "gone"):
+            user_id = users.add(tx, name, "x", "user")
+            level = "drive" if name == "bob" else "manage"
+            for robot_id in (first, closed, disabled):
+                grants.give(tx, user_id, robot_id, level)
+        users.set_disabled(tx, users.get(tx, "gone").id, disabled=True)
+        users.add(tx, "root", "x", "admin")
+        for name in ("ann", "bob", "gone", "root"):
+            key = PublicKey(f"ssh-ed25519 {name}", f"SHA256:{name}")
+            user_keys.add(tx, users.get(tx, name), "desk", key)
+    with keylookup.transaction() as tx:
+        rows = tx.rows("SELECT * FROM jump_keys")
+    assert {(row["fingerprint"], row["user_name"], row["robot"]) for row in rows} == {
+        ("SHA256:ann", "ann", "r1"),
+        ("SHA256:root", "root", "r1"),
+        ("SHA256:root", "root", "r2"),
+    }
+    assert {row["shell_port"] for row in rows} == {24000, 24001}
+    assert all(row["public_key"] == f"ssh-ed25519 {row['user_name']}" for row in rows)
 
 
 def test_rights_that_hold_include_the_admins(database: Database, relay: Database) -> None:

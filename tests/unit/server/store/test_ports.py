@@ -60,3 +60,34 @@ def test_range_that_moves_by_one_overlaps_nobody(
     with database.transaction() as tx:
         robots.add(tx, "02:00:00:00:00:02", "b")
         assert robots.get(tx, "b").ros_port == 20003
+
+
+def shell_ports(admin_database: Database, first: int, last: int) -> list[int]:
+    with admin_database.transaction() as tx:
+        ports.set_shell_range(tx, first, last)
+        return [row["port"] for row in tx.rows("SELECT port FROM shell_ports ORDER BY port")]
+
+
+def test_shell_range_keeps_what_is_in_use(database: Database, admin_database: Database) -> None:
+    """A second run changes nothing; a robot keeps its port when the range moves away."""
+    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
+    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
+    with database.transaction() as tx:
+        robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:01", "a"), on=True)
+    assert shell_ports(admin_database, 30000, 30001) == [24000, 30000, 30001]
+    with database.transaction() as tx:
+        assert robots.get(tx, "a").shell_port == 24000
+
+
+def test_ranges_that_move_onto_each_other_share_no_port(
+    database: Database, admin_database: Database
+) -> None:
+    """A port by hand is left out of the shells', and a shell's port is in no pair that is allotted."""
+    with database.transaction() as tx:
+        robots.set_ports(tx, robots.add(tx, "02:00:00:00:00:01", "a"), 30001, 30003)
+        robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:02", "b"), on=True)
+    assert shell_ports(admin_database, 30000, 30003) == [24000, 30000, 30002]
+    set_range(admin_database, 24000, 24003)
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:03", "c")
+        assert robots.get(tx, "c").ros_port == 24002

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import datetime as dt
-import threading
-from collections.abc import Callable
 
 import pytest
+from allotment import mac, pair_owners
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mariadb_server import MariaDb
 from robotether_server import macs
 from robotether_server.problems import (
     FieldInvalid,
-    Problem,
     RecordExists,
     RecordMissing,
     RecordRefused,
 )
 from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Database, Transaction, grants, ports, robots, users
+from robotether_server.store import Database, Transaction, grants, robots, users
 from robotether_server.store.robots import Report
 
 MAC = "00:1b:44:11:3a:b7"
@@ -27,53 +24,18 @@ KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
-def mac(number: int) -> str:
-    return f"02:00:00:00:{number >> 8:02x}:{number & 255:02x}"
-
-
-def pair_owners(admin_database: Database) -> dict[int, int]:
-    with admin_database.transaction() as tx:
-        rows = tx.rows("SELECT ros_port, robot_id FROM port_pairs WHERE robot_id IS NOT NULL")
-    return {row["ros_port"]: row["robot_id"] for row in rows}
-
-
-@pytest.fixture
-def purged(mariadb: MariaDb, admin_database: Database) -> None:
-    """No trace of the rows that an earlier test deleted.
-
-    InnoDB locks the gap beside a deleted key, until it is purged, for whoever inserts the same key again: a
-    short wait in real life, a deadlock with a barrier that holds every transaction open.
-    """
-    mariadb.as_root("SET GLOBAL innodb_max_purge_lag_wait = 0")
-
-
-def insert_at_once(
-    database: Database, names: list[str], then: Callable[[int], object]
-) -> list[str]:
-    """Insert all names in as many threads, all inside their transactions at the same time."""
-    together = threading.Barrier(len(names))
-    failures: list[str] = []
-
-    def insert(number: int) -> None:
-        try:
-            with database.transaction() as tx:
-                together.wait(20)
-                robots.add(tx, mac(number), names[number])
-                then(number)
-        except (LookupError, Problem, threading.BrokenBarrierError) as error:
-            failures.append(f"{type(error).__name__}: {error.__cause__ or error}")
-
-    threads = [threading.Thread(target=insert, args=(number,)) for number in range(len(names))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    return failures
-
-
 @pytest.mark.parametrize(
     "spelling",
-    ["00:1B:44:11:3A:B7", "00-1b-44-11-3a-b7", "001b.4411.3ab7", "001B44113AB7", MAC],
+    [
+        "00:1B:44:11:3A:B7",
+        "00-1b-44-11-3a-b7",
+        "001b.4411.3ab7",
+        "001B44113AB7",
+        " 001b44113ab7 ",
+        "0:1b:44:11:3a:b7",
+        "0-1B-44-11-3A-B7",
+        MAC,
+    ],
 )
 def test_mac_is_written_in_one_spelling(database: Database, spelling: str) -> None:
     """Plain SQL may use every usual spelling, on insert and on update."""
@@ -93,7 +55,13 @@ def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> Non
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.from_regex(r"[0-9a-fA-F]{1,4}([:.-]?[0-9a-fA-Fg]{2,4}){1,5}", fullmatch=True))
+@given(
+    st.one_of(
+        st.from_regex(r"[0-9a-fA-F]{1,4}([:.-]?[0-9a-fA-Fg]{2,4}){1,5}", fullmatch=True),
+        st.from_regex(r" ?[0-9a-f]{1,2}(:[0-9a-f]{1,2}){5}", fullmatch=True),
+        st.from_regex(r"[0-3f]{12} ?", fullmatch=True),
+    )
+)
 def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
     """The twin in Python accepts and makes exactly what the trigger does."""
     try:
@@ -136,80 +104,6 @@ def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Data
     with database.transaction() as tx:
         tx.change("DELETE FROM robots WHERE id = %s", (first,))
     assert pair_owners(admin_database) == {20002: second}
-
-
-@pytest.mark.usefixtures("purged")
-def test_forty_inserts_at_once_get_distinct_pairs(
-    database: Database, admin_database: Database
-) -> None:
-    """Concurrent transactions neither share a pair nor fail, and none waits for another's commit."""
-    inserted = threading.Barrier(40)
-    names = [f"robot-{number}" for number in range(40)]
-    failures = insert_at_once(database, names, lambda _: inserted.wait(20))
-    assert failures == []
-    owners = pair_owners(admin_database)
-    assert len(owners) == 40
-    with database.transaction() as tx:
-        assert {r.robot.ros_port: r.robot.id for r in robots.list_all(tx)} == owners
-
-
-@pytest.mark.usefixtures("purged")
-def test_rolled_back_inserts_lose_no_pair(database: Database, admin_database: Database) -> None:
-    """What half of them took is free after they fail."""
-
-    def fail_odd(number: int) -> None:
-        if number % 2:
-            raise LookupError("on purpose")
-
-    failures = insert_at_once(database, [f"r{number}" for number in range(20)], fail_odd)
-    assert failures == ["LookupError: on purpose"] * 10
-    assert len(pair_owners(admin_database)) == 10
-    with database.transaction() as tx:
-        for number in range(90):
-            robots.add(tx, mac(1000 + number), f"later-{number}")
-
-
-def test_last_pair_waits_for_the_one_who_holds_it(
-    database: Database, admin_database: Database
-) -> None:
-    """When every free pair is locked, an insert waits, and gets the pair if the holder gives up."""
-    with admin_database.transaction() as tx:
-        ports.set_range(tx, 20000, 20001)
-    waiting: list[int] = []
-
-    def insert_second() -> None:
-        with database.transaction() as tx:
-            waiting.append(robots.add(tx, mac(2), "second"))
-
-    second = threading.Thread(target=insert_second)
-
-    def insert_first_and_give_up() -> None:
-        with database.transaction() as tx:
-            robots.add(tx, mac(1), "first")
-            second.start()
-            second.join(0.5)
-            assert waiting == []
-            raise LookupError
-
-    with pytest.raises(LookupError):
-        insert_first_and_give_up()
-    second.join(20)
-    assert list(pair_owners(admin_database).values()) == waiting
-
-
-def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
-    """The refusal names the robot, the number of pairs and the two settings."""
-    with admin_database.transaction() as tx:
-        ports.set_range(tx, 20000, 20003)
-    with database.transaction() as tx:
-        robots.add(tx, mac(1), "a")
-        robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordRefused) as refused:
-            robots.add(tx, mac(3), "c")
-    assert refused.value.detail == (
-        "cannot add robot c: all 2 port pairs are in use; "
-        "widen PORT_RANGE_FIRST..PORT_RANGE_LAST in .env, then run migrate"
-    )
 
 
 def add_with_ports(tx: Transaction, number: int, name: str, ros: object, video: object) -> int:
@@ -266,6 +160,17 @@ def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
             robots.add(tx, MAC, "b")
         with pytest.raises(RecordExists, match="another robot has the name a"):
             robots.add(tx, mac(1), "a")
+
+
+@pytest.mark.parametrize("text", ["0:0:0:0:0:0", "ffffffffffff", "01:00:5e:00:00:fb"])
+def test_mac_of_no_single_robot_is_refused(database: Database, text: str) -> None:
+    """Zero, broadcast and multicast, on insert and on update."""
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "good")
+        with pytest.raises(RecordRefused, match=r"cannot add robot a: .* is no MAC of one robot"):
+            robots.add(tx, text, "a")
+        with pytest.raises(RecordRefused, match="cannot change robot good: "):
+            robots.set_mac(tx, robots.get(tx, "good").id, text)
 
 
 def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
@@ -331,6 +236,78 @@ def test_key_and_report_are_kept_together(database: Database) -> None:
         robots.set_key(tx, second, KEY, REPORT)
         robot = robots.get(tx, "a")
     assert (robot.fingerprint, robot.report, robot.joined_at) == (None, None, None)
+
+
+def test_rotated_key_keeps_the_one_before(database: Database) -> None:
+    """Until any other change of the key, whose old connections end."""
+    new = PublicKey("ssh-ed25519 BBBB", "SHA256:new")
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        robots.request_rotation(tx, robot_id)
+        assert robots.get(tx, "a").rotate_requested_at is not None
+        robots.rotate_key(tx, robot_id, new)
+        robot = robots.get(tx, "a")
+        assert (robot.key, robot.report, robot.rotate_requested_at) == (new, REPORT, None)
+        assert previous(tx) == KEY.fingerprint
+        robots.forget_key(tx, robot_id)
+        assert previous(tx) is None
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        robots.rotate_key(tx, robot_id, new)
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        assert previous(tx) is None
+
+
+def previous(tx: Transaction) -> object:
+    row = tx.row("SELECT previous_fingerprint FROM robots")
+    assert row is not None
+    return row["previous_fingerprint"]
+
+
+def test_row_remembers_that_it_had_a_key(database: Database) -> None:
+    """Also when somebody wrote the key by SQL."""
+    with database.transaction() as tx:
+        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        robots.set_key(tx, first, KEY, REPORT)
+        robots.forget_key(tx, first)
+        tx.change("UPDATE robots SET public_key = 'k', fingerprint = 'f' WHERE id = %s", (second,))
+        assert robots.get(tx, "a").had_key
+        assert robots.get(tx, "b").had_key
+        robots.add(tx, mac(3), "c")
+        assert not robots.get(tx, "c").had_key
+
+
+def test_address_and_version_are_the_newest_sessions(
+    database: Database, admin_database: Database
+) -> None:
+    """Before the first session, they are the join's."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        before = robots.get_seen(tx, "a")
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address, agent_version) VALUES (%s, '::1', '0.3')",
+            (robot_id,),
+        )
+    with database.transaction() as tx:
+        after = robots.get_seen(tx, "a")
+        with pytest.raises(RecordMissing):
+            robots.get_seen(tx, "ghost")
+    assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
+    assert (after.address, after.agent_version) == ("::1", "0.3")
+
+
+def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -> None:
+    """The sentence names what another robot has."""
+    with database.transaction() as tx:
+        first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        with pytest.raises(RecordExists, match="cannot use the name b: another robot has it"):
+            robots.rename(tx, first, "b")
+        with pytest.raises(RecordExists, match=f"cannot use the MAC {mac(2)}: another robot"):
+            robots.set_mac(tx, first, mac(2))
+        with pytest.raises((RecordExists, RecordRefused), match="20002"):
+            robots.set_ports(tx, first, 20002, 20003)
 
 
 def add_stranger(tx: Transaction, number: int, name: str) -> int:

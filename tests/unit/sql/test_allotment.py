@@ -1,0 +1,201 @@
+"""Ports that the database allots: pairs for ROS and video, and shell ports, in many transactions at once."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
+from mariadb_server import MariaDb
+from robotether_server.problems import RecordExists, RecordRefused
+from robotether_server.store import Database, Transaction, ports, robots
+
+
+@pytest.fixture
+def purged(mariadb: MariaDb, admin_database: Database) -> None:
+    """No trace of the rows that an earlier test deleted.
+
+    InnoDB locks the gap beside a deleted key, until it is purged, for whoever inserts the same key again: a
+    short wait in real life, a deadlock with a barrier that holds every transaction open.
+    """
+    mariadb.as_root("SET GLOBAL innodb_max_purge_lag_wait = 0")
+
+
+@pytest.mark.usefixtures("purged")
+def test_forty_inserts_at_once_get_distinct_pairs(
+    database: Database, admin_database: Database
+) -> None:
+    """Concurrent transactions neither share a pair nor fail, and none waits for another's commit."""
+    inserted = threading.Barrier(40)
+    names = [f"robot-{number}" for number in range(40)]
+    failures = insert_at_once(database, names, lambda _: inserted.wait(20))
+    assert failures == []
+    owners = pair_owners(admin_database)
+    assert len(owners) == 40
+    with database.transaction() as tx:
+        assert {r.robot.ros_port: r.robot.id for r in robots.list_all(tx)} == owners
+
+
+@pytest.mark.usefixtures("purged")
+def test_rolled_back_inserts_lose_no_pair(database: Database, admin_database: Database) -> None:
+    """What half of them took is free after they fail."""
+
+    def fail_odd(number: int) -> None:
+        if number % 2:
+            raise LookupError("on purpose")
+
+    failures = insert_at_once(database, [f"r{number}" for number in range(20)], fail_odd)
+    assert failures == ["LookupError: on purpose"] * 10
+    assert len(pair_owners(admin_database)) == 10
+    with database.transaction() as tx:
+        for number in range(90):
+            robots.add(tx, mac(1000 + number), f"later-{number}")
+
+
+def test_last_pair_waits_for_the_one_who_holds_it(
+    database: Database, admin_database: Database
+) -> None:
+    """When every free pair is locked, an insert waits, and gets the pair if the holder gives up."""
+    with admin_database.transaction() as tx:
+        ports.set_range(tx, 20000, 20001)
+    waiting: list[int] = []
+
+    def insert_second() -> None:
+        with database.transaction() as tx:
+            waiting.append(robots.add(tx, mac(2), "second"))
+
+    second = threading.Thread(target=insert_second)
+
+    def insert_first_and_give_up() -> None:
+        with database.transaction() as tx:
+            robots.add(tx, mac(1), "first")
+            second.start()
+            second.join(0.5)
+            assert waiting == []
+            raise LookupError
+
+    with pytest.raises(LookupError):
+        insert_first_and_give_up()
+    second.join(20)
+    assert list(pair_owners(admin_database).values()) == waiting
+
+
+def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
+    """The refusal names the robot, the number of pairs and the two settings."""
+    with admin_database.transaction() as tx:
+        ports.set_range(tx, 20000, 20003)
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "a")
+        robots.add(tx, mac(2), "b")
+        with pytest.raises(RecordRefused) as refused:
+            robots.add(tx, mac(3), "c")
+    assert refused.value.detail == (
+        "cannot add robot c: all 2 port pairs are in use; "
+        "widen PORT_RANGE_FIRST..PORT_RANGE_LAST in .env, then run migrate"
+    )
+
+
+def add_with_shell(tx: Transaction, number: int) -> int:
+    return tx.insert(
+        "INSERT INTO robots (mac, name, shell) VALUES (%s, %s, TRUE)", (mac(number), f"r{number}")
+    )
+
+
+def test_shell_port_comes_and_goes_with_the_setting(
+    database: Database, admin_database: Database
+) -> None:
+    """A robot has none at first; off frees it, and so does the robot's end."""
+    with database.transaction() as tx:
+        plain, other = robots.add(tx, mac(1), "a"), add_with_shell(tx, 2)
+        assert robots.get(tx, "a").shell_port is None
+        robots.set_shell(tx, plain, on=True)
+        assert (robots.get(tx, "a").shell_port, robots.get(tx, "r2").shell_port) == (24001, 24000)
+        robots.rename(tx, plain, "b")
+        assert robots.get(tx, "b").shell_port == 24001
+        robots.set_shell(tx, other, on=False)
+        assert robots.get(tx, "r2").shell_port is None
+    assert shell_owners(admin_database) == {24001: plain}
+    with database.transaction() as tx:
+        robots.remove(tx, plain)
+    assert shell_owners(admin_database) == {}
+
+
+@pytest.mark.usefixtures("purged")
+def test_shells_switched_on_at_once_get_distinct_ports(
+    database: Database, admin_database: Database
+) -> None:
+    """None waits for another's commit."""
+    with database.transaction() as tx:
+        ids = [robots.add(tx, mac(number), f"r{number}") for number in range(20)]
+    done = threading.Barrier(20)
+
+    def switch_on(tx: Transaction, number: int) -> None:
+        robots.set_shell(tx, ids[number], on=True)
+        done.wait(20)
+
+    assert at_once(database, 20, switch_on) == []
+    assert sorted(shell_owners(admin_database).values()) == sorted(ids)
+
+
+def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: Database) -> None:
+    """The robot stays as it was."""
+    with admin_database.transaction() as tx:
+        ports.set_shell_range(tx, 24000, 24000)
+    with database.transaction() as tx:
+        add_with_shell(tx, 1)
+        second = robots.add(tx, mac(2), "b")
+        with pytest.raises(RecordRefused) as refused:
+            robots.set_shell(tx, second, on=True)
+        assert robots.get(tx, "b").shell is False
+    assert refused.value.detail == (
+        "cannot change robot b: all 1 shell ports are in use; "
+        "widen SHELL_PORT_FIRST..SHELL_PORT_LAST in .env, then run migrate"
+    )
+
+
+@pytest.mark.parametrize("port", [24000, 23999, 80])
+def test_shell_port_that_cannot_be_is_refused(database: Database, port: int) -> None:
+    """Another robot's, one outside the range, a privileged one."""
+    with database.transaction() as tx:
+        add_with_shell(tx, 1)
+        robots.add(tx, mac(2), "b")
+        with pytest.raises(
+            (RecordExists, RecordRefused), match=r"no free shell port|exists already"
+        ):
+            tx.change("UPDATE robots SET shell = TRUE, shell_port = %s WHERE name = 'b'", (port,))
+
+
+def test_named_shell_port_is_kept(database: Database, admin_database: Database) -> None:
+    """And it is freed when another is named; without shell there is none."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, mac(1), "a")
+        for port in (24010, 24011):
+            tx.change("UPDATE robots SET shell = TRUE, shell_port = %s", (port,))
+    assert shell_owners(admin_database) == {24011: robot_id}
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET shell = FALSE, shell_port = 24012")
+        assert robots.get(tx, "a").shell_port is None
+
+
+def test_ports_kept_for_shells_are_nobodys_pair(database: Database) -> None:
+    """Not by hand, be they in use or not."""
+    with database.transaction() as tx:
+        add_with_shell(tx, 1)
+        robots.add(tx, mac(2), "b")
+        for ros, video in ((24000, 30000), (30000, 24049)):
+            with pytest.raises(RecordRefused, match="is kept for shells"):
+                tx.change(
+                    "UPDATE robots SET ros_port = %s, video_port = %s WHERE name = 'b'",
+                    (ros, video),
+                )
+
+
+def test_move_without_ports_takes_another_pair(
+    database: Database, admin_database: Database
+) -> None:
+    """NULL for both never gives the pair back that the robot has."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, mac(1), "a")
+        robots.set_ports(tx, robot_id, None, None)
+        assert robots.get(tx, "a").ros_port == 20002
+    assert pair_owners(admin_database) == {20002: robot_id}
