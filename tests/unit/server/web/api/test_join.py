@@ -91,5 +91,6 @@ def test_join_names_the_field_that_is_wrong(
 @pytest.mark.parametrize("body", [b"", b"{", b"[]", b"\xff\xfe", b"null"])
 def test_join_without_an_object_is_refused(program: Browser, body: bytes) -> None:
     """Broken JSON is a wrong body, not a failure of the server."""
-    answer = program.ask("POST", "/api/v1/join", data=body)
+    kind = "application/json"
+    answer = program.ask("POST", "/api/v1/join", data=body, content_type=kind)
     assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")

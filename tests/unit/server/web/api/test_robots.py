@@ -1,15 +1,25 @@
-"""The robots that a user may see."""
+"""Robots as users see them, and as admins and playbooks change them."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import pytest
+from api_visitor import Program, new_public_key
+from robotether_server.ssh_keys import parse
 from robotether_server.store import Database
-from web_visitor import Browser, bearer
+from web_visitor import Browser, audit_kinds
+
+MAC = "00:1b:44:11:3a:b7"
 
 
-def test_robots_are_listed_with_what_the_user_may(program: Browser, database: Database) -> None:
-    """A user sees granted robots; an admin sees all, to manage."""
-    answer = program.ask("GET", "/api/v1/robots", headers=bearer(database, "ann"))
-    assert answer.json == {
+def registration(**changes: Any) -> dict[str, Any]:
+    return {"mac": MAC, "public_key": new_public_key(), "hostname": "turtle"} | changes
+
+
+def test_robots_are_listed_with_what_the_user_may(ann: Program, root: Program) -> None:
+    """A user sees granted robots; an admin sees all, to manage, and more of each."""
+    assert ann.get("/robots") == {
         "robots": [
             {
                 "name": "sim1",
@@ -20,24 +30,179 @@ def test_robots_are_listed_with_what_the_user_may(program: Browser, database: Da
                 "level": "drive",
                 "ros_port": 20000,
                 "video_port": 20001,
+                "shell_port": None,
+                "settings": {},
             }
         ]
     }
-    seen = program.ask("GET", "/api/v1/robots", headers=bearer(database, "root")).json["robots"]
+    seen = root.get("/robots")["robots"]
     assert [(robot["name"], robot["level"]) for robot in seen] == [
         ("sim1", "manage"),
         ("sim2", "manage"),
     ]
+    assert "fingerprint" in seen[0]
 
 
-def test_online_robot_has_since(
-    program: Browser, database: Database, admin_database: Database
-) -> None:
+def test_online_robot_has_since(ann: Program, admin_database: Database) -> None:
     """The moment is RFC 3339 in UTC, to the second."""
     with admin_database.transaction() as tx:
         tx.insert(
             "INSERT INTO robot_sessions (robot_id, address, started_at) "
             "SELECT id, '', '2026-01-01 12:03:00.9' FROM robots WHERE name = 'sim1'"
         )
-    [robot] = program.ask("GET", "/api/v1/robots", headers=bearer(database, "ann")).json["robots"]
+    robot = ann.get("/robots/sim1")
     assert (robot["online"], robot["since"]) == (True, "2026-01-01T12:03:00Z")
+
+
+@pytest.mark.parametrize("name", ["sim2", "ghost", "SIM1", "s%C3%ADm1", "x" * 100])
+def test_robot_that_the_user_may_not_see_is_none(ann: Program, name: str) -> None:
+    """It looks like one that does not exist; and a name has one spelling."""
+    assert ann.refused("GET", f"/robots/{name}") == (404, "robot_unknown")
+
+
+def test_robot_is_changed_in_one_step(root: Program, database: Database) -> None:
+    """All that is given, the name last."""
+    changes = {
+        "name": "turtle",
+        "mac": "00-1B-44-11-3A-B7",
+        "shell": True,
+        "settings": {"shell_user": "pi"},
+        "state": "disabled",
+    }
+    answer = root.ask("PATCH", "/robots/sim1", changes)
+    assert answer.status_code == 200
+    shown = answer.json
+    assert (shown["name"], shown["mac"], shown["state"]) == ("turtle", MAC, "disabled")
+    assert (shown["shell_port"], shown["settings"]) == (24000, {"shell_user": "pi"})
+    assert root.get("/robots/turtle") == shown
+    assert {actor for _, actor, _ in audit_kinds(database)} == {"root"}
+
+
+def test_state_may_be_what_it_is(root: Program) -> None:
+    """A program that says it twice means the same."""
+    root.ask("PUT", "/robots/turtle", registration())
+    for state in ("disabled", "disabled", "active", "active"):
+        answer = root.ask("PATCH", "/robots/turtle", {"state": state})
+        assert (answer.status_code, answer.json["state"]) == (200, state)
+
+
+@pytest.mark.parametrize(
+    ("changes", "refusal"),
+    [
+        ({}, (422, "field_invalid")),
+        ({"colour": "red"}, (422, "field_invalid")),
+        ({"name": "Sim"}, (422, "record_refused")),
+        ({"name": "sim2"}, (409, "record_exists")),
+        ({"name": None}, (422, "field_invalid")),
+        ({"mac": "rubbish"}, (422, "field_invalid")),
+        ({"mac": "ff:ff:ff:ff:ff:ff"}, (422, "field_invalid")),
+        ({"mac": "02:00:00:00:51:02"}, (409, "record_exists")),
+        ({"state": "pending"}, (422, "field_invalid")),
+        ({"state": "active"}, (409, "not_possible")),
+        ({"shell": "yes"}, (422, "field_invalid")),
+        ({"settings": []}, (422, "field_invalid")),
+        ({"settings": {"shell_user": "a b"}}, (422, "field_invalid")),
+        ({"settings": {"speed": 1}}, (422, "field_invalid")),
+    ],
+)
+def test_change_is_refused(
+    root: Program, changes: dict[str, Any], refusal: tuple[int, str]
+) -> None:
+    """Each with the code that says why."""
+    assert root.refused("PATCH", "/robots/sim1", changes) == refusal
+
+
+def test_removed_robot_is_gone(root: Program) -> None:
+    """Once."""
+    assert root.ask("DELETE", "/robots/sim1").status_code == 204
+    assert root.refused("GET", "/robots/sim1") == (404, "robot_unknown")
+    assert root.refused("DELETE", "/robots/sim1") == (404, "record_missing")
+
+
+def test_playbook_enrols_a_robot_once(root: Program) -> None:
+    """201, then 200 with the same answer; ssh is what the robot pins."""
+    body = registration()
+    first = root.ask("PUT", "/robots/turtle", body)
+    assert first.status_code == 201
+    assert (first.json["state"], first.json["level"]) == ("active", "manage")
+    assert first.json["fingerprint"] == parse(body["public_key"]).fingerprint
+    assert first.json["ssh"]["host_keys"] == ["ssh-ed25519 AAAAhost"]
+    second = root.ask("PUT", "/robots/turtle", body)
+    assert (second.status_code, second.json) == (200, first.json)
+
+
+def test_join_token_enrols_and_is_told_no_more_than_a_user(
+    program: Browser, root: Program, front: None
+) -> None:
+    """Asking again uses nothing up; the token's bearer is no admin."""
+    made = root.ask("POST", "/join-tokens", {"name": "one", "uses": 1, "hours": 1}).json
+    headers = {"Authorization": f"Bearer {made['token']}"}
+    body = registration()
+    for status in (201, 200):
+        answer = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=headers)
+        assert answer.status_code == status, answer.text
+        assert answer.json["level"] is None
+        assert not {"fingerprint", "address", "join_address"} & set(answer.json)
+    other = registration(mac="00:1b:44:11:3a:b8")
+    answer = program.ask("PUT", "/api/v1/robots/other", json=other, headers=headers)
+    assert (answer.status_code, answer.json["code"]) == (401, "token_used_up")
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "refusal"),
+    [
+        ("turtle", {"mac": "01:00:5e:00:00:01"}, (422, "field_invalid")),
+        ("turtle", {"public_key": "ssh-rsa AAAA"}, (422, "field_invalid")),
+        ("turtle", {"hostname": 5}, (422, "field_invalid")),
+        ("turtle", {"hostname": "a\nb"}, (422, "field_invalid")),
+        ("turtle", {"token": "rj_x"}, (422, "field_invalid")),
+        ("Turtle", {}, (422, "record_refused")),
+        ("sim2", {"mac": "02:00:00:00:51:01"}, (409, "record_exists")),
+        ("sim2", {}, (409, "record_exists")),
+    ],
+)
+def test_registration_is_refused(
+    root: Program, name: str, changes: dict[str, Any], refusal: tuple[int, str]
+) -> None:
+    """With the sentence of who decides it."""
+    assert root.refused("PUT", f"/robots/{name}", registration(**changes)) == refusal
+
+
+def test_user_cannot_enrol(ann: Program, program: Browser) -> None:
+    """An admin's token or a join token does; nothing at all is 401."""
+    assert ann.refused("PUT", "/robots/turtle", registration()) == (403, "grant_missing")
+    answer = program.ask("PUT", "/api/v1/robots/turtle", json=registration())
+    assert (answer.status_code, answer.json["code"]) == (401, "login_missing")
+
+
+def test_sessions_are_listed(root: Program, admin_database: Database) -> None:
+    """The newest first, as many as asked for."""
+    with admin_database.transaction() as tx:
+        for moment, end in (("2026-01-01 12:00", "timeout"), ("2026-01-01 13:00", None)):
+            tx.insert(
+                "INSERT INTO robot_sessions (robot_id, address, agent_version, started_at, ended_at, end_code) "
+                "SELECT id, '192.0.2.1', '0.1.0', %s, IF(%s IS NULL, NULL, '2026-01-01 12:30'), %s "
+                "FROM robots WHERE name = 'sim1'",
+                (moment, end, end),
+            )
+    sessions = root.get("/robots/sim1/sessions")["sessions"]
+    assert sessions == [
+        {
+            "started_at": "2026-01-01T13:00:00Z",
+            "ended_at": None,
+            "end_code": None,
+            "address": "192.0.2.1",
+            "agent_version": "0.1.0",
+        },
+        {
+            "started_at": "2026-01-01T12:00:00Z",
+            "ended_at": "2026-01-01T12:30:00Z",
+            "end_code": "timeout",
+            "address": "192.0.2.1",
+            "agent_version": "0.1.0",
+        },
+    ]
+    assert root.get("/robots/sim1/sessions?limit=1")["sessions"] == sessions[:1]
+    for wrong in ("limit=0", "limit=501", "most=1"):
+        assert root.refused("GET", f"/robots/sim1/sessions?{wrong}") == (422, "field_invalid")
+    assert root.refused("GET", "/robots/ghost/sessions") == (404, "record_missing")

@@ -1,0 +1,50 @@
+"""Programs that ask the REST API, each with the API token of a user."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from robotether_server.store import Database
+from web_visitor import Browser, bearer
+from werkzeug.test import TestResponse
+
+API = "/api/v1"
+
+
+@dataclass
+class Program:
+    """A program of one user."""
+
+    visitor: Browser
+    headers: dict[str, str]
+
+    def ask(self, method: str, path: str, body: Any = None) -> TestResponse:
+        """Send one request; `path` goes on after /api/v1, and a body is sent as JSON."""
+        sent = {} if body is None else {"json": body}
+        return self.visitor.ask(method, API + path, headers=self.headers, **sent)
+
+    def get(self, path: str) -> Any:
+        """What a GET answers, which must be 200."""
+        answer = self.ask("GET", path)
+        assert answer.status_code == 200, answer.text
+        return answer.json
+
+    def refused(self, method: str, path: str, body: Any = None) -> tuple[int, str]:
+        """Status and code of a refusal, which must be a problem in JSON."""
+        answer = self.ask(method, path, body)
+        assert answer.content_type == "application/problem+json", answer.text
+        return answer.status_code, answer.json["code"]
+
+
+def program_of(visitor: Browser, database: Database, user: str) -> Program:
+    """A program with a new API token of that user."""
+    return Program(visitor, bearer(database, user))
+
+
+def new_public_key() -> str:
+    """A public key that nobody else has, as in a .pub file."""
+    public = Ed25519PrivateKey.generate().public_key()
+    return public.public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH).decode() + " turtle"

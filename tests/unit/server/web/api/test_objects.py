@@ -1,0 +1,82 @@
+"""How records look in answers."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+
+import pytest
+from robotether_server.problems import StoreUnavailable
+from robotether_server.settings import JoinSettings
+from robotether_server.store.robots import Report, Robot, SeenRobot
+from robotether_server.web.api.objects import moment_text, plain, robot_object, ssh_object
+
+MOMENT = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
+ROBOT = Robot(
+    id=7,
+    mac="00:1b:44:11:3a:b7",
+    name="turtle",
+    state="active",
+    ros_port=20000,
+    video_port=20001,
+    fingerprint="SHA256:abc",
+    settings={"shell_user": "pi"},
+    report=Report("turtle.local", "0.1.0", "192.0.2.1"),
+    joined_at=MOMENT,
+)
+SEEN = SeenRobot(ROBOT, True, MOMENT, "drive", "198.51.100.9", "0.2.0")
+
+
+def test_moments_are_rfc_3339_to_the_second() -> None:
+    """In UTC; none stays none."""
+    assert moment_text(MOMENT) == "2026-01-01T12:03:00Z"
+    assert plain({"at": MOMENT, "id": 1, "end": None}) == {
+        "at": "2026-01-01T12:03:00Z",
+        "id": 1,
+        "end": None,
+    }
+
+
+def test_users_see_what_they_need_to_use_a_robot() -> None:
+    """Neither its key nor where it is."""
+    assert robot_object(SEEN, for_admin=False) == {
+        "name": "turtle",
+        "mac": "00:1b:44:11:3a:b7",
+        "state": "active",
+        "online": True,
+        "since": "2026-01-01T12:03:00Z",
+        "level": "drive",
+        "ros_port": 20000,
+        "video_port": 20001,
+        "shell_port": None,
+        "settings": {"shell_user": "pi"},
+    }
+
+
+def test_admins_see_more() -> None:
+    """What the join told, and what the newest session does."""
+    users = robot_object(SEEN, for_admin=False)
+    seen = robot_object(SEEN, for_admin=True)
+    assert {name: value for name, value in seen.items() if name not in users} == {
+        "fingerprint": "SHA256:abc",
+        "hostname": "turtle.local",
+        "agent_version": "0.2.0",
+        "join_address": "192.0.2.1",
+        "joined_at": "2026-01-01T12:03:00Z",
+        "address": "198.51.100.9",
+        "rotate_key": False,
+    }
+
+
+def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
+    """Not before sshd has its keys."""
+    settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
+    with pytest.raises(StoreUnavailable):
+        ssh_object(settings)
+    (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
+    assert ssh_object(settings) == {
+        "user": "tunnel",
+        "host": "robots.example",
+        "ports": [2222, 443],
+        "host_keys": ["ssh-ed25519 AAAA"],
+    }

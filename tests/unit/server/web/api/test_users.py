@@ -1,0 +1,106 @@
+"""Users, as admins see and change them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from api_visitor import Program
+from robotether_server import passwords
+from robotether_server.store import Database, users
+from web_visitor import PASSWORD, Browser, audit_kinds
+
+
+def matches(database: Database, user: str, password: str) -> bool:
+    with database.transaction() as tx:
+        return passwords.matches(password, users.get(tx, user).password_hash)
+
+
+def test_users_are_listed(root: Program) -> None:
+    """By name, with nothing of their passwords."""
+    assert root.get("/users") == {
+        "users": [
+            {"name": "ann", "role": "user", "disabled": False},
+            {"name": "olga", "role": "user", "disabled": False},
+            {"name": "root", "role": "admin", "disabled": False},
+        ]
+    }
+    assert root.get("/users/ann") == {"name": "ann", "role": "user", "disabled": False}
+    assert root.refused("GET", "/users/ghost") == (404, "record_missing")
+
+
+def test_password_that_is_made_is_told_once(root: Program, database: Database) -> None:
+    """And one that was given is not told at all."""
+    answer = root.ask("POST", "/users", {"name": "eve", "role": "user"})
+    assert answer.status_code == 201
+    made = answer.json["password"]
+    assert answer.json == {"name": "eve", "role": "user", "disabled": False, "password": made}
+    assert matches(database, "eve", made)
+    given = "  spaces count, twelve"
+    answer = root.ask("POST", "/users", {"name": "max", "role": "admin", "password": given})
+    assert answer.json == {"name": "max", "role": "admin", "disabled": False}
+    assert matches(database, "max", given)
+
+
+@pytest.mark.parametrize(
+    ("body", "refusal"),
+    [
+        ({"name": "ann", "role": "user"}, (409, "record_exists")),
+        ({"name": "Bob!", "role": "user"}, (422, "record_refused")),
+        ({"name": "", "role": "user"}, (422, "field_invalid")),
+        ({"name": "bob"}, (422, "field_invalid")),
+        ({"name": "bob", "role": "king"}, (422, "field_invalid")),
+        ({"name": "bob", "role": "user", "password": "short"}, (422, "field_invalid")),
+        ({"name": "bob", "role": "user", "password": None}, (422, "field_invalid")),
+        ({"name": "bob", "role": "user", "password": "\ud800" * 20}, (422, "field_invalid")),
+        ({"name": "bob", "role": "user", "admin": True}, (422, "field_invalid")),
+    ],
+)
+def test_user_is_refused(root: Program, body: dict[str, Any], refusal: tuple[int, str]) -> None:
+    """Each with the code that says why."""
+    assert root.refused("POST", "/users", body) == refusal
+
+
+def test_user_is_changed_in_one_step(root: Program, database: Database) -> None:
+    """All that is given."""
+    changes = {"role": "admin", "disabled": True, "password": "another long password"}
+    answer = root.ask("PATCH", "/users/ann", changes)
+    assert (answer.status_code, answer.json) == (
+        200,
+        {"name": "ann", "role": "admin", "disabled": True},
+    )
+    assert matches(database, "ann", "another long password")
+    kinds = [kind for kind, _, _ in audit_kinds(database)]
+    assert kinds == ["user_role_set", "user_disabled", "password_set"]
+
+
+@pytest.mark.parametrize("changes", [{}, {"name": "bob"}, {"disabled": "no"}, {"role": None}])
+def test_change_is_refused(root: Program, changes: dict[str, Any]) -> None:
+    """Also one that says nothing."""
+    assert root.refused("PATCH", "/users/ann", changes) == (422, "field_invalid")
+
+
+def test_last_admin_cannot_lock_everybody_out(root: Program) -> None:
+    """Until there is another."""
+    for changes in ({"role": "user"}, {"disabled": True}):
+        assert root.refused("PATCH", "/users/root", changes) == (409, "last_admin")
+    assert root.refused("DELETE", "/users/root") == (409, "last_admin")
+    root.ask("PATCH", "/users/olga", {"role": "admin"})
+    assert root.ask("PATCH", "/users/root", {"role": "user"}).status_code == 200
+    assert root.refused("GET", "/users") == (403, "grant_missing")
+
+
+def test_removed_user_is_out(root: Program, ann: Program) -> None:
+    """At once, with the tokens."""
+    assert root.ask("DELETE", "/users/ann").status_code == 204
+    assert ann.refused("GET", "/me") == (401, "token_invalid")
+    assert root.refused("DELETE", "/users/ann") == (404, "record_missing")
+
+
+def test_user_is_logged_out_everywhere(root: Program, browser: Browser) -> None:
+    """Browsers are; tokens stay."""
+    browser.log_in("ann", PASSWORD)
+    assert browser.ask("GET", "/api/v1/me").status_code == 200
+    assert root.ask("DELETE", "/users/ann/logins").status_code == 204
+    assert browser.ask("GET", "/api/v1/me").status_code == 401
+    assert root.refused("DELETE", "/users/ghost/logins") == (404, "record_missing")
