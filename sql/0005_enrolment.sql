@@ -1,6 +1,19 @@
 -- transactional: false
 -- How robots get in, and how people reach a robot's shell. As in 0001, every statement may run twice.
 
+-- shell: whether there is a forward to the robot's own sshd; the triggers of 0006 allot shell_port.
+-- previous_fingerprint: the key before the last rotation, whose connections live on.
+-- had_key: whether any key ever stood in the row; only without one does JOIN_POLICY=first-key let a key in unseen.
+ALTER TABLE robots
+  ADD COLUMN IF NOT EXISTS shell BOOLEAN NOT NULL DEFAULT FALSE,
+  ADD COLUMN IF NOT EXISTS shell_port SMALLINT UNSIGNED NULL UNIQUE,
+  ADD COLUMN IF NOT EXISTS previous_fingerprint VARCHAR(64) NULL,
+  ADD COLUMN IF NOT EXISTS rotate_requested_at TIMESTAMP(6) NULL DEFAULT NULL,
+  ADD COLUMN IF NOT EXISTS had_key BOOLEAN NOT NULL DEFAULT FALSE;
+
+-- Stands before the tables because only their CREATE commits it.
+UPDATE robots SET had_key = TRUE WHERE fingerprint IS NOT NULL AND NOT had_key;
+
 -- token_hash is the SHA-256 of the whole text, `rj_` included. created_by is a user's name or `cli`.
 CREATE TABLE IF NOT EXISTS join_tokens (
   id INT UNSIGNED NOT NULL AUTO_INCREMENT PRIMARY KEY,
@@ -56,15 +69,3 @@ CREATE TABLE IF NOT EXISTS user_ssh_keys (
   KEY user_ssh_keys_by_fingerprint (fingerprint),
   CONSTRAINT user_ssh_keys_user FOREIGN KEY (user_id) REFERENCES users (id) ON DELETE CASCADE
 );
-
--- shell: whether there is a forward to the robot's own sshd; the triggers of 0006 allot shell_port.
--- previous_fingerprint: the key before the last rotation, whose connections live on.
--- had_key: whether any key ever stood in the row; only without one does JOIN_POLICY=first-key let a key in unseen.
-ALTER TABLE robots
-  ADD COLUMN IF NOT EXISTS shell BOOLEAN NOT NULL DEFAULT FALSE,
-  ADD COLUMN IF NOT EXISTS shell_port SMALLINT UNSIGNED NULL UNIQUE,
-  ADD COLUMN IF NOT EXISTS previous_fingerprint VARCHAR(64) NULL,
-  ADD COLUMN IF NOT EXISTS rotate_requested_at TIMESTAMP(6) NULL DEFAULT NULL,
-  ADD COLUMN IF NOT EXISTS had_key BOOLEAN NOT NULL DEFAULT FALSE;
-
-UPDATE robots SET had_key = TRUE WHERE fingerprint IS NOT NULL AND NOT had_key;
