@@ -1,0 +1,50 @@
+"""The audit log: filtered, and paged from the newest to the oldest."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.store import Database, audit
+from robotether_server.store.audit import Event, Source
+from robotether_server.web.admin.audit_log import PER_PAGE
+from web_visitor import Browser
+
+
+@pytest.fixture
+def _events(database: Database) -> None:
+    """Events of two actors, more than a page has."""
+    with database.transaction() as tx:
+        audit.record(
+            tx, Source("zoe", "203.0.113.9"), Event("grant_given", "sim1", {"user": "olga"})
+        )
+        for number in range(PER_PAGE):
+            audit.record(tx, Source("ann"), Event("counted", "sim2", {"number": number}))
+
+
+@pytest.mark.usefixtures("_events")
+@pytest.mark.parametrize("query", ["robot=sim1", "actor=zoe", "kind=grant_given"])
+def test_events_are_found(admin: Browser, query: str) -> None:
+    """By robot, by actor and by kind."""
+    page = admin.ask("GET", f"/admin/audit?{query}").text
+    assert "user: olga" in page
+    assert "number:" not in page
+
+
+@pytest.mark.usefixtures("_events")
+def test_older_pages_go_on_where_the_newer_ended(admin: Browser) -> None:
+    """With the same filter, until there is none."""
+    page = admin.ask("GET", "/admin/audit?robot=sim2").text
+    assert page.count("number: ") == PER_PAGE
+    assert "Older" not in page
+    page = admin.ask("GET", "/admin/audit").text
+    assert "user: olga" not in page
+    older = page.split('class="pages"')[1].split('href="')[1].split('"')[0]
+    page = admin.ask("GET", older.replace("&amp;", "&")).text
+    assert "user: olga" in page
+    assert "Newest" in page
+    assert "Older" not in page
+
+
+def test_nothing_fits(admin: Browser) -> None:
+    """The page leads back to everything, and takes nonsense for no page at all."""
+    page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text
+    assert "Nothing fits" in page

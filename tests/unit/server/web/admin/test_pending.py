@@ -1,0 +1,127 @@
+"""Keys that wait: shown to be compared, approved, rejected, forgiven."""
+
+from __future__ import annotations
+
+import pytest
+from admin_visitor import fingerprint, join, send
+from robotether_server.problems import RecordMissing
+from robotether_server.store import Database, robots
+from web_visitor import Browser, audit_kinds
+
+MAC = "02:00:00:00:51:01"
+
+
+def key_of(database: Database, name: str) -> tuple[str, str | None]:
+    """State and fingerprint of a robot."""
+    with database.transaction() as tx:
+        robot = robots.get(tx, name)
+    return robot.state, robot.fingerprint
+
+
+def approve(admin: Browser, robot: str, key: int, name: str | None = None) -> int:
+    """Send the form of the card; the status of the answer."""
+    form = {"robot": robot, "fingerprint": fingerprint(key), "name": name or robot}
+    return send(admin, "/admin/pending", **form).status_code
+
+
+def asked(deed: str, robot: str, key: int) -> str:
+    """The path of the page that asks."""
+    return f"/admin/pending/{deed}/{robot}?fingerprint=" + fingerprint(key).replace("+", "%2B")
+
+
+def test_nobody_waits_at_first(admin: Browser) -> None:
+    """The page says how somebody comes to."""
+    page = admin.ask("GET", "/admin/pending").text
+    assert "Nobody waits" in page
+    assert "/admin/join-tokens" in page
+
+
+def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Browser) -> None:
+    """Beside all that the machine told."""
+    join(program, MAC, 1)
+    page = admin.ask("GET", "/admin/pending").text
+    assert fingerprint(1) in page.replace("</span><span>", "")
+    for text in ("robotether-agent status", MAC, "turtle", "198.51.100.7", "0.1.0"):
+        assert text in page
+
+
+def test_an_approved_key_is_the_robots(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """Audited with the admin's name."""
+    join(program, MAC, 1)
+    assert approve(admin, "sim1", 1) == 303
+    assert key_of(database, "sim1") == ("active", fingerprint(1))
+    assert audit_kinds(database)[-1] == ("robot_approved", "root", "198.51.100.7")
+
+
+def test_a_stranger_is_approved_under_another_name(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """In one step."""
+    join(program, "02:00:00:00:51:77", 1)
+    assert approve(admin, "robot-005177", 1, "lift") == 303
+    assert key_of(database, "lift") == ("active", fingerprint(1))
+
+
+def test_a_name_that_is_taken_approves_nothing(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """The form comes back with the name that was typed."""
+    join(program, "02:00:00:00:51:77", 1)
+    form = {"robot": "robot-005177", "fingerprint": fingerprint(1), "name": "sim1"}
+    answer = send(admin, "/admin/pending", **form)
+    assert (answer.status_code, 'value="sim1"' in answer.text) == (409, True)
+    assert key_of(database, "robot-005177") == ("pending", fingerprint(1))
+
+
+def test_a_key_that_does_not_wait_there_is_not_approved(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """Whatever key came in the meantime."""
+    join(program, MAC, 1)
+    assert approve(admin, "sim1", 2) == 409
+    assert key_of(database, "sim1") == ("pending", fingerprint(1))
+
+
+def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """The first goes on until then; the page names both."""
+    join(program, MAC, 1)
+    approve(admin, "sim1", 1)
+    join(program, MAC, 2, "copy")
+    page = admin.ask("GET", "/admin/pending").text
+    assert "MAC in use by robot sim1" in page
+    question = admin.ask("GET", asked("replace", "sim1", 2)).text
+    assert "is cut off within 2 seconds" in question
+    assert "copy" in question
+    assert key_of(database, "sim1") == ("active", fingerprint(1))
+    form = {"fingerprint": fingerprint(2)}
+    assert send(admin, "/admin/pending/replace/sim1", **form).status_code == 303
+    assert key_of(database, "sim1") == ("active", fingerprint(2))
+
+
+def test_a_rejected_key_is_refused_until_it_may_ask_again(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """The list of rejected keys takes it back."""
+    join(program, "02:00:00:00:51:77", 1)
+    assert "Let the key ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
+    form = {"fingerprint": fingerprint(1)}
+    assert send(admin, "/admin/pending/reject/robot-005177", **form).status_code == 303
+    with pytest.raises(RecordMissing):
+        key_of(database, "robot-005177")
+    assert join(program, "02:00:00:00:51:77", 1).json["code"] == "key_rejected"
+    page = admin.ask("GET", "/admin/pending").text
+    forgive = page.split('href="/admin/pending/rejected/')[1].split('"')[0]
+    assert "ask again?" in admin.ask("GET", f"/admin/pending/rejected/{forgive}").text
+    assert send(admin, f"/admin/pending/rejected/{forgive}").status_code == 303
+    assert join(program, "02:00:00:00:51:77", 1).status_code == 202
+
+
+@pytest.mark.parametrize("deed", ["replace", "reject"])
+def test_a_key_that_waits_no_more_is_not_asked_about(admin: Browser, deed: str) -> None:
+    """Another admin may have been first."""
+    answer = admin.ask("GET", asked(deed, "sim1", 1))
+    assert (answer.status_code, "does not wait any more" in answer.text) == (404, True)

@@ -1,0 +1,107 @@
+"""The list of robots, its search, and the form that announces one."""
+
+from __future__ import annotations
+
+import pytest
+from admin_visitor import join, send
+from robotether_server.store import Database, robots
+from robotether_server.store.robots import Report, Robot, SeenRobot
+from robotether_server.web.admin.robot_list import Search
+from web_visitor import Browser, audit_kinds
+
+ROBOT = Robot(
+    1, "00:1b:44:11:3a:b7", "lift-7", "active", 20000, 20001, "SHA256:x", {},
+    report=Report("Turtle", "0.1.0", "198.51.100.9"),
+)  # fmt: skip
+SEEN = SeenRobot(ROBOT, online=True, since=None, level="manage", address="203.0.113.5")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["", "lift", "LIFT 7", "1b:44", "00-1B-44", "001b44", "turtle", "203.0.113", "198.51.100.9"],
+)
+def test_a_robot_is_found_by_what_people_know_of_it(words: str) -> None:
+    """Name, MAC in any spelling, host name, address; every word must fit."""
+    assert Search(words).finds(SEEN)
+
+
+@pytest.mark.parametrize(("words", "state"), [("lift crane", ""), ("", "offline"), ("", "pending")])
+def test_what_does_not_fit_is_not_found(words: str, state: str) -> None:
+    """Neither by a word nor by the state."""
+    assert not Search(words, state).finds(SEEN)
+
+
+@pytest.mark.parametrize("state", ["", "online", "active"])
+def test_a_robot_is_found_by_its_state(state: str) -> None:
+    """Online is a state beside the record's own."""
+    assert Search("", state).finds(SEEN)
+
+
+def test_list_shows_what_the_search_finds(admin: Browser) -> None:
+    """And how many of how many."""
+    page = admin.ask("GET", "/admin/robots?q=sim2").text
+    assert "row-sim2" in page
+    assert "row-sim1" not in page
+    assert "1 of 2" in page
+
+
+def test_a_search_that_finds_nothing_leads_back(admin: Browser) -> None:
+    """To all robots."""
+    page = admin.ask("GET", "/admin/robots?q=ghost").text
+    assert "None of the 2 robots fits" in page
+    assert 'href="/admin/robots">Show all' in page
+
+
+def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
+    """With a link for each way."""
+    with database.transaction() as tx:
+        for name in ("sim1", "sim2"):
+            robots.remove(tx, robots.get(tx, name).id)
+    page = admin.ask("GET", "/admin/robots").text
+    assert "There is no robot yet" in page
+    assert "/admin/join-tokens" in page
+
+
+def test_what_a_stranger_calls_itself_is_text(admin: Browser, program: Browser) -> None:
+    """A host name is anybody's; it becomes no markup, on no page."""
+    assert join(program, "02:00:00:00:51:77", 7, "<script>alert(1)</script>").status_code == 202
+    for path in ("/admin/robots", "/admin/pending", "/admin/robots/robot-005177", "/admin/audit"):
+        page = admin.ask("GET", path).text
+        assert "&lt;script&gt;alert(1)" in page, path
+        assert "<script>alert" not in page, path
+
+
+def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
+    """Its page follows, and its row is there."""
+    answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
+    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
+    assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
+    with database.transaction() as tx:
+        assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
+    assert ("robot_added", "root", "198.51.100.7") in audit_kinds(database)
+
+
+@pytest.mark.parametrize(
+    ("name", "mac", "sentence"),
+    [
+        ("", "00:1b:44:11:3a:b7", "fill in Name"),
+        ("lift", "rubbish", "no MAC address"),
+        ("-x-", "00:1b:44:11:3a:b7", "a name has a-z"),
+        ("sim1", "00:1b:44:11:3a:b7", "name sim1"),
+        ("lift", "06:00:00:00:00:01", "locally administered"),
+    ],
+)
+def test_a_wrong_form_comes_back_filled_in(
+    admin: Browser, name: str, mac: str, sentence: str
+) -> None:
+    """With the sentence that says what is wrong."""
+    answer = send(admin, "/admin/add-robot", name=name, mac=mac)
+    assert answer.status_code >= 400
+    assert sentence in answer.text
+    assert f'value="{mac}"' in answer.text
+
+
+def test_a_local_mac_may_be_allowed(admin: Browser) -> None:
+    """By a box that says what it is."""
+    answer = send(admin, "/admin/add-robot", name="lift", mac="06:00:00:00:00:01", local_mac="yes")
+    assert answer.status_code == 303

@@ -1,0 +1,27 @@
+"""The API tokens of all users."""
+
+from __future__ import annotations
+
+from admin_visitor import send
+from robotether_server.store import Database
+from web_visitor import Browser, audit_kinds, bearer
+
+
+def test_an_admin_deletes_a_users_token(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """After a question that names both; the program is refused from then on."""
+    header = bearer(database, "ann")
+    page = admin.ask("GET", "/admin/tokens").text
+    path = page.split('href="/admin/tokens/')[1].split('"')[0]
+    assert "API token test of ann?" in admin.ask("GET", f"/admin/tokens/{path}").text
+    assert program.ask("GET", "/api/v1/me", headers=header).status_code == 200
+    assert send(admin, f"/admin/tokens/{path}").location == "/admin/tokens"
+    assert program.ask("GET", "/api/v1/me", headers=header).status_code == 401
+    assert audit_kinds(database)[-1] == ("token_deleted", "root", "198.51.100.7")
+
+
+def test_no_token_says_where_they_are_made(admin: Browser) -> None:
+    """And one that is not there is a page."""
+    assert "Nobody has an API token" in admin.ask("GET", "/admin/tokens").text
+    assert admin.ask("GET", "/admin/tokens/1/delete").status_code == 404

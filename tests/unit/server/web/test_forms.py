@@ -1,0 +1,71 @@
+"""What people type: taken as it is meant, or refused with the field's label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from flask import Flask
+from robotether_server.problems import FieldInvalid
+from robotether_server.web import forms
+
+app = Flask("test")
+
+
+def given(value: str | None, read: Callable[[], object]) -> object:
+    """What is read of a form in which the field `x` has this value."""
+    data = {} if value is None else {"x": value}
+    with app.test_request_context(method="POST", data=data):
+        return read()
+
+
+def test_text_is_stripped() -> None:
+    """People copy with spaces."""
+    assert given(" sim1 ", lambda: forms.text("x", "Name", 63)) == "sim1"
+
+
+@pytest.mark.parametrize("value", [None, "", "  "])
+def test_an_empty_field_is_named(value: str | None) -> None:
+    """Or nothing, where it may be empty."""
+    with pytest.raises(FieldInvalid, match="fill in Name"):
+        given(value, lambda: forms.text("x", "Name", 63))
+    assert given(value, lambda: forms.optional_text("x", "Name", 63)) is None
+    assert given(value, lambda: forms.optional_number("x", "Port", 1, 9)) is None
+
+
+@pytest.mark.parametrize("value", ["a\nb", "x" * 64, "a\u202eb"])
+def test_text_that_no_column_holds_is_refused(value: str) -> None:
+    """Too long, or with characters that show nothing."""
+    with pytest.raises(FieldInvalid, match="cannot use Name"):
+        given(value, lambda: forms.text("x", "Name", 63))
+
+
+def test_numbers_within_bounds() -> None:
+    """Both bounds are included."""
+    for value in ("1", "90", "07"):
+        assert given(value, lambda: forms.number("x", "Port", 1, 90)) == int(value)
+
+
+@pytest.mark.parametrize("value", ["0", "91", "-1", "1_0", "1.5", "\u0661", "1e1", "x", "9" * 5000])
+def test_what_is_no_number_is_refused(value: str) -> None:
+    """Python would take some of these."""
+    with pytest.raises(FieldInvalid, match="Port: it must be a whole number from 1 to 90"):
+        given(value, lambda: forms.number("x", "Port", 1, 90))
+
+
+def test_a_choice_is_one_of_the_list() -> None:
+    """And nothing else."""
+    assert given("user", lambda: forms.choice("x", "Role", ("admin", "user"))) == "user"
+    with pytest.raises(FieldInvalid, match="choose one of admin, user"):
+        given("root", lambda: forms.choice("x", "Role", ("admin", "user")))
+
+
+def test_a_box_is_ticked_or_not() -> None:
+    """Browsers leave out what is not."""
+    assert given("yes", lambda: forms.is_ticked("x")) is True
+    assert given(None, lambda: forms.is_ticked("x")) is False
+
+
+def test_a_password_is_as_typed() -> None:
+    """Its spaces count."""
+    assert given(" a b ", lambda: forms.secret("x")) == " a b "

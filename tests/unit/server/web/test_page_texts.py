@@ -1,0 +1,38 @@
+"""How values are written on pages."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from robotether_server.store.robots import Robot
+from robotether_server.web.page_texts import key_groups, moment_words, state_words
+
+
+def test_moments_are_in_utc() -> None:
+    """Whatever zone they come in."""
+    noon = dt.datetime(2026, 1, 1, 12, 3, 59, tzinfo=dt.timezone(dt.timedelta(hours=2)))
+    assert moment_words(noon) == "2026-01-01 10:03 UTC"
+
+
+def test_groups_of_a_key_are_the_whole_key() -> None:
+    """Nothing is added between them, so what is copied is the fingerprint."""
+    fingerprint = "SHA256:" + "abcdefghij" * 4 + "xyz"
+    groups = key_groups(fingerprint)
+    assert groups[:3] == ["SHA256:", "abcd", "efgh"]
+    assert "".join(groups) == fingerprint
+
+
+@pytest.mark.parametrize(
+    ("state", "fingerprint", "words"),
+    [
+        ("pending", None, "Announced"),
+        ("pending", "SHA256:x", "Waits for approval"),
+        ("active", "SHA256:x", "Active"),
+        ("disabled", None, "Disabled"),
+    ],
+)
+def test_a_state_in_words(state: str, fingerprint: str | None, words: str) -> None:
+    """A robot that has not joined is told from one that waits."""
+    robot = Robot(1, "02:00:00:00:00:01", "sim1", state, 1, 2, fingerprint, {})  # type: ignore[arg-type] # a state of the list above
+    assert state_words(robot) == words

@@ -1,0 +1,98 @@
+"""Who may look at the pages for admins and at the profile, whatever the page."""
+
+from __future__ import annotations
+
+import pytest
+from admin_visitor import join
+from flask import Flask
+from robotether_server.settings import WebSettings
+from robotether_server.web import create_app
+from web_visitor import Browser
+
+PARTS = {
+    "<name>": "sim1",
+    "<user>": "ann",
+    "<robot>": "sim1",
+    "<int:key_id>": "1",
+    "<int:token_id>": "1",
+}
+
+
+def paths(app: Flask, start: str, method: str) -> list[str]:
+    """Every path below `start` that takes the method, of things that exist or not."""
+    found = []
+    for rule in app.url_map.iter_rules():
+        if rule.rule.startswith(start) and method in (rule.methods or ()):
+            path = rule.rule
+            for part, value in PARTS.items():
+                path = path.replace(part, value)
+            assert "<" not in path, path
+            found.append(path)
+    return found
+
+
+def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None:
+    """For every page of the admins and of the profile."""
+    asked = paths(app, "/admin", "GET") + paths(app, "/profile", "GET")
+    assert len(asked) > 30
+    for path in asked:
+        answer = browser.ask("GET", path)
+        assert (answer.status_code, answer.location) == (302, f"/login?next={path}"), path
+
+
+def test_a_user_who_is_no_admin_may_not(app: Flask, browser: Browser) -> None:
+    """The page says so with 403, and still leads on."""
+    browser.log_in("ann")
+    for path in paths(app, "/admin", "GET"):
+        answer = browser.ask("GET", path)
+        assert answer.status_code == 403, path
+        assert "it is for admins" in answer.text
+    assert 'href="/profile"' in answer.text
+    assert 'href="/admin/robots"' not in answer.text
+
+
+def test_a_users_forms_are_refused_too(app: Flask, browser: Browser) -> None:
+    """The right is asked for at every request."""
+    browser.log_in("ann")
+    token = browser.csrf_of("/")
+    for path in paths(app, "/admin", "POST"):
+        assert browser.ask("POST", path, data={"csrf_token": token}).status_code == 403, path
+
+
+def test_no_form_works_without_the_pages_token(app: Flask, browser: Browser) -> None:
+    """Another site cannot send an admin's form."""
+    browser.log_in("root")
+    for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
+        answer = browser.ask("POST", path)
+        assert (answer.status_code, "cannot accept the form" in answer.text) == (403, True), path
+
+
+def test_every_form_has_a_page_at_its_path(web_settings: WebSettings) -> None:
+    """A login that ended in between leads back to something that can be seen."""
+    app = create_app(web_settings)
+    for start in ("/admin", "/profile"):
+        assert set(paths(app, start, "POST")) <= set(paths(app, start, "GET"))
+
+
+def test_what_was_searched_survives_the_login(browser: Browser) -> None:
+    """The whole address comes back, with its query."""
+    sent = browser.ask("GET", "/admin/robots?q=a%20b&state=online")
+    back = browser.log_in("root", onward="/admin/robots?q=a%20b&state=online")
+    assert sent.location == "/login?next=/admin/robots%3Fq%3Da%2520b%26state%3Donline"
+    assert back.location == "/admin/robots?q=a%20b&state=online"
+
+
+@pytest.mark.parametrize("path", ["/", "/admin/robots", "/profile"])
+def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser, path: str) -> None:
+    """The badge stands beside the menu's Admin; users have neither."""
+    assert join(program, "02:00:00:00:51:77", 1).status_code == 202
+    browser.log_in("root")
+    assert "1 waiting for approval" in browser.ask("GET", path).text
+
+
+def test_users_have_no_menu_for_admins(browser: Browser) -> None:
+    """But the profile, as everybody."""
+    browser.log_in("ann")
+    page = browser.ask("GET", "/").text
+    assert "menu-admin" not in page
+    assert "menu-profile" in page
