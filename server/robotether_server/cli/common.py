@@ -1,5 +1,7 @@
-"""What the commands share: the database, how they sign the audit log, and tables."""
+"""What the commands share: the database, how they sign the audit log, questions, tables and JSON."""
 
+import datetime as dt
+import json
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -17,6 +19,8 @@ T = TypeVar("T")
 
 SOURCE = Source("cli")
 POLL_S = 0.5
+
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 class NotDone(Problem):
@@ -53,9 +57,25 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, err: boo
         click.echo("  ".join(cells).rstrip(), err=err)
 
 
+def print_json(value: object) -> None:
+    """Print for programs; moments are ISO 8601."""
+    click.echo(json.dumps(value, indent=2, default=_as_text))
+
+
+def moment(at: dt.datetime | None, otherwise: str) -> str:
+    """Return a moment as people read it, in UTC."""
+    return f"{at:%Y-%m-%d %H:%M:%S}" if at else otherwise
+
+
 def wait_for(condition: Callable[[], T | None], seconds: float) -> T | None:
     """Ask the database again and again until it gives something, for at most that long."""
     end = monotonic() + seconds
     while (found := condition()) is None and monotonic() < end:
         sleep(POLL_S)
     return found
+
+
+def _as_text(value: object) -> str:
+    if isinstance(value, dt.datetime):
+        return value.isoformat()
+    raise TypeError(f"{value!r} has no place in JSON")

@@ -7,10 +7,15 @@ import sys
 import click
 
 from robotether_server import __version__, migrate, settings
+from robotether_server.cli.audit_log import audit_log
 from robotether_server.cli.fleet.commands import fleet
+from robotether_server.cli.grants import grant, revoke
+from robotether_server.cli.invites import join_token
+from robotether_server.cli.rejected import rejected
 from robotether_server.cli.robots import robot
+from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import token
-from robotether_server.cli.users import grant, revoke, user
+from robotether_server.cli.users import user
 from robotether_server.problems import Problem, StoreUnavailable
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
@@ -59,7 +64,19 @@ def run_web() -> None:
     os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments])  # noqa: S606 - no shell is the point
 
 
-for command in (user, robot, token, grant, revoke, fleet):
+for command in (
+    audit_log,
+    fleet,
+    grant,
+    join_token,
+    print_ssh_config,
+    rejected,
+    revoke,
+    robot,
+    ssh_key,
+    token,
+    user,
+):
     cli.add_command(command)
 
 

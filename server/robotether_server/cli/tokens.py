@@ -4,9 +4,16 @@ import datetime as dt
 
 import click
 
-from robotether_server.cli.common import SOURCE, open_database, print_table
-from robotether_server.store import audit, tokens, users
-from robotether_server.store.audit import Event
+from robotether_server.administration import tokens
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    NotDone,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store import users
 
 LONGEST_DAYS = 3650
 
@@ -27,17 +34,19 @@ def create(user_name: str, name: str, days: int | None) -> None:
     """Create a token and print it, this one time, as the last word."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
     with open_database().transaction() as tx:
-        text = tokens.create(tx, users.get(tx, user_name), name, expires_at)
-        details: dict[str, object] = {"user": user_name, "token": name, "days": days}
-        audit.record(tx, SOURCE, Event("token_created", details=details))
+        text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, expires_at)
     click.echo(f"token {name} of user {user_name}, shown only now: {text}")
 
 
 @token.command("list")
-def list_tokens() -> None:
+@JSON
+def list_tokens(as_json: bool) -> None:
     """List the tokens, without their texts."""
     with open_database().transaction() as tx:
         found = tokens.list_all(tx)
+    if as_json:
+        print_json([vars(one) for one in found])
+        return
     rows = [
         (
             one.user,
@@ -56,7 +65,9 @@ def list_tokens() -> None:
 def delete(user_name: str, name: str) -> None:
     """Delete a token; what it opened ends."""
     with open_database().transaction() as tx:
-        tokens.delete(tx, users.get(tx, user_name), name)
-        details: dict[str, object] = {"user": user_name, "token": name}
-        audit.record(tx, SOURCE, Event("token_deleted", details=details))
+        held = tokens.list_of(tx, users.get(tx, user_name))
+        found = next((one for one in held if one.name == name), None)
+        if found is None:
+            raise NotDone(f"cannot delete token {name}: user {user_name} has no such token")
+        tokens.delete(tx, SOURCE, found.id)
     click.echo(f"deleted token {name} of user {user_name}")

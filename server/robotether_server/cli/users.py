@@ -1,14 +1,20 @@
-"""robotether user ...: who may log in; and robotether grant, revoke: to which robots."""
+"""robotether user ...: who may log in, and who administers."""
 
 import sys
 
 import click
 
 from robotether_server import passwords
-from robotether_server.cli.common import SOURCE, NotDone, open_database, print_table
-from robotether_server.store import audit, grants, robots, users
-from robotether_server.store.audit import Event
-from robotether_server.store.grants import LEVELS, Level
+from robotether_server.administration import users
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    agree,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store import users as records
 from robotether_server.store.users import ROLES, Role
 
 PASSWORD_STDIN = click.option(
@@ -20,7 +26,7 @@ PASSWORD_STDIN = click.option(
 
 @click.group()
 def user() -> None:
-    """Add, list, disable and enable users, and set passwords."""
+    """Add, list, change and remove users."""
 
 
 @user.command()
@@ -29,13 +35,10 @@ def user() -> None:
 @PASSWORD_STDIN
 def add(name: str, role: Role, password_stdin: bool) -> None:
     """Add a user. Without --password-stdin, makes a password and prints it as the last word."""
-    given = _password_of_stdin() if password_stdin else None
-    password = passwords.new_password() if given is None else given
-    hashed = passwords.hash_password(password)
+    chosen = _password(from_stdin=password_stdin)
     with open_database().transaction() as tx:
-        users.add(tx, name, hashed, role)
-        audit.record(tx, SOURCE, Event("user_added", details={"user": name, "role": role}))
-    click.echo(f"added {role} {name}" + ("" if password_stdin else f" with password {password}"))
+        users.add(tx, SOURCE, name, chosen, role)
+    click.echo(f"added {role} {name}" + ("" if password_stdin else f" with password {chosen}"))
 
 
 @user.command()
@@ -43,72 +46,82 @@ def add(name: str, role: Role, password_stdin: bool) -> None:
 @PASSWORD_STDIN
 def password(name: str, password_stdin: bool) -> None:
     """Set a new password, and end the user's logins."""
-    given = _password_of_stdin() if password_stdin else None
-    new = passwords.new_password() if given is None else given
-    hashed = passwords.hash_password(new)
+    new = _password(from_stdin=password_stdin)
     with open_database().transaction() as tx:
-        users.set_password(tx, users.get(tx, name).id, hashed)
-        audit.record(tx, SOURCE, Event("password_set", details={"user": name}))
+        users.set_password(tx, SOURCE, name, new)
     click.echo(f"user {name} has a new password" + ("" if password_stdin else f": {new}"))
 
 
 @user.command("list")
-def list_users() -> None:
+@JSON
+def list_users(as_json: bool) -> None:
     """List the users."""
     with open_database().transaction() as tx:
-        found = users.list_all(tx)
+        found = records.list_all(tx)
+    if as_json:
+        print_json(
+            [{"name": one.name, "role": one.role, "disabled": one.disabled} for one in found]
+        )
+        return
     rows = [(one.name, one.role, "disabled" if one.disabled else "enabled") for one in found]
     print_table(("NAME", "ROLE", "STATE"), rows)
 
 
 @user.command()
 @click.argument("name")
+@click.argument("new_role", metavar="ROLE", type=click.Choice(ROLES))
+def role(name: str, new_role: Role) -> None:
+    """Make a user an admin, or an admin a user."""
+    with open_database().transaction() as tx:
+        users.set_role(tx, SOURCE, name, new_role)
+    click.echo(f"user {name} has role {new_role}")
+
+
+@user.command()
+@click.argument("name")
 def disable(name: str) -> None:
-    """Keep a user out; logins and tokens work no more."""
-    _set_disabled(name, disabled=True)
+    """Keep a user out; logins, tokens and SSH keys work no more. Undone with: enable."""
+    with open_database().transaction() as tx:
+        users.set_disabled(tx, SOURCE, name, disabled=True)
+    click.echo(f"disabled user {name}")
 
 
 @user.command()
 @click.argument("name")
 def enable(name: str) -> None:
     """Let a disabled user in again."""
-    _set_disabled(name, disabled=False)
-
-
-def _set_disabled(name: str, *, disabled: bool) -> None:
-    done = "disabled" if disabled else "enabled"
     with open_database().transaction() as tx:
-        users.set_disabled(tx, users.get(tx, name).id, disabled=disabled)
-        audit.record(tx, SOURCE, Event(f"user_{done}", details={"user": name}))
-    click.echo(f"{done} user {name}")
+        users.set_disabled(tx, SOURCE, name, disabled=False)
+    click.echo(f"enabled user {name}")
 
 
-@click.command()
-@click.argument("user_name", metavar="USER")
-@click.argument("robot_name", metavar="ROBOT")
-@click.argument("level", type=click.Choice(LEVELS))
-def grant(user_name: str, robot_name: str, level: Level) -> None:
-    """Let USER observe, drive or manage ROBOT, in place of an earlier grant."""
+@user.command()
+@click.argument("name")
+def logout(name: str) -> None:
+    """End all logins of a user, on every device; API tokens stay."""
     with open_database().transaction() as tx:
-        robot = robots.get(tx, robot_name)
-        grants.give(tx, users.get(tx, user_name).id, robot.id, level)
-        details: dict[str, object] = {"user": user_name, "level": level}
-        audit.record(tx, SOURCE, Event("grant_given", robot_name, details))
-    click.echo(f"user {user_name} may {level} robot {robot_name}")
+        ended = users.log_out_everywhere(tx, SOURCE, name)
+    click.echo(f"ended {ended} {'login' if ended == 1 else 'logins'} of user {name}")
 
 
-@click.command()
-@click.argument("user_name", metavar="USER")
-@click.argument("robot_name", metavar="ROBOT")
-def revoke(user_name: str, robot_name: str) -> None:
-    """Take USER's grant for ROBOT away."""
-    with open_database().transaction() as tx:
-        robot = robots.get(tx, robot_name)
-        if not grants.take(tx, users.get(tx, user_name).id, robot.id):
-            raise NotDone(f"cannot revoke: user {user_name} has no grant for robot {robot_name}")
-        audit.record(tx, SOURCE, Event("grant_taken", robot_name, {"user": user_name}))
-    click.echo(f"user {user_name} has no grant for robot {robot_name} any more")
+@user.command()
+@click.argument("name")
+@click.option("--yes", is_flag=True, help="Remove the user without asking.")
+def remove(name: str, yes: bool) -> None:
+    """Remove a user with logins, tokens, SSH keys and grants. This cannot be undone."""
+    database = open_database()
+    with database.transaction() as tx:
+        found = records.get(tx, name)
+    if not yes:
+        agree(
+            f"remove user {name}",
+            f"Remove {found.role} {name}, with tokens, SSH keys and grants?",
+            "say --yes to remove the user",
+        )
+    with database.transaction() as tx:
+        users.remove(tx, SOURCE, name)
+    click.echo(f"removed user {name}")
 
 
-def _password_of_stdin() -> str:
-    return sys.stdin.readline().rstrip("\r\n")
+def _password(*, from_stdin: bool) -> str:
+    return sys.stdin.readline().rstrip("\r\n") if from_stdin else passwords.new_password()

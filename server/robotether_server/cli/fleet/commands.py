@@ -1,13 +1,12 @@
 """robotether fleet run and list: what a person types."""
 
-import json
 import logging
 import sys
 from pathlib import Path
 
 import click
 
-from robotether_server.cli.common import print_table
+from robotether_server.cli.common import JSON, print_json, print_table
 from robotether_server.cli.fleet import inventory, outcomes, remote, ssh_settings
 from robotether_server.cli.fleet.mission import Mission, Order, kept, to_terminal
 from robotether_server.cli.fleet.outcomes import Outcome
@@ -30,7 +29,6 @@ SSH_CONFIG = click.option(
     metavar="FILE",
     help="Where `robotether ssh-config` was written.  [default: ~/.ssh/config and what it includes]",
 )
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 @click.group()
@@ -125,11 +123,6 @@ def run(
     if mission.interrupted:
         sys.exit(INTERRUPTED)
     sys.exit(0 if all(one.ok for one in found) else 1)
-
-
-def print_json(value: object) -> None:
-    """Print for programs."""
-    click.echo(json.dumps(value, indent=2))
 
 
 def print_summary(found: list[Outcome]) -> None:

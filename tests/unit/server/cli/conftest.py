@@ -49,7 +49,7 @@ def run(
         monkeypatch.setenv(name, value)
 
     def run_command(*arguments: str, stdin: str = "", terminal: str | None = None) -> Done:
-        monkeypatch.setattr(sys, "argv", ["robotether", *arguments])
+        monkeypatch.setattr(sys, "argv", ["robotether", *map(str, arguments)])
         typed = StringIO(stdin) if terminal is None else Terminal(terminal)
         monkeypatch.setattr(sys, "stdin", typed)
         with pytest.raises(SystemExit) as ended:

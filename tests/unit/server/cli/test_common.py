@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import sys
 from io import StringIO
 
@@ -40,3 +41,13 @@ def test_nobody_to_ask_is_no_yes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", StringIO("y\n"))
     with pytest.raises(common.NotDone, match="cannot fly: there is no terminal to ask on; walk"):
         common.agree("fly", "Fly?", "walk")
+
+
+def test_json_has_moments_as_text(capsys: pytest.CaptureFixture[str]) -> None:
+    """And nothing that a program would have to guess at."""
+    at = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
+    common.print_json([at])
+    assert capsys.readouterr().out == '[\n  "2026-01-02T03:04:05+00:00"\n]\n'
+    with pytest.raises(TypeError, match="has no place in JSON"):
+        common.print_json([object()])
+    assert (common.moment(at, ""), common.moment(None, "never")) == ("2026-01-02 03:04:05", "never")

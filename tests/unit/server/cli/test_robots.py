@@ -1,64 +1,50 @@
-"""robotether robot."""
+"""robotether robot add, list, show, remove, wait-online."""
 
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from robotether_server.cli import robots as robots_command
-from robotether_server.ssh_keys import PublicKey
+from admin_records import ADD, MAC, activate, claim, details_of, events, show_key
 from robotether_server.store import Database, grants, robots, users
-from robotether_server.store.robots import Report, State
 
 Run = Callable[..., Any]
-KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
-OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:other")
-REPORT = Report("turtle", "0.1.0", "192.0.2.1")
-ADD = ("robot", "add", "sim1", "--mac", "0200.0000.5101")
-
-
-def show_key(database: Database, key: PublicKey = KEY) -> None:
-    with database.transaction() as tx:
-        robots.set_key(tx, robots.get(tx, "sim1").id, key, REPORT)
-
-
-def events(database: Database) -> list[tuple[str, str, str]]:
-    with database.transaction() as tx:
-        rows = tx.rows("SELECT actor, kind, robot FROM audit_events ORDER BY id")
-    return [(row["actor"], row["kind"], row["robot"]) for row in rows]
-
-
-def state(database: Database) -> State:
-    with database.transaction() as tx:
-        return robots.get(tx, "sim1").state
-
-
-def details_of(database: Database, kind: str) -> list[dict[str, object]]:
-    with database.transaction() as tx:
-        rows = tx.rows("SELECT details FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
-    return [json.loads(row["details"]) for row in rows]
 
 
 def test_added_robot_is_listed(run: Run, database: Database) -> None:
     """For people and for programs, with its ports and its MAC in one spelling."""
     assert run(*ADD).out == "added robot sim1 with ports 20000 and 20001\n"
     heads, row = run("robot", "list").out.splitlines()
-    assert heads.split() == ["NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "KEY"]
-    assert row.split()[:5] == ["sim1", "pending", "no", "never", "02:00:00:00:51:01"]
+    assert heads.split() == [
+        "NAME",
+        "STATE",
+        "ONLINE",
+        "SINCE",
+        "MAC",
+        "ROS",
+        "VIDEO",
+        "SHELL",
+        "KEY",
+    ]
+    assert row.split()[:5] == ["sim1", "pending", "no", "never", MAC]
     assert json.loads(run("robot", "list", "--json").out) == [
         {
             "name": "sim1",
-            "mac": "02:00:00:00:51:01",
+            "mac": MAC,
             "state": "pending",
             "online": False,
             "since": None,
             "ros_port": 20000,
             "video_port": 20001,
+            "shell_port": None,
+            "settings": {},
             "fingerprint": None,
             "joined_at": None,
+            "address": None,
+            "agent_version": None,
+            "rotate_key": False,
         }
     ]
     assert events(database) == [("cli", "robot_added", "sim1")]
@@ -67,133 +53,49 @@ def test_added_robot_is_listed(run: Run, database: Database) -> None:
 @pytest.mark.parametrize(
     ("name", "mac", "says"),
     [
-        ("sim1", "02:00:00:00:51:02", "another robot has the name sim1"),
-        ("sim2", "02:00:00:00:51:01", "another robot has the MAC 02:00:00:00:51:01"),
+        ("sim1", "00:1b:44:00:51:02", "another robot has the name sim1"),
+        ("sim2", "00:1b:44:00:51:01", "another robot has the MAC 00:1b:44:00:51:01"),
         ("sim2", "rubbish", "is no MAC address"),
-        ("Sim 2", "02:00:00:00:51:02", "a name has a-z, 0-9 and -"),
+        ("sim2", "02:00:00:00:51:02", "--allow-local-mac"),
+        ("sim2", "ff:ff:ff:ff:ff:ff", "broadcast"),
+        ("Sim 2", "00:1b:44:00:51:02", "a name has a-z, 0-9 and -"),
     ],
 )
 def test_robot_that_cannot_be_is_refused(run: Run, name: str, mac: str, says: str) -> None:
     """In one sentence, exit status 1."""
-    run(*ADD)
+    assert run("robot", "add", "sim1", "--mac", "00-1B-44-00-51-01").status == 0
     done = run("robot", "add", name, "--mac", mac)
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert says in done.err
 
 
-def test_robot_without_a_key_cannot_be_approved(run: Run) -> None:
-    """There is nothing yet to approve."""
-    run(*ADD)
-    done = run("robot", "approve", "sim1")
-    assert done.status == 1
-    assert "has not joined yet" in done.err
-
-
-def test_robot_is_approved_disabled_and_enabled(run: Run, database: Database) -> None:
-    """A second approval changes nothing; each change has one audit event."""
-    run(*ADD)
-    show_key(database)
-    for _ in range(2):
-        done = run("robot", "approve", "sim1", "--yes")
-        assert done.out == "robot sim1 is active with key SHA256:abc\n"
-    assert run("robot", "disable", "sim1").status == 0
-    refused = run("robot", "approve", "sim1")
-    assert "robotether robot enable sim1" in refused.err
-    assert run("robot", "enable", "sim1").out == "robot sim1 is active\n"
-    assert "it is active, not disabled" in run("robot", "enable", "sim1").err
-    assert [kind for _, kind, _ in events(database)] == [
-        "robot_added",
-        "robot_approved",
-        "robot_disabled",
-        "robot_enabled",
-    ]
-
-
-def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None:
-    """All that tells one robot from another stands there before the question; only a yes approves."""
-    run(*ADD)
-    show_key(database)
-    for answer in ("", "\n", "n\n"):
-        done = run("robot", "approve", "sim1", terminal=answer)
-        assert done.status == 1
-        assert state(database) == "pending"
-    shown = dict(line.split("  ", 1) for line in done.out.splitlines() if "  " in line)
-    assert {name: value.strip() for name, value in shown.items() if name != "joined"} == {
-        "robot": "sim1 (pending)",
-        "MAC": "02:00:00:00:51:01",
-        "host name": "turtle",
-        "address": "192.0.2.1",
-        "key": "SHA256:abc",
-    }
-    assert shown["joined"].endswith(" UTC")
-    assert "did not approve robot sim1" in done.err
-    done = run("robot", "approve", "sim1", terminal="y\n")
-    assert (done.status, state(database)) == (0, "active")
-    [details] = details_of(database, "robot_approved")
-    assert details == {"was": "pending", "fingerprint": "SHA256:abc"}
-
-
-def test_approve_without_a_terminal_needs_the_fingerprint(run: Run, database: Database) -> None:
-    """One sentence says what to do; a script that only says yes on standard input gets nothing."""
-    run(*ADD)
-    show_key(database)
-    done = run("robot", "approve", "sim1", stdin="y\n")
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "no terminal to ask on" in done.err
-    assert "--fingerprint" in done.err
-    assert state(database) == "pending"
-
-
-def test_approve_with_a_fingerprint(run: Run, database: Database) -> None:
-    """Only the key that the robot itself shows is approved, and --yes does not change that."""
-    run(*ADD)
-    show_key(database)
-    for more in ((), ("--yes",)):
-        done = run("robot", "approve", "sim1", "--fingerprint", "SHA256:other", *more)
-        assert (done.status, done.err.count("\n")) == (1, 1)
-        assert "its key is SHA256:abc, not SHA256:other" in done.err
-        assert "robotether robot rekey sim1" in done.err
-        assert state(database) == "pending"
-    assert run("robot", "approve", "sim1", "--fingerprint", "SHA256:abc").status == 0
-    assert state(database) == "active"
-
-
-def test_approve_takes_only_the_key_that_was_compared(
-    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch
+def test_show_tells_all_of_one_robot(
+    run: Run, database: Database, admin_database: Database
 ) -> None:
-    """A key that came while the person was looking is not approved in its place."""
+    """Its record, what waits there, and its last sessions."""
     run(*ADD)
-    show_key(database)
-    monkeypatch.setattr(robots_command, "agree", lambda *_: show_key(database, OTHER_KEY))
-    done = run("robot", "approve", "sim1")
-    assert "its key is SHA256:other, not SHA256:abc" in done.err
-    assert state(database) == "pending"
-
-
-def test_enable_approves_no_key_in_passing(run: Run, database: Database) -> None:
-    """The key of a robot that nobody has approved is forgotten when it is disabled."""
-    run(*ADD)
-    show_key(database)
-    run("robot", "disable", "sim1")
-    assert run("robot", "enable", "sim1").out == "robot sim1 is pending\n"
-    assert "has not joined yet" in run("robot", "approve", "sim1", "--yes").err
-
-
-@pytest.mark.parametrize(
-    ("before", "after"), [("active", "pending"), ("pending", "pending"), ("disabled", "disabled")]
-)
-def test_rekey_forgets_the_key(run: Run, database: Database, before: State, after: State) -> None:
-    """The old key opens nothing from now on; a disabled robot stays so."""
-    run(*ADD)
-    show_key(database)
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, "sim1").id, before)
-    done = run("robot", "rekey", "sim1")
-    assert done.out == "robot sim1 has no key any more; it had SHA256:abc\n"
-    with database.transaction() as tx:
-        found = robots.get(tx, "sim1")
-    assert (found.state, found.fingerprint) == (after, None)
-    assert details_of(database, "robot_rekeyed") == [{"was": before, "fingerprint": "SHA256:abc"}]
+    assert "never seen" in run("robot", "show", "sim1").out
+    activate(database)
+    claim(database)
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address, agent_version) "
+            "SELECT id, '198.51.100.7', '0.2.0' FROM robots"
+        )
+    shown = run("robot", "show", "sim1").out
+    for text in (
+        "sim1 (active)",
+        "SHA256:abc",
+        "SHA256:other",
+        "MAC is in use",
+        "198.51.100.7",
+        "goes on",
+    ):
+        assert text in shown
+    whole = json.loads(run("robot", "show", "sim1", "--json").out)
+    assert (whole["address"], whole["agent_version"]) == ("198.51.100.7", "0.2.0")
+    assert [one["reason"] for one in whole["waiting"]] == ["mac_in_use"]
+    assert [one["ended_at"] for one in whole["sessions"]] == [None]
 
 
 def test_removed_robot_is_gone_with_its_grants(run: Run, database: Database) -> None:
@@ -205,7 +107,7 @@ def test_removed_robot_is_gone_with_its_grants(run: Run, database: Database) -> 
         grants.give(tx, ann, robots.get(tx, "sim1").id, "drive")
     assert "no terminal to ask on; say --yes" in run("robot", "remove", "sim1").err
     refused = run("robot", "remove", "sim1", terminal="n\n")
-    assert "02:00:00:00:51:01" in refused.out
+    assert MAC in refused.out
     assert "did not remove robot sim1" in refused.err
     assert run("robot", "remove", "sim1", terminal="y\n").status == 0
     run(*ADD)
@@ -215,25 +117,9 @@ def test_removed_robot_is_gone_with_its_grants(run: Run, database: Database) -> 
         assert tx.rows("SELECT * FROM grants") == []
     assert details_of(database, "robot_removed")[0] == {
         "was": "pending",
-        "mac": "02:00:00:00:51:01",
+        "mac": MAC,
         "fingerprint": "SHA256:abc",
     }
-
-
-def test_robot_without_a_key_is_enabled_to_wait(run: Run) -> None:
-    """An active row without a key would mean nothing."""
-    run(*ADD)
-    run("robot", "disable", "sim1")
-    assert run("robot", "enable", "sim1").out == "robot sim1 is pending\n"
-
-
-def test_approve_waits_for_the_key(run: Run, database: Database) -> None:
-    """The robot may join while the command waits."""
-    run(*ADD)
-    joins = threading.Timer(0.2, show_key, [database])
-    joins.start()
-    assert run("robot", "approve", "sim1", "--yes", "--wait-for-key", "20").status == 0
-    joins.join()
 
 
 def test_wait_online(run: Run, admin_database: Database) -> None:
@@ -249,10 +135,28 @@ def test_wait_online(run: Run, admin_database: Database) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["approve", "disable", "enable", "rekey", "remove", "wait-online"]
+    "command",
+    [
+        ("approve",),
+        ("disable",),
+        ("enable",),
+        ("move-ports",),
+        ("reject",),
+        ("rekey",),
+        ("remove",),
+        ("rename", "x"),
+        ("rotate-key",),
+        ("set", "--shell-user", "pi"),
+        ("set-mac", "00:1b:44:11:3a:b7"),
+        ("shell", "on"),
+        ("show",),
+        ("wait-online",),
+    ],
+    ids=lambda command: command[0],
 )
-def test_unknown_robot_is_said(run: Run, command: str) -> None:
+def test_unknown_robot_is_said(run: Run, command: tuple[str, ...]) -> None:
     """In one sentence."""
-    done = run("robot", command, "ghost")
+    name, *more = command
+    done = run("robot", name, "ghost", *more)
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert "cannot find robot ghost" in done.err

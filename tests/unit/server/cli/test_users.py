@@ -1,13 +1,15 @@
-"""robotether user, grant and revoke."""
+"""robotether user."""
 
 from __future__ import annotations
 
+import datetime as dt
+import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from robotether_server import passwords
-from robotether_server.store import Database, robots, users
+from robotether_server.store import Database, logins, users
 
 Run = Callable[..., Any]
 
@@ -70,46 +72,60 @@ def test_disabled_user_is_listed_as_such(run: Run) -> None:
     assert run("user", "list").out.splitlines()[1].split() == ["ann", "user", "enabled"]
 
 
-def test_grant_is_given_and_taken(run: Run, database: Database) -> None:
-    """Each with its audit event; taking one that is not there fails."""
+def test_role_changes(run: Run, database: Database) -> None:
+    """The last enabled admin stays one, enabled and there."""
+    run("user", "add", "ann", "--role", "admin")
+    for command in (("role", "ann", "user"), ("disable", "ann"), ("remove", "ann", "--yes")):
+        done = run("user", *command)
+        assert (done.status, done.err.count("\n")) == (1, 1)
+        assert "nobody else is an admin" in done.err
+    run("user", "add", "bob")
+    assert run("user", "role", "bob", "admin").out == "user bob has role admin\n"
+    assert run("user", "role", "ann", "user").status == 0
+    assert kinds(database)[-1] == "cli user_role_set"
+
+
+def test_logins_end_everywhere(run: Run, database: Database) -> None:
+    """On every device at once."""
     run("user", "add", "ann")
     with database.transaction() as tx:
-        robots.add(tx, "02:00:00:00:00:01", "sim1")
-    assert run("grant", "ann", "sim1", "drive").out == "user ann may drive robot sim1\n"
+        ann = users.get(tx, "ann")
+        for _ in range(2):
+            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+    assert run("user", "logout", "ann").out == "ended 2 logins of user ann\n"
     with database.transaction() as tx:
-        assert [seen.level for seen in robots.list_seen(tx, users.get(tx, "ann"))] == ["drive"]
-    assert run("revoke", "ann", "sim1").status == 0
-    done = run("revoke", "ann", "sim1")
-    assert (done.status, done.err) == (
-        1,
-        "robotether: cannot revoke: user ann has no grant for robot sim1\n",
-    )
-    assert kinds(database) == ["cli user_added", "cli grant_given", "cli grant_taken"]
+        assert tx.rows("SELECT * FROM logins") == []
+
+
+def test_removed_user_is_gone(run: Run, database: Database) -> None:
+    """After a yes, or with --yes."""
+    run("user", "add", "ann")
+    assert "no terminal to ask on; say --yes" in run("user", "remove", "ann").err
+    assert "did not remove user ann" in run("user", "remove", "ann", terminal="n\n").err
+    assert run("user", "remove", "ann", terminal="y\n").out.endswith("removed user ann\n")
+    with database.transaction() as tx:
+        assert users.find(tx, "ann") is None
+
+
+def test_users_are_listed_for_programs(run: Run) -> None:
+    """Without what their passwords are kept as."""
+    run("user", "add", "ann")
+    [one] = json.loads(run("user", "list", "--json").out)
+    assert one == {"name": "ann", "role": "user", "disabled": False}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    "arguments",
     [
-        (("grant", "nobody", "sim1", "drive"), "cannot find user nobody"),
-        (("grant", "ann", "ghost", "drive"), "cannot find robot ghost"),
-        (("user", "password", "nobody"), "cannot find user nobody"),
-        (("user", "disable", "nobody"), "cannot find user nobody"),
+        ("password", "nobody"),
+        ("disable", "nobody"),
+        ("logout", "nobody"),
+        ("remove", "nobody"),
+        ("role", "nobody", "admin"),
     ],
 )
-def test_unknown_names_are_said(
-    run: Run, database: Database, arguments: tuple[str, ...], says: str
-) -> None:
+def test_unknown_user_is_said(run: Run, arguments: tuple[str, ...]) -> None:
     """In one sentence with what to do."""
-    run("user", "add", "ann")
-    with database.transaction() as tx:
-        robots.add(tx, "02:00:00:00:00:01", "sim1")
-    done = run(*arguments)
-    assert done.status == 1
-    assert says in done.err
-
-
-def test_unknown_level_says_which_there_are(run: Run) -> None:
-    """A mistake in the arguments is exit status 2."""
-    done = run("grant", "ann", "sim1", "fly")
-    assert done.status == 2
-    assert "'observe', 'drive', 'manage'" in done.err
+    done = run("user", *arguments)
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "cannot find user nobody" in done.err

@@ -1,0 +1,114 @@
+"""robotether robot invite, and robotether join-token ...: what lets robots in without an admin's approval."""
+
+import datetime as dt
+import os
+from dataclasses import replace
+
+import click
+
+from robotether_server import settings
+from robotether_server.administration import join_tokens
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    NotDone,
+    moment,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.front import Front
+from robotether_server.install_line import HTTPS_PORT, Site, install_line, parse_site
+
+MOST_HOURS = 8760
+
+
+@click.command()
+@click.option(
+    "--uses",
+    type=click.IntRange(1, join_tokens.MOST_USES),
+    default=1,
+    show_default=True,
+    help="How many robots it lets in.",
+)
+@click.option(
+    "--hours",
+    type=click.IntRange(1, MOST_HOURS),
+    default=24,
+    show_default=True,
+    help="How long it is good for.",
+)
+@click.option("--name", help="What to call it.  [default: invite and the time]")
+@click.option(
+    "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
+)
+def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
+    """Make a join token, and print the line that makes a machine a robot, as the last line.
+
+    Whoever has the line can let in that many robots until it ends: robotether join-token delete.
+    """
+    now = dt.datetime.now(dt.UTC)
+    called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
+    ends = now + dt.timedelta(hours=hours)
+    front, asked = _site(host)
+    with open_database().transaction() as tx:
+        token = join_tokens.create(tx, SOURCE, called, uses, ends)
+        # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
+        line = install_line(front, asked, token)
+    robots = "1 robot" if uses == 1 else f"{uses} robots"
+    click.echo(f"join token {called}, for {robots} until {moment(ends, '')} UTC; run on the robot:")
+    click.echo(line)
+
+
+@click.group("join-token")
+def join_token() -> None:
+    """List and delete join tokens; `robotether robot invite` makes them."""
+
+
+@join_token.command("list")
+@JSON
+def list_tokens(as_json: bool) -> None:
+    """List the join tokens, without their texts, the newest first."""
+    with open_database().transaction() as tx:
+        found = join_tokens.list_all(tx)
+    if as_json:
+        print_json([vars(one) for one in found])
+        return
+    rows = [
+        (
+            one.name,
+            f"{one.used} of {one.uses}",
+            moment(one.created_at, ""),
+            one.created_by,
+            moment(one.expires_at, ""),
+        )
+        for one in found
+    ]
+    print_table(("NAME", "USED", "CREATED", "BY", "ENDS"), rows)
+
+
+@join_token.command()
+@click.argument("name")
+def delete(name: str) -> None:
+    """Delete a join token; the robots that it let in stay."""
+    with open_database().transaction() as tx:
+        token_id = next((one.id for one in join_tokens.list_all(tx) if one.name == name), None)
+        if token_id is None:
+            raise NotDone(f"cannot delete join token {name}: there is none of that name")
+        join_tokens.delete(tx, SOURCE, token_id)
+    click.echo(f"deleted join token {name}")
+
+
+def _site(host: str | None) -> tuple[Front, str]:
+    """Return what knows the certificate, and where robots reach it; --host goes before PUBLIC_HOST."""
+    loaded = settings.load_front(os.environ)
+    if host is None:
+        if loaded.public_host is None:
+            raise NotDone(
+                "cannot write the line: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
+            )
+        return Front(loaded), loaded.public_host
+    site = parse_site(host)
+    if site.port == HTTPS_PORT and not host.endswith(f":{HTTPS_PORT}"):
+        site = Site(site.host, loaded.public_port)
+    return Front(replace(loaded, public_host=None)), site.authority

@@ -1,0 +1,156 @@
+"""robotether robot pending, approve, reject, rekey, rotate-key: whose key is a robot's own.
+
+A key counts for nothing until a person has compared it: approve and reject name the key that was looked at, and do
+nothing when another has come in its place.
+"""
+
+import click
+
+from robotether_server.administration import pending, robots
+from robotether_server.administration.pending import Waiting
+from robotether_server.cli import robot_texts
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    NotDone,
+    agree,
+    open_database,
+    print_fields,
+    print_json,
+    print_table,
+    wait_for,
+)
+from robotether_server.store import Database
+from robotether_server.store import robots as records
+from robotether_server.store.robots import Robot
+
+COMPARE = "compare it with the one that robotether-agent status shows on the robot"
+
+
+@click.command("pending")
+@JSON
+def list_pending(as_json: bool) -> None:
+    """List the keys that wait for an admin, the oldest first."""
+    with open_database().transaction() as tx:
+        found = pending.waiting(tx)
+    if as_json:
+        print_json([vars(one) for one in found])
+        return
+    print_table(robot_texts.WAITING_HEADS, [robot_texts.as_waiting_row(one) for one in found])
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--wait-for-key", type=float, default=0, metavar="SECONDS", help="Wait until it has joined."
+)
+@click.option(
+    "--fingerprint",
+    metavar="SHA256:...",
+    help="Approve this key alone, without asking; `robotether-agent status` on the robot shows it.",
+)
+@click.option("--yes", is_flag=True, help="Approve whatever key came first, without asking.")
+def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) -> None:
+    """Let a robot in: the key that it showed becomes its own, in place of one that it had.
+
+    Anybody who knows the robot's MAC can join in its name, so compare the key first.
+    """
+    database = open_database()
+    wait_for(lambda: _has_shown_a_key(database, name), wait_for_key)
+    chosen = fingerprint or _choose(database, name, yes=yes)
+    with database.transaction() as tx:
+        # What was compared is what is approved, whatever happened meanwhile.
+        robots.approve(tx, SOURCE, name, chosen)
+    click.echo(f"robot {name} is active with key {chosen}")
+
+
+@click.command()
+@click.argument("name")
+@click.option("--fingerprint", metavar="SHA256:...", help="Reject this key, without asking.")
+def reject(name: str, fingerprint: str | None) -> None:
+    """Turn away a key that waits, for good; a robot that nobody had added goes with it.
+
+    Undone with: robotether rejected forgive.
+    """
+    database = open_database()
+    chosen = fingerprint
+    if chosen is None:
+        robot, waiting = _look(database, name)
+        one = _only(waiting, robot, "reject")
+        print_fields(robot_texts.waiting_identity(one, robot))
+        agree(f"reject {name}", "Turn this key away?", f"say --fingerprint {one.fingerprint}")
+        chosen = one.fingerprint
+    with database.transaction() as tx:
+        robots.reject(tx, SOURCE, name, chosen)
+    click.echo(f"rejected key {chosen} of robot {name}")
+
+
+@click.command()
+@click.argument("name")
+def rekey(name: str) -> None:
+    """Forget a robot's key, and end its connection; the next key that joins waits for approval.
+
+    For a robot that got a new disk, and against somebody who joined in its name. Its ports and grants stay.
+    """
+    database = open_database()
+    with database.transaction() as tx:
+        had = records.get(tx, name).fingerprint
+        robots.rekey(tx, SOURCE, name)
+    click.echo(f"robot {name} has no key any more; it had {had or 'none'}")
+
+
+@click.command("rotate-key")
+@click.argument("name")
+def rotate_key(name: str) -> None:
+    """Ask a robot's agent for a new key; its connections live on, and the old key opens nothing afterwards."""
+    with open_database().transaction() as tx:
+        robots.rotate_key(tx, SOURCE, name)
+    click.echo(f"robot {name} makes a new key as soon as it is online")
+
+
+def _look(database: Database, name: str) -> tuple[Robot, list[Waiting]]:
+    with database.transaction() as tx:
+        robot = records.get(tx, name)
+        return robot, [one for one in pending.waiting(tx) if one.robot == name]
+
+
+def _has_shown_a_key(database: Database, name: str) -> bool | None:
+    robot, waiting = _look(database, name)
+    return bool(robot.fingerprint or waiting) or None
+
+
+def _choose(database: Database, name: str, *, yes: bool) -> str:
+    """Return the key that is to be approved; ask, unless `yes`."""
+    robot, waiting = _look(database, name)
+    if not waiting and robot.state == "active" and robot.fingerprint:
+        return robot.fingerprint
+    _check_can_be_approved(robot)
+    one = _only(waiting, robot, "approve")
+    if not yes:
+        print_fields(robot_texts.waiting_identity(one, robot))
+        agree(
+            f"approve robot {name}",
+            "Does robotether-agent status on the robot show this very key?",
+            f"take the key {one.fingerprint}, {COMPARE}, and give that one with --fingerprint",
+        )
+    return one.fingerprint
+
+
+def _check_can_be_approved(robot: Robot) -> None:
+    if robot.state == "disabled":
+        raise NotDone(
+            f"cannot approve robot {robot.name}: it is disabled; "
+            f"use: robotether robot enable {robot.name}"
+        )
+
+
+def _only(waiting: list[Waiting], robot: Robot, deed: str) -> Waiting:
+    if not waiting:
+        joined = "no key waits there" if robot.fingerprint else "it has not joined yet"
+        raise NotDone(f"cannot {deed} robot {robot.name}: {joined}, so there is no key to {deed}")
+    if len(waiting) > 1:
+        keys = ", ".join(f"{one.fingerprint} from {one.address}" for one in waiting)
+        raise NotDone(
+            f"cannot tell which key to {deed} for robot {robot.name}: {keys} wait; say --fingerprint"
+        )
+    return waiting[0]

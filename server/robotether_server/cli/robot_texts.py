@@ -1,0 +1,114 @@
+"""How the commands show a robot: as a record, a row or JSON."""
+
+from robotether_server.administration.pending import Waiting
+from robotether_server.cli.common import moment
+from robotether_server.store.robots import Robot, SeenRobot
+from robotether_server.store.sessions import Session
+
+HEADS = ("NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "SHELL", "KEY")
+WAITING_HEADS = ("ROBOT", "MAC", "HOST NAME", "ADDRESS", "JOINED", "WHY", "KEY")
+SESSION_HEADS = ("STARTED", "ENDED", "BECAUSE", "ADDRESS", "AGENT")
+
+Fields = list[tuple[str, str]]
+
+NOT_JOINED = "not joined yet"
+
+
+def identity(robot: Robot) -> Fields:
+    """Return what tells a person which robot this is."""
+    report = robot.report
+    return [
+        ("robot", f"{robot.name} ({robot.state})"),
+        ("MAC", robot.mac),
+        ("host name", report.hostname if report else NOT_JOINED),
+        ("address", report.address if report else NOT_JOINED),
+        ("joined", f"{moment(robot.joined_at, NOT_JOINED)}{' UTC' if robot.joined_at else ''}"),
+        ("key", robot.fingerprint or "none yet"),
+    ]
+
+
+def waiting_identity(one: Waiting, robot: Robot) -> Fields:
+    """Return what tells a person whose key waits; the last line is what is to be compared."""
+    fields = [
+        ("robot", f"{robot.name} ({robot.state})"),
+        ("MAC", one.mac),
+        ("host name", one.hostname),
+        ("address", one.address),
+        ("joined", f"{moment(one.joined_at, NOT_JOINED)} UTC"),
+    ]
+    if one.reason == "mac_in_use":
+        kept = f"it has another key, {robot.fingerprint}, and goes on with it; this one would replace it"
+        fields.append(("beware", kept))
+    return [*fields, ("key", one.fingerprint)]
+
+
+def everything(seen: SeenRobot) -> Fields:
+    """Return the whole record."""
+    robot = seen.robot
+    online = "yes, since" if seen.online else "no, since"
+    return [
+        *identity(robot),
+        ("online", f"{online} {moment(seen.since, '')} UTC" if seen.since else "never seen"),
+        ("last address", seen.address or "none yet"),
+        ("agent", seen.agent_version or "unknown"),
+        ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
+        ("shell", f"on, port {robot.shell_port}" if robot.shell else "off"),
+        ("shell user", str(robot.settings.get("shell_user", "not set"))),
+        ("new key", "asked for" if robot.rotate_requested_at else "not asked for"),
+    ]
+
+
+def as_row(seen: SeenRobot) -> tuple[str, ...]:
+    """Return a row under HEADS."""
+    robot = seen.robot
+    return (
+        robot.name,
+        robot.state,
+        "yes" if seen.online else "no",
+        moment(seen.since, "never"),
+        robot.mac,
+        str(robot.ros_port),
+        str(robot.video_port),
+        str(robot.shell_port or "off"),
+        robot.fingerprint or "none yet",
+    )
+
+
+def as_waiting_row(one: Waiting) -> tuple[str, ...]:
+    """Return a row under WAITING_HEADS."""
+    why = "MAC is in use" if one.reason == "mac_in_use" else "is new"
+    joined = moment(one.joined_at, "")
+    return (one.robot, one.mac, one.hostname, one.address, joined, why, one.fingerprint)
+
+
+def as_session_row(one: Session) -> tuple[str, ...]:
+    """Return a row under SESSION_HEADS."""
+    ended = moment(one.ended_at, "goes on")
+    return (
+        moment(one.started_at, ""),
+        ended,
+        one.end_code or "-",
+        one.address,
+        one.agent_version or "-",
+    )
+
+
+def as_dict(seen: SeenRobot) -> dict[str, object]:
+    """Return what --json prints."""
+    robot = seen.robot
+    return {
+        "name": robot.name,
+        "mac": robot.mac,
+        "state": robot.state,
+        "online": seen.online,
+        "since": seen.since,
+        "ros_port": robot.ros_port,
+        "video_port": robot.video_port,
+        "shell_port": robot.shell_port,
+        "settings": robot.settings,
+        "fingerprint": robot.fingerprint,
+        "joined_at": robot.joined_at,
+        "address": seen.address,
+        "agent_version": seen.agent_version,
+        "rotate_key": robot.rotate_requested_at is not None,
+    }

@@ -1,0 +1,88 @@
+"""robotether ssh-key ... and ssh-config: people's keys for shells on robots, and how they get there."""
+
+import os
+from typing import TextIO
+
+import click
+
+from robotether_server import settings
+from robotether_server.administration import ssh_config, ssh_keys
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    NotDone,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store import users
+
+USER = click.option("--user", "user_name", required=True, help="Whose key it is.")
+
+
+@click.group("ssh-key")
+def ssh_key() -> None:
+    """Add, list and delete people's SSH keys for shells on robots that they manage."""
+
+
+@ssh_key.command()
+@USER
+@click.option("--name", help="What to call it.  [default: the key's comment]")
+@click.argument("file", type=click.File(), default="-")
+def add(user_name: str, name: str | None, file: TextIO) -> None:
+    """Add the public key in FILE, such as id_ed25519.pub, or on standard input."""
+    with open_database().transaction() as tx:
+        added = ssh_keys.add(tx, SOURCE, users.get(tx, user_name), name, file.read().strip())
+    click.echo(f"added SSH key {added.name} of user {user_name}: {added.fingerprint}")
+
+
+@ssh_key.command("list")
+@USER
+@JSON
+def list_keys(user_name: str, as_json: bool) -> None:
+    """List a user's SSH keys."""
+    with open_database().transaction() as tx:
+        found = ssh_keys.list_of(tx, users.get(tx, user_name))
+    if as_json:
+        print_json([vars(one) for one in found])
+        return
+    rows = [(one.name, f"{one.created_at:%Y-%m-%d}", one.fingerprint) for one in found]
+    print_table(("NAME", "ADDED", "KEY"), rows)
+
+
+@ssh_key.command()
+@USER
+@click.argument("name")
+def delete(user_name: str, name: str) -> None:
+    """Delete a user's SSH key; what it opened ends."""
+    with open_database().transaction() as tx:
+        user = users.get(tx, user_name)
+        found = next((one for one in ssh_keys.list_of(tx, user) if one.name == name), None)
+        if found is None:
+            raise NotDone(f"cannot delete SSH key {name}: user {user_name} has none of that name")
+        ssh_keys.delete(tx, SOURCE, user, found.id)
+    click.echo(f"deleted SSH key {name} of user {user_name}")
+
+
+@click.command("ssh-config")
+@USER
+@click.option("--host", help="Where people reach this server.  [default: PUBLIC_HOST]")
+def print_ssh_config(user_name: str, host: str | None) -> None:
+    """Print what a person's ~/.ssh/config needs: one Host entry a robot that the person may reach.
+
+    With it, ssh NAME, scp, rsync, Ansible and `robotether fleet` reach robots behind NAT.
+    """
+    join = settings.load_join(os.environ)
+    where = host or join.public_host
+    if where is None:
+        raise NotDone(
+            "cannot print entries: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
+        )
+    with open_database().transaction() as tx:
+        found = ssh_config.entries(tx, users.get(tx, user_name))
+    if not found:
+        raise NotDone(
+            f"cannot print entries: user {user_name} manages no active robot whose shell is on; "
+            f"see: robotether robot shell, robotether grant"
+        )
+    click.echo(ssh_config.render(found, where, join.ssh_ports[0]), nl=False)

@@ -1,0 +1,60 @@
+"""What tests of the command `robotether` put into the database, and ask it afterwards."""
+
+from __future__ import annotations
+
+import json
+
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import Database, claims, robots
+from robotether_server.store.robots import Report, Robot
+
+MAC = "02:00:00:00:51:01"
+ADD = ("robot", "add", "sim1", "--mac", "0200.0000.5101", "--allow-local-mac")
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:other")
+REPORT = Report("turtle", "0.1.0", "192.0.2.1")
+OTHER_REPORT = Report("copy", "0.1.0", "192.0.2.2")
+
+
+def show_key(database: Database, key: PublicKey = KEY) -> None:
+    """Let sim1 join with a key."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.get(tx, "sim1").id, key, REPORT)
+
+
+def activate(database: Database) -> None:
+    """Let sim1 in with its key."""
+    show_key(database)
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, "sim1").id, "active")
+
+
+def claim(database: Database, key: PublicKey = OTHER_KEY) -> None:
+    """Let somebody else join with sim1's MAC."""
+    with database.transaction() as tx:
+        claims.add(tx, robots.get(tx, "sim1"), key, OTHER_REPORT)
+
+
+def robot(database: Database, name: str = "sim1") -> Robot:
+    """The robot's record."""
+    with database.transaction() as tx:
+        return robots.get(tx, name)
+
+
+def events(database: Database) -> list[tuple[str, str, str]]:
+    """Who did what to which robot, the oldest first."""
+    with database.transaction() as tx:
+        rows = tx.rows("SELECT actor, kind, robot FROM audit_events ORDER BY id")
+    return [(row["actor"], row["kind"], row["robot"]) for row in rows]
+
+
+def kinds(database: Database) -> list[str]:
+    """What was done, the oldest first."""
+    return [kind for _, kind, _ in events(database)]
+
+
+def details_of(database: Database, kind: str) -> list[dict[str, object]]:
+    """The details of all events of a kind."""
+    with database.transaction() as tx:
+        rows = tx.rows("SELECT details FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
+    return [json.loads(row["details"]) for row in rows]

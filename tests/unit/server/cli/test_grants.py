@@ -1,0 +1,80 @@
+"""robotether grant and revoke."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from admin_records import kinds
+from robotether_server.store import Database, robots, users
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture(autouse=True)
+def _ann_and_sim1(run: Run) -> None:
+    run("user", "add", "ann")
+    run("robot", "add", "sim1", "--mac", "00:1b:44:11:3a:b7")
+
+
+def test_grant_is_given_and_taken(run: Run, database: Database) -> None:
+    """Each with its audit event; taking one that is not there fails."""
+    assert run("grant", "ann", "sim1", "drive").out == "user ann may drive robot sim1\n"
+    with database.transaction() as tx:
+        assert [seen.level for seen in robots.list_seen(tx, users.get(tx, "ann"))] == ["drive"]
+    assert run("revoke", "ann", "sim1").status == 0
+    done = run("revoke", "ann", "sim1")
+    assert (done.status, done.err) == (
+        1,
+        "robotether: cannot revoke: user ann has no grant for robot sim1\n",
+    )
+    assert kinds(database)[2:] == ["grant_given", "grant_taken"]
+
+
+def test_grants_are_listed(run: Run) -> None:
+    """For people and for programs."""
+    run("grant", "ann", "sim1", "manage")
+    assert run("grant", "list").out.splitlines()[1].split() == ["ann", "sim1", "manage"]
+    assert json.loads(run("grant", "list", "--json").out) == [
+        {"user": "ann", "robot": "sim1", "level": "manage"}
+    ]
+
+
+@pytest.mark.parametrize("name", ["list", "give"])
+def test_users_may_be_called_like_a_command(run: Run, name: str) -> None:
+    """Three words are always USER ROBOT LEVEL."""
+    run("user", "add", name)
+    assert run("grant", name, "sim1", "drive").out == f"user {name} may drive robot sim1\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("grant", "nobody", "sim1", "drive"), "cannot find user nobody"),
+        (("grant", "ann", "ghost", "drive"), "cannot find robot ghost"),
+    ],
+)
+def test_unknown_names_are_said(run: Run, arguments: tuple[str, ...], says: str) -> None:
+    """In one sentence with what to do."""
+    done = run(*arguments)
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert says in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [(("ann", "sim1", "fly"), "'observe', 'drive', 'manage'"), (("ann",), "Missing argument")],
+)
+def test_mistake_in_the_arguments(run: Run, arguments: tuple[str, ...], says: str) -> None:
+    """Is exit status 2, and says what there is."""
+    done = run("grant", *arguments)
+    assert done.status == 2
+    assert says in done.err
+
+
+def test_help_shows_both_ways(run: Run) -> None:
+    """What to write, and the list."""
+    done = run("grant", "--help")
+    assert "robotether grant [OPTIONS] USER ROBOT LEVEL | list" in done.out

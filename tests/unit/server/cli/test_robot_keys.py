@@ -1,0 +1,232 @@
+"""robotether robot pending, approve, reject, rekey, rotate-key."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from admin_records import (
+    ADD,
+    MAC,
+    OTHER_KEY,
+    activate,
+    claim,
+    details_of,
+    kinds,
+    robot,
+    show_key,
+)
+from robotether_server.cli import robot_keys
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import Database, robots
+from robotether_server.store.robots import State
+
+Run = Callable[..., Any]
+THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")
+
+
+def shown(out: str) -> dict[str, str]:
+    """The fields of a record that was printed."""
+    lines = (line.split("  ", 1) for line in out.splitlines() if "  " in line)
+    return {name: value.strip() for name, value in lines}
+
+
+def test_what_waits_is_listed(run: Run, database: Database) -> None:
+    """A new robot's key and a claim, with the reason; nothing that is let in."""
+    run(*ADD)
+    assert len(run("robot", "pending").out.splitlines()) == 1
+    activate(database)
+    claim(database)
+    run("robot", "add", "sim2", "--mac", "00:1b:44:11:3a:b7")
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.get(tx, "sim2").id, THIRD_KEY, robots.Report("two", "1", "::1"))
+    _, *rows = run("robot", "pending").out.splitlines()
+    assert sorted(row.split()[0] for row in rows) == ["sim1", "sim2"]
+    found = {one["robot"]: one for one in json.loads(run("robot", "pending", "--json").out)}
+    assert {name: one["reason"] for name, one in found.items()} == {
+        "sim1": "mac_in_use",
+        "sim2": "approval_pending",
+    }
+    assert found["sim1"]["fingerprint"] == "SHA256:other"
+    assert "MAC is in use" in "".join(rows)
+
+
+def test_robot_without_a_key_cannot_be_approved(run: Run) -> None:
+    """There is nothing yet to approve."""
+    run(*ADD)
+    done = run("robot", "approve", "sim1")
+    assert done.status == 1
+    assert "has not joined yet" in done.err
+
+
+def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
+    """And leaves no second event."""
+    run(*ADD)
+    show_key(database)
+    for _ in range(2):
+        done = run("robot", "approve", "sim1", "--yes")
+        assert done.out == "robot sim1 is active with key SHA256:abc\n"
+    assert kinds(database) == ["robot_added", "robot_approved"]
+
+
+def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None:
+    """All that tells one robot from another stands there before the question; only a yes approves."""
+    run(*ADD)
+    show_key(database)
+    for answer in ("", "\n", "n\n"):
+        done = run("robot", "approve", "sim1", terminal=answer)
+        assert done.status == 1
+        assert robot(database).state == "pending"
+    fields = shown(done.out)
+    assert fields.pop("joined").endswith(" UTC")
+    assert fields == {
+        "robot": "sim1 (pending)",
+        "MAC": MAC,
+        "host name": "turtle",
+        "address": "192.0.2.1",
+        "key": "SHA256:abc",
+    }
+    assert "did not approve robot sim1" in done.err
+    done = run("robot", "approve", "sim1", terminal="y\n")
+    assert (done.status, robot(database).state) == (0, "active")
+    [details] = details_of(database, "robot_approved")
+    assert details == {"was": "pending", "fingerprint": "SHA256:abc"}
+
+
+def test_approve_without_a_terminal_needs_the_fingerprint(run: Run, database: Database) -> None:
+    """One sentence says what to do; a script that only says yes on standard input gets nothing."""
+    run(*ADD)
+    show_key(database)
+    done = run("robot", "approve", "sim1", stdin="y\n")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "no terminal to ask on" in done.err
+    assert "--fingerprint" in done.err
+    assert robot(database).state == "pending"
+
+
+def test_approve_with_a_fingerprint(run: Run, database: Database) -> None:
+    """Only the key that the robot itself shows is approved, and --yes does not change that."""
+    run(*ADD)
+    show_key(database)
+    for more in ((), ("--yes",)):
+        done = run("robot", "approve", "sim1", "--fingerprint", "SHA256:other", *more)
+        assert (done.status, done.err.count("\n")) == (1, 1)
+        assert "its key is SHA256:abc, not SHA256:other" in done.err
+        assert "robotether robot rekey sim1" in done.err
+        assert robot(database).state == "pending"
+    assert run("robot", "approve", "sim1", "--fingerprint", "SHA256:abc").status == 0
+    assert robot(database).state == "active"
+
+
+@pytest.mark.parametrize("deed", ["approve", "reject"])
+def test_only_the_key_that_was_compared_counts(
+    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch, deed: str
+) -> None:
+    """A key that came while the person was looking is not dealt with in its place."""
+    run(*ADD)
+    show_key(database)
+    monkeypatch.setattr(robot_keys, "agree", lambda *_: show_key(database, OTHER_KEY))
+    done = run("robot", deed, "sim1")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "SHA256:abc" in done.err
+    found = robot(database)
+    assert (found.state, found.fingerprint) == ("pending", "SHA256:other")
+
+
+def test_approve_waits_for_the_key(run: Run, database: Database) -> None:
+    """The robot may join while the command waits."""
+    run(*ADD)
+    joins = threading.Timer(0.2, show_key, [database])
+    joins.start()
+    assert run("robot", "approve", "sim1", "--yes", "--wait-for-key", "20").status == 0
+    joins.join()
+
+
+def test_approved_claim_replaces_the_key(run: Run, database: Database) -> None:
+    """After a question that says so."""
+    run(*ADD)
+    activate(database)
+    claim(database)
+    refused = run("robot", "approve", "sim1", terminal="n\n")
+    fields = shown(refused.out)
+    assert (fields["key"], fields["host name"]) == ("SHA256:other", "copy")
+    assert "another key, SHA256:abc, and goes on with it" in fields["beware"]
+    assert robot(database).fingerprint == "SHA256:abc"
+    done = run("robot", "approve", "sim1", terminal="y\n")
+    assert done.out.endswith("robot sim1 is active with key SHA256:other\n")
+    assert robot(database).fingerprint == "SHA256:other"
+
+
+def test_of_several_keys_one_is_named(run: Run, database: Database) -> None:
+    """Neither --yes nor a person's yes chooses among them."""
+    run(*ADD)
+    show_key(database)
+    claim(database)
+    for more in (("--yes",), ()):
+        done = run("robot", "approve", "sim1", *more, terminal="y\n")
+        assert done.status == 1
+        assert "SHA256:abc from 192.0.2.1, SHA256:other from 192.0.2.2" in done.err
+    assert "say --fingerprint" in run("robot", "reject", "sim1").err
+    assert run("robot", "approve", "sim1", "--fingerprint", "SHA256:other").status == 0
+    assert robot(database).fingerprint == "SHA256:other"
+
+
+def test_disabled_robot_is_enabled_first(run: Run, database: Database) -> None:
+    """The sentence has the command."""
+    run(*ADD)
+    activate(database)
+    run("robot", "disable", "sim1")
+    assert "robotether robot enable sim1" in run("robot", "approve", "sim1").err
+
+
+def test_rejected_key_is_gone(run: Run, database: Database) -> None:
+    """After a yes, or by its fingerprint; the robot that was added waits for another."""
+    run(*ADD)
+    show_key(database)
+    done = run("robot", "reject", "sim1")
+    assert "no terminal to ask on; say --fingerprint SHA256:abc" in done.err
+    assert run("robot", "reject", "sim1", terminal="n\n").status == 1
+    done = run("robot", "reject", "sim1", terminal="y\n")
+    assert done.out.endswith("rejected key SHA256:abc of robot sim1\n")
+    assert robot(database).fingerprint is None
+    assert "so there is no key to reject" in run("robot", "reject", "sim1").err
+    assert kinds(database)[-1] == "key_rejected"
+
+
+def test_rejected_claim_leaves_the_robot_alone(run: Run, database: Database) -> None:
+    """It goes on with its own key."""
+    run(*ADD)
+    activate(database)
+    claim(database)
+    assert run("robot", "reject", "sim1", "--fingerprint", "SHA256:other").status == 0
+    found = robot(database)
+    assert (found.state, found.fingerprint) == ("active", "SHA256:abc")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [("active", "pending"), ("pending", "pending"), ("disabled", "disabled")]
+)
+def test_rekey_forgets_the_key(run: Run, database: Database, before: State, after: State) -> None:
+    """The old key opens nothing from now on; a disabled robot stays so."""
+    run(*ADD)
+    show_key(database)
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, "sim1").id, before)
+    done = run("robot", "rekey", "sim1")
+    assert done.out == "robot sim1 has no key any more; it had SHA256:abc\n"
+    found = robot(database)
+    assert (found.state, found.fingerprint) == (after, None)
+    assert details_of(database, "robot_rekeyed") == [{"was": before, "fingerprint": "SHA256:abc"}]
+
+
+def test_new_key_is_asked_for(run: Run, database: Database) -> None:
+    """Of a robot that is active; of no other."""
+    run(*ADD)
+    assert "only an active robot" in run("robot", "rotate-key", "sim1").err
+    activate(database)
+    assert run("robot", "rotate-key", "sim1").status == 0
+    assert robot(database).rotate_requested_at is not None
+    assert "new key       asked for" in run("robot", "show", "sim1").out

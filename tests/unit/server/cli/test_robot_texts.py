@@ -1,0 +1,36 @@
+"""How a robot is shown."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+from robotether_server.cli import robot_texts
+from robotether_server.store.robots import Robot, SeenRobot
+from robotether_server.store.sessions import Session
+
+AT = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
+ROBOT = Robot(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, {})
+
+
+def test_robot_that_has_not_joined_says_so() -> None:
+    """In each field that a join would fill."""
+    fields = dict(robot_texts.identity(ROBOT))
+    assert fields["host name"] == fields["address"] == fields["joined"] == "not joined yet"
+    assert fields["key"] == "none yet"
+
+
+def test_row_fits_its_heads() -> None:
+    """Each table has as many cells as heads."""
+    seen = SeenRobot(ROBOT, False, AT, "manage")
+    assert len(robot_texts.as_row(seen)) == len(robot_texts.HEADS)
+    session = Session(AT, None, None, "::1", None)
+    row = robot_texts.as_session_row(session)
+    assert row == ("2026-01-02 03:04:05", "goes on", "-", "::1", "-")
+    assert len(row) == len(robot_texts.SESSION_HEADS)
+
+
+def test_presence_is_told_with_its_time() -> None:
+    """Online or not."""
+    for online, text in ((True, "yes"), (False, "no")):
+        fields = dict(robot_texts.everything(SeenRobot(ROBOT, online, AT, "manage")))
+        assert fields["online"] == f"{text}, since 2026-01-02 03:04:05 UTC"
