@@ -65,8 +65,7 @@ class Enroller:
 
     async def key(self) -> KeyPair:
         """Return the robot's key, made now if there is none."""
-        ensure_directory(self._settings.state_dir, "state_dir", 0o700)
-        return await keys.ensure_key(self._settings.state_dir)
+        return await keys.ensure_key(self._state_dir())
 
     async def next_key(self) -> KeyPair | None:
         """Return the key that is about to replace the other one, if a change has begun."""
@@ -74,6 +73,7 @@ class Enroller:
 
     def identity(self) -> Identity:
         """Return the MAC that names this robot, and whether this machine has it."""
+        self._state_dir()
         known = self._store.load(self._settings.server)
         found = self._identities.identity(known.mac if known else None)
         if not found.is_present and not self._absent_mac_told:
@@ -121,6 +121,10 @@ class Enroller:
     def doubt(self) -> None:
         """Ask the server before the next connection: its address or ports may have changed."""
         self._doubted = True
+
+    def _state_dir(self) -> Path:
+        ensure_directory(self._settings.state_dir, "state_dir", 0o700)
+        return self._settings.state_dir
 
     async def _join(self) -> Enrolment:
         settings, identity = self._settings, self.identity()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from http import HTTPStatus
@@ -17,8 +16,8 @@ from typing import Literal
 
 import aiohttp
 
-from robotether_agent.fields import printable
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
+from robotether_agent.reasons import why
 from robotether_agent.tasks import first_of, within
 
 ServiceState = Literal["ok", "down", "unknown"]
@@ -87,13 +86,13 @@ class Health:
         try:
             socket = await within(TIMEOUT_S, self._connect_rosbridge(http))
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            raise self._rosbridge_down(_why(error)) from error
+            raise self._rosbridge_down(why(error, TIMEOUT_S)) from error
         async with socket:
             await self._ros_is(None)
             async for _ in socket:
                 pass
-            why = socket.exception()
-        raise self._rosbridge_down(_why(why) if why else "it closed the connection")
+            cause = socket.exception()
+        raise self._rosbridge_down(why(cause, TIMEOUT_S) if cause else "it closed the connection")
 
     async def _connect_rosbridge(
         self, http: aiohttp.ClientSession
@@ -109,16 +108,16 @@ class Health:
             ) as response:
                 status = response.status
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            raise self._video_down(_why(error)) from error
+            raise self._video_down(why(error, TIMEOUT_S)) from error
         if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             raise self._video_down(f"HTTP status {status}")
         await self._video_is(None)
 
-    def _rosbridge_down(self, why: str) -> Problem:
-        return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {why}")
+    def _rosbridge_down(self, reason: str) -> Problem:
+        return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
 
-    def _video_down(self, why: str) -> Problem:
-        return VideoDown(f"web_video_server at {self._video_url} does not answer: {why}")
+    def _video_down(self, reason: str) -> Problem:
+        return VideoDown(f"web_video_server at {self._video_url} does not answer: {reason}")
 
     async def _ros_is(self, problem: Problem | None) -> None:
         state, detail = _told(problem)
@@ -147,17 +146,3 @@ def _log_change(service: str, url: str, problem: Problem | None) -> None:
         log.info("%s at %s answers", service, url)
     else:
         log.warning("%s; the tunnel stays open and waits for it", problem)
-
-
-def _why(error: BaseException) -> str:
-    if isinstance(error, asyncio.TimeoutError):
-        return f"no answer in {TIMEOUT_S:g} s"
-    if isinstance(error, aiohttp.WSServerHandshakeError):
-        return f"it answers with HTTP status {error.status}, not with a WebSocket"
-    if isinstance(error, aiohttp.ClientConnectorError):
-        return (
-            os.strerror(error.os_error.errno)
-            if error.os_error.errno
-            else printable(str(error), 200)
-        )
-    return printable(str(error) or type(error).__name__, 200)

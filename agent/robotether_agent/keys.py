@@ -74,6 +74,9 @@ async def next_key(state_dir: Path) -> KeyPair | None:
 def promote(state_dir: Path) -> None:
     """Put the next key in the place of the other one; safe to do twice, and to be cut short anywhere."""
     key, coming = state_dir / NAME, state_dir / NEXT
+    if not coming.exists():
+        # Another process of this robot has done it.
+        return
     try:
         # First, so that no public half ever stands beside another key's private half.
         _public(key).unlink(missing_ok=True)
@@ -81,7 +84,6 @@ def promote(state_dir: Path) -> None:
         _public(coming).replace(_public(key))
         _flush(state_dir)
     except FileNotFoundError:
-        # Another process of this robot has done it.
         return
     except OSError as error:
         raise StateUnusable(

@@ -8,6 +8,7 @@ sends_rubbish  a configuration, then a line that is no JSON
 changes_ports  a configuration, and at the first ping another one with other ports
 supersedes     a configuration, then bye because a newer session took over
 drops          a configuration, then the end of the connection without a word
+loses_answers  takes a robot's new key in exchange for the old one, and its answer to that is lost
 """
 
 from __future__ import annotations
@@ -107,8 +108,13 @@ class Link:
 class FakeCloud:
     """Start it, point an agent at `server`, and look at what came."""
 
-    def __init__(self, mode: str = "serves") -> None:
+    def __init__(self, mode: str = "serves", *, pem: Path | None = None) -> None:
         self.mode = mode
+        self.shell_port: int | None = None
+        self.rotate_key = False
+        self.checked = {"ros": "ok", "video": "down", "shell": "unknown"}
+        self.robot_key = ""
+        self._pem = pem or certificate()
         self.ports = (free_port(), free_port())
         self.other_ports = (free_port(), free_port())
         self.joins: list[dict[str, Any]] = []
@@ -123,9 +129,10 @@ class FakeCloud:
         self.ssh = OpenSshServer(self._relay.sockets[0].getsockname()[1])
         await asyncio.to_thread(self.ssh.start)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(certificate())
+        context.load_cert_chain(self._pem)
         app = web.Application()
         app.router.add_post("/api/v1/join", self._join)
+        app.router.add_get("/api/v1/robots", self._refuse)
         self._web = web.AppRunner(app, access_log=None)
         await self._web.setup()
         site = web.TCPSite(self._web, "127.0.0.1", 0, ssl_context=context)
@@ -156,9 +163,19 @@ class FakeCloud:
         self.mode, self._approved = "pending", False
         self.ssh.refuse_all()
 
+    def configure(self, **changes: Any) -> None:
+        """Change `shell_port` or `rotate_key`, and tell the session, as the relay does."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        self.authorize(self.robot_key)
+        for link in self.of_kind("session"):
+            link.send(self._config(self.ports))
+
     def authorize(self, public_key: str) -> None:
         """Let a key in that needs no join."""
-        self.ssh.authorize(public_key, self.ports + self.other_ports)
+        shell = () if self.shell_port is None else (self.shell_port,)
+        self.robot_key = public_key
+        self.ssh.authorize(public_key, self.ports + self.other_ports + shell)
 
     def active(self) -> web.Response:
         """The answer for an active robot."""
@@ -188,9 +205,28 @@ class FakeCloud:
                 "detail": "an admin approves it with: robotether robot approve robot-00000a",
             }
             return web.json_response(body, status=202)
+        if "previous_key" in self.joins[-1]:
+            return await self._rotate(self.joins[-1])
         if self.mode != "refuses_key":
             self.approve()
         return self.answer()
+
+    async def _rotate(self, said: dict[str, Any]) -> web.Response:
+        """Take a new key that the old one vouches for, or that was taken before."""
+        if self.robot_key != said["public_key"]:
+            proof = await asyncio.to_thread(vouches, self.robot_key, said)
+            if not proof:
+                detail = "the signature is not the robot's key's"
+                return web.json_response({"code": "field_invalid", "detail": detail}, status=422)
+            self.authorize(said["public_key"])
+            self.rotate_key = False
+        if self.mode == "loses_answers":
+            return web.Response(status=502)
+        return self.answer()
+
+    async def _refuse(self, _: web.Request) -> web.Response:
+        body = {"code": "login_missing", "detail": "log in first"}
+        return web.json_response(body, status=401)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
@@ -220,6 +256,8 @@ class FakeCloud:
                 link.received.append(message)
                 if message["type"] == "ping":
                     self._answer_ping(link, message)
+                elif message["type"] == "check":
+                    link.send({"type": "checked", **self.checked})
         finally:
             beat.cancel()
 
@@ -255,7 +293,21 @@ class FakeCloud:
             "video_port": ports[1],
             "heartbeat_s": HEARTBEAT_S,
             "timeout_s": TIMEOUT_S,
+            "shell_port": self.shell_port,
+            "rotate_key": self.rotate_key,
         }
+
+
+def vouches(old_key: str, said: dict[str, Any]) -> bool:
+    """Tell whether `old_key` signed the new one in a join, by OpenSSH's own judgement."""
+    with tempfile.TemporaryDirectory() as place:
+        signers, signature = Path(place) / "signers", Path(place) / "signature"
+        signers.write_text(f"robot {old_key}\n")
+        signature.write_text(said["previous_key"]["signature"])
+        words = ["-Y", "verify", "-n", "robotether-rotation", "-I", "robot", "-f", str(signers)]
+        command = ["ssh-keygen", *words, "-s", str(signature)]
+        text = f"{said['mac']} {said['public_key']}\n".encode()
+        return subprocess.run(command, check=False, input=text, capture_output=True).returncode == 0
 
 
 async def eventually(

@@ -16,6 +16,7 @@ from robotether_agent.fields import printable
 from robotether_agent.identity import interface_with
 from robotether_agent.kept_identity import IdentityStore
 from robotether_agent.problems import Problem
+from robotether_agent.reasons import why
 from robotether_agent.settings import Settings
 from robotether_agent.ssh_command import forward_to
 from robotether_agent.tasks import within
@@ -53,8 +54,8 @@ def check_mac(settings: Settings, root: Path = Path("/")) -> Finding:
         return fail("mac", problem.message, problem.advice)
     if not found.is_present:
         had = found.interface or "another interface"
-        why = f"no interface of this machine has {found.mac}, by which the server knows it ({had} had it)"
-        return fail("mac", why, f"put the network card back; {FORGET}")
+        reason = f"no interface of this machine has {found.mac}, by which the server knows it ({had} had it)"
+        return fail("mac", reason, f"put the network card back; {FORGET}")
     where = interface_with(found.mac, root) or "set in agent.toml"
     return ok("mac", f"{found.mac} ({where})")
 
@@ -80,7 +81,7 @@ async def check_rosbridge(settings: Settings) -> Finding:
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         return fail(
             "rosbridge",
-            f"no WebSocket at {url}: {_why(error)}",
+            f"no WebSocket at {url}: {why(error, TIMEOUT_S)}",
             "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
         )
     return ok("rosbridge", f"answers at {url}")
@@ -94,7 +95,7 @@ async def check_video(settings: Settings) -> Finding:
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         return fail(
             "video",
-            f"no answer at {url}: {_why(error)}",
+            f"no answer at {url}: {why(error, TIMEOUT_S)}",
             "start web_video_server, or correct video_url; a robot without a camera works without it",
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
@@ -110,7 +111,9 @@ async def check_shell(settings: Settings) -> Finding:
     try:
         banner = await within(TIMEOUT_S, _banner(target.host, target.port))
     except (OSError, asyncio.TimeoutError) as error:
-        return skipped("shell", f"no SSH server at {settings.shell_address}: {_why(error)}")
+        return skipped(
+            "shell", f"no SSH server at {settings.shell_address}: {why(error, TIMEOUT_S)}"
+        )
     if not banner.startswith("SSH-"):
         return skipped("shell", f"what answers at {settings.shell_address} is no SSH server")
     return ok("shell", f"{banner} answers at {settings.shell_address}")
@@ -134,9 +137,3 @@ async def _banner(host: str, port: int) -> str:
         return ""
     finally:
         writer.close()
-
-
-def _why(error: BaseException) -> str:
-    if isinstance(error, asyncio.TimeoutError):
-        return f"no answer in {TIMEOUT_S:g} s"
-    return printable(str(error) or type(error).__name__, 200)

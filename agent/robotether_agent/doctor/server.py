@@ -19,6 +19,7 @@ import aiohttp
 from robotether_agent.doctor.certificate import CertificateError, validity
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.fields import FieldError, get_text, parse_object, printable
+from robotether_agent.reasons import why
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
@@ -57,20 +58,20 @@ async def look(settings: Settings) -> Look:
     try:
         seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
     except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_address=_why(error))
+        return replace(seen, no_address=why(error, TIMEOUT_S))
     try:
         await within(TIMEOUT_S, _connect(host, port, None))
     except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_port=_why(error))
+        return replace(seen, no_port=why(error, TIMEOUT_S))
     try:
         seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(host, port, _blind())))
     except (OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_tls=_why(error))
+        return replace(seen, no_tls=why(error, TIMEOUT_S))
     seen = replace(seen, distrust=await _distrust(settings, seen))
     try:
         return await within(TIMEOUT_S, _ask(settings, seen))
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_answer=_why(error))
+        return replace(seen, no_answer=why(error, TIMEOUT_S))
 
 
 def check_name(seen: Look) -> Finding:
@@ -150,8 +151,8 @@ def check_answer(seen: Look) -> Finding:
         where = printable(seen.location, 100)
         return fail(step, f"a captive portal answers: it redirects to {where}", portal)
     if not seen.code:
-        why = f"something answers with HTTP status {seen.status} that is no Robotether server"
-        return fail(step, why, f"check the setting server; {portal}")
+        reason = f"something answers with HTTP status {seen.status} that is no Robotether server"
+        return fail(step, reason, f"check the setting server; {portal}")
     return ok(step, f"a Robotether server answers at {seen.host}")
 
 
@@ -192,7 +193,7 @@ async def _distrust(settings: Settings, seen: Look) -> str:
     except ssl.SSLCertVerificationError as error:
         return error.verify_message
     except (OSError, asyncio.TimeoutError) as error:
-        return _why(error)
+        return why(error, TIMEOUT_S)
     return ""
 
 
@@ -226,12 +227,6 @@ def _blind() -> ssl.SSLContext:
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
     return context
-
-
-def _why(error: BaseException) -> str:
-    if isinstance(error, asyncio.TimeoutError):
-        return f"no answer in {TIMEOUT_S:g} s"
-    return printable(str(error) or type(error).__name__, 200)
 
 
 def _shown(moment: datetime) -> str:

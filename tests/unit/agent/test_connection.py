@@ -72,7 +72,7 @@ class Robot:
 async def robot(place) -> AsyncIterator[Robot]:
     """A robot with a key; its connections end with the test, and leave no control socket."""
     key = await ensure_key(place)
-    made = Robot(key, SshFiles(key.path, place / "known_hosts", place / "session.ctl"))
+    made = Robot(key, SshFiles((key.path,), place / "known_hosts", place / "session.ctl"))
     yield made
     for connection in made.started:
         connection.cancel()

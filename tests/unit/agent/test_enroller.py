@@ -12,16 +12,20 @@ from pathlib import Path
 import pytest
 from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ
+from fake_root import FakeRoot
 from robotether_agent.enroller import Enroller
 from robotether_agent.problems import (
     InterfaceMissing,
     JoinRefused,
     NotEnrolled,
+    Retry,
     ServerUnreachable,
     SettingsInvalid,
     StateUnusable,
 )
 from robotether_agent.settings import Settings, load
+
+CARD = "00:1b:44:00:00:01"
 
 
 @pytest.fixture
@@ -71,7 +75,7 @@ def refuses_tokens(cloud: FakeCloud, status: int, code: str) -> Callable[[], web
 async def enrol(settings: Settings) -> Enroller:
     """Return the enroller of a robot that has joined, and now has a reason to ask again."""
     enroller = Enroller(settings)
-    await enroller.enrolment(await enroller.key())
+    await enroller.enrolment()
     enroller.doubt()
     return enroller
 
@@ -87,12 +91,12 @@ async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
     """What the join answered is kept with the host keys, so that the next start asks nobody."""
     enroller = Enroller(settings)
     key = await enroller.key()
-    enrolment = await enroller.enrolment(key)
+    enrolment = await enroller.enrolment()
     assert (enrolment.robot, enrolment.mac) == ("sim1", "00:1b:44:11:3a:b7")
     assert enrolment.ssh.ports == (cloud.ssh.port,)
     assert cloud.joins[0]["public_key"] == key.public
     assert cloud.ssh.host_keys[0].split()[1] in enroller.known_hosts.read_text()
-    assert await Enroller(settings).enrolment(key) == enrolment
+    assert await Enroller(settings).enrolment() == enrolment
     assert len(cloud.joins) == 1
 
 
@@ -101,33 +105,33 @@ async def test_a_fresh_robot_needs_the_server(cloud, settings):
     await cloud.stop_web()
     enroller = Enroller(settings)
     with pytest.raises(ServerUnreachable):
-        await enroller.enrolment(await enroller.key())
+        await enroller.enrolment()
 
 
 async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     """A doubt asks before the next connection, and is gone with the answer, which is kept."""
     enroller = await enrol(settings)
-    key = await enroller.key()
+    await enroller.key()
     cloud.answer = lambda: web.Response(status=502)
-    assert (await enroller.enrolment(key)).robot == "sim1"
+    assert (await enroller.enrolment()).robot == "sim1"
     cloud.answer = renamed(cloud)
-    assert (await enroller.enrolment(key)).robot == "turtle"
-    assert (await Enroller(settings).enrolment(key)).robot == "turtle"
-    await enroller.enrolment(key)
+    assert (await enroller.enrolment()).robot == "turtle"
+    assert (await Enroller(settings).enrolment()).robot == "turtle"
+    await enroller.enrolment()
     assert len(cloud.joins) == 3
 
 
 async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
     """What the server says about this very robot is told, not passed over for what was pinned."""
     enroller = await enrol(settings)
-    key = await enroller.key()
+    await enroller.key()
     refusal = {"code": "robot_disabled", "detail": "it is disabled"}
     cloud.answer = lambda: web.json_response(refusal, status=403)
     with pytest.raises(JoinRefused, match="it is disabled"):
-        await enroller.enrolment(key)
+        await enroller.enrolment()
     cloud.remove_robot()
     with pytest.raises(NotEnrolled, match="robotether robot approve"):
-        await enroller.enrolment(key)
+        await enroller.enrolment()
 
 
 async def test_a_fresh_robot_shows_its_token(cloud, settings, place):
@@ -145,17 +149,25 @@ async def test_a_token_that_is_gone_keeps_no_enrolled_robot_out(cloud, settings,
     (place / "token").write_text("rt_abc\n")
     enroller = await enrol(replace(settings, token_file=place / "token"))
     (place / "token").unlink()
-    assert (await enroller.enrolment(await enroller.key())).robot == "sim1"
+    assert (await enroller.enrolment()).robot == "sim1"
     assert "token" not in cloud.joins[-1]
 
 
-@pytest.mark.parametrize(("status", "code"), [(401, "token_invalid"), (403, "grant_missing")])
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [
+        (401, "token_invalid"),
+        (401, "token_expired"),
+        (401, "token_used_up"),
+        (403, "grant_missing"),
+    ],
+)
 async def test_a_token_that_is_worthless_keeps_no_enrolled_robot_out(cloud, settings, status, code):
     """A token that expired since, or whose user is no admin any more, is left out of the next join."""
     settings = replace(settings, token="rt_old")
     enroller = await enrol(settings)
     cloud.answer = refuses_tokens(cloud, status, code)
-    assert (await enroller.enrolment(await enroller.key())).robot == "sim1"
+    assert (await enroller.enrolment()).robot == "sim1"
     assert ["token" in said for said in cloud.joins] == [True, True, False]
 
 
@@ -169,30 +181,30 @@ async def test_a_worthless_token_keeps_a_fresh_robot_out(cloud, settings):
 
 async def test_a_ca_file_that_is_gone_keeps_no_enrolled_robot_out(settings, place):
     """An enrolled robot that cannot trust the web any more still has the host keys of SSH."""
-    key = await (await enrol(settings)).key()
+    await enrol(settings)
     enroller = Enroller(replace(settings, tls_fingerprint=None, ca_file=place / "none.pem"))
     enroller.doubt()
-    assert (await enroller.enrolment(key)).robot == "sim1"
+    assert (await enroller.enrolment()).robot == "sim1"
 
 
 async def test_a_full_disk_keeps_no_enrolled_robot_out(cloud, settings, caplog):
     """News that cannot be kept are told, and the robot connects with what it knows."""
     enroller = await enrol(settings)
-    key = await enroller.key()
+    await enroller.key()
     cloud.mode, cloud.answer = "refuses_key", renamed(cloud)
     with full_disk():
-        assert (await enroller.enrolment(key)).robot == "sim1"
+        assert (await enroller.enrolment()).robot == "sim1"
     assert "neither full nor read-only" in caplog.text
-    assert (await enroller.enrolment(key)).robot == "turtle"
+    assert (await enroller.enrolment()).robot == "turtle"
 
 
 async def test_a_fresh_robot_needs_a_disk(cloud, settings):
     """Host keys that cannot be pinned are trusted not even once."""
     cloud.mode = "refuses_key"
     enroller = Enroller(settings)
-    key = await enroller.key()
+    await enroller.key()
     with full_disk(), pytest.raises(StateUnusable, match=r"cannot write .*known_hosts"):
-        await enroller.enrolment(key)
+        await enroller.enrolment()
 
 
 async def test_the_mac_stays_what_it_was_at_the_join(cloud, settings):
@@ -201,22 +213,84 @@ async def test_the_mac_stays_what_it_was_at_the_join(cloud, settings):
     with pytest.raises(InterfaceMissing, match="no interface none0"):
         await enrol(pulled)
     assert cloud.joins == []
-    key = await (await enrol(settings)).key()
+    await enrol(settings)
     enroller = Enroller(pulled)
     enroller.doubt()
-    assert (await enroller.enrolment(key)).mac == "00:1b:44:11:3a:b7"
+    assert (await enroller.enrolment()).mac == "00:1b:44:11:3a:b7"
     assert cloud.joins[-1]["mac"] == "00:1b:44:11:3a:b7"
 
 
 async def test_another_server_in_the_settings_is_joined_and_pinned(cloud, settings, caplog):
     """A robot that is given to another server joins there with its old key, and says what it pins."""
-    key = await (await enrol(settings)).key()
+    await enrol(settings)
     cloud.ssh.new_host_key()
     moved = replace(settings, server=settings.server.replace("127.0.0.1", "localhost"))
     enroller = Enroller(moved)
-    assert (await enroller.enrolment(key)).server == moved.server
+    assert (await enroller.enrolment()).server == moved.server
     assert f"another server now, {moved.server}" in caplog.text
     assert pins(enroller.known_hosts) == {cloud.ssh.host_keys[0].split()[1]}
+
+
+async def test_a_wish_for_a_name_goes_with_a_token_only(cloud, settings):
+    """Without a token nobody could tell whose wish it is."""
+    await Enroller(replace(settings, name="turtle")).join()
+    await Enroller(replace(settings, name="turtle", token="rj_x")).join()
+    assert [said.get("name") for said in cloud.joins] == [None, "turtle"]
+
+
+@pytest.fixture
+def machine(tmp_path) -> FakeRoot:
+    """A machine with one network card."""
+    made = FakeRoot(tmp_path)
+    made.add("eth0", CARD, 2)
+    return made
+
+
+async def without_its_card(settings: Settings, machine: FakeRoot) -> Enroller:
+    """Return the enroller of a robot whose card was replaced after it had joined."""
+    await Enroller(settings, machine.path).enrolment()
+    machine.remove("eth0")
+    machine.add("eth0", "00:1b:44:00:00:02", 2)
+    return Enroller(settings, machine.path)
+
+
+async def test_a_robot_without_its_mac_asks_first_and_says_so_once(
+    cloud, settings, machine, caplog
+):
+    """The server tells a new card from a copied disk; from then on the robot connects as ever."""
+    settings = replace(settings, mac=None)
+    enroller = await without_its_card(settings, machine)
+    assert (await enroller.enrolment()).mac == CARD
+    await enroller.enrolment()
+    assert [said.get("mac_present", True) for said in cloud.joins] == [True, False]
+    assert {said["mac"] for said in cloud.joins} == {CARD}
+    assert caplog.text.count(f"no interface of this machine has the MAC {CARD} (eth0 had it)") == 1
+
+
+async def test_a_copy_does_not_connect_in_the_robots_place(cloud, settings, machine):
+    """While the robot itself is online the copy is told how to become a robot of its own."""
+    enroller = await without_its_card(replace(settings, mac=None), machine)
+    refusal = {"code": "mac_elsewhere", "detail": "robot sim1 is online on another machine"}
+    cloud.answer = lambda: web.json_response(refusal, status=409)
+    with pytest.raises(JoinRefused, match="sudo robotether-agent forget") as error:
+        await enroller.enrolment()
+    assert error.value.retry is Retry.SLOWLY
+
+
+async def test_a_robot_without_its_mac_does_not_guess(cloud, settings, machine):
+    """With the web away nobody can tell it from a copy, and two robots under one name are worse than none."""
+    enroller = await without_its_card(replace(settings, mac=None), machine)
+    await cloud.stop_web()
+    with pytest.raises(ServerUnreachable):
+        await enroller.enrolment()
+
+
+async def test_a_new_mac_in_the_settings_is_asked_about(cloud, settings):
+    """A person who gives an enrolled robot another address gets the server's answer to it."""
+    await enrol(settings)
+    moved = replace(settings, mac="00:1b:44:00:00:09")
+    assert (await Enroller(moved).enrolment()).mac == "00:1b:44:00:00:09"
+    assert len(cloud.joins) == 2
 
 
 def pins(known_hosts: Path) -> set[str]:

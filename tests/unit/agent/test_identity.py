@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from fake_root import FakeRoot
 from robotether_agent.identity import MacError, find_interface, interface_with, normalise_mac
 from robotether_agent.problems import InterfaceMissing
 
-ROUTES = "Iface Destination Gateway Flags RefCnt Use Metric Mask MTU Window IRTT\n"
+WIFI = "b8:27:eb:01:02:03"
 
 
-class FakeRoot:
-    """Builds a file system root with network interfaces."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        (path / "proc/net").mkdir(parents=True)
-        (path / "sys/class/net").mkdir(parents=True)
-
-    def add(self, name: str, mac: str, index: int, *, device=True, wireless=False, kind=1) -> None:
-        place = self.path / "sys/class/net" / name
-        place.mkdir()
-        (place / "address").write_text(f"{mac}\n")
-        (place / "ifindex").write_text(f"{index}\n")
-        (place / "type").write_text(f"{kind}\n")
-        for wanted, entry in ((device, "device"), (wireless, "wireless")):
-            if wanted:
-                (place / entry).mkdir()
-
-    def route(self, *routes: tuple[str, int]) -> None:
-        lines = [
-            f"{name} 00000000 0101A8C0 0003 0 0 {metric} 00000000 0 0 0" for name, metric in routes
-        ]
-        local = "eth0 0001A8C0 00000000 0001 0 0 0 00FFFFFF 0 0 0"
-        (self.path / "proc/net/route").write_text(ROUTES + "\n".join([local, *lines]) + "\n")
+class Root(FakeRoot):
+    """Made-up interfaces, and what is found among them."""
 
     def find(self, interface: str | None = None, *, allow_local: bool = False) -> str:
         return find_interface(interface, allow_local=allow_local, root=self.path).mac
@@ -42,7 +19,7 @@ class FakeRoot:
 
 @pytest.fixture
 def root(tmp_path):
-    return FakeRoot(tmp_path)
+    return Root(tmp_path)
 
 
 def test_skips_what_is_no_hardware(root):
@@ -106,7 +83,15 @@ def test_a_named_interface_needs_no_hardware(root):
 
 
 @pytest.mark.parametrize(
-    "text", ["001B44113AB7", "00-1b-44-11-3a-b7", "001b.4411.3ab7", " 00:1B:44:11:3A:B7\n"]
+    "text",
+    [
+        "0:1b:44:11:3a:b7",
+        "00:1B:44:11:3A:B7 ",
+        "001B44113AB7",
+        "00-1b-44-11-3a-b7",
+        "001b.4411.3ab7",
+        " 00:1B:44:11:3A:B7\n",
+    ],
 )
 def test_normalises_every_usual_spelling(text):
     """All spellings of one address are one robot."""
@@ -117,6 +102,9 @@ def test_normalises_every_usual_spelling(text):
     ("text", "why"),
     [
         ("00:1b:44", "is not a MAC"),
+        ("", "is not a MAC"),
+        ("1b:44:11:3a:b7", "is not a MAC"),
+        ("0:1b-44:11:3a:b7", "is not a MAC"),
         ("zz:1b:44:11:3a:b7", "is not a MAC"),
         ("00:00:00:00:00:00", "zero"),
         ("ff:ff:ff:ff:ff:ff", "multicast or broadcast"),
@@ -128,3 +116,33 @@ def test_refuses_what_names_no_robot(text, why):
     """Rubbish and addresses that are no single machine's are refused with the reason."""
     with pytest.raises(MacError, match=why):
         normalise_mac(text)
+
+
+def test_a_wifi_that_shows_a_made_up_address_is_known_by_its_own(root):
+    """While it looks for networks NetworkManager gives it another address every time."""
+    root.add("wlan0", "b6:00:00:01:02:03", 3, wireless=True, phy80211__macaddress=WIFI)
+    assert root.find() == WIFI
+    assert interface_with(WIFI, root.path) == "wlan0"
+
+
+def test_a_member_of_a_bond_is_known_by_its_own_address(root):
+    """A bond gives its own address to all its members, so that two would be the same robot."""
+    first, second = "00:1b:44:00:00:01", "00:1b:44:00:00:02"
+    root.add("bond0", second, 5, device=False)
+    root.add("eth0", second, 2, bonding_slave__perm_hwaddr=first)
+    root.add("eth1", second, 3, bonding_slave__perm_hwaddr=second)
+    root.route(("bond0", 100))
+    assert root.find() == first
+    assert interface_with(first, root.path) == "eth0"
+
+
+def test_hardware_comes_before_what_has_its_address(root):
+    """A VLAN and a bridge have the address of the interface below; neither names a robot."""
+    root.add("br0", WIFI, 1, device=False)
+    root.add("eth0.10", WIFI, 2, device=False)
+    assert interface_with(WIFI, root.path) == "br0"
+    root.add("eth0", WIFI, 3)
+    root.route(("eth0.10", 10), ("br0", 20))
+    assert interface_with(WIFI, root.path) == "eth0"
+    assert root.find() == WIFI
+    assert interface_with("00:1b:44:00:00:09", root.path) == ""

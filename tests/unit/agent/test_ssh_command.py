@@ -16,7 +16,7 @@ from robotether_agent.ssh_command import (
     forward_to,
 )
 
-FILES = SshFiles(Path("/s/id_ed25519"), Path("/s/known_hosts"), Path("/r/session.ctl"))
+FILES = SshFiles((Path("/s/id_ed25519"),), Path("/s/known_hosts"), Path("/r/session.ctl"))
 
 
 def in_force(target: Target) -> dict[str, str]:

@@ -9,7 +9,7 @@ from robotether_agent.ssh_command import Forward, SshFiles, Target
 from robotether_agent.ssh_errors import why_ended, why_no_forward, why_not_connected
 
 TARGET = Target("robots.example.com", 2222, "tunnel")
-FILES = SshFiles(Path("/state/id_ed25519"), Path("/state/known_hosts"), Path("/run/session.ctl"))
+FILES = SshFiles((Path("/state/id_ed25519"),), Path("/state/known_hosts"), Path("/run/session.ctl"))
 CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
 
 

@@ -24,7 +24,7 @@ async def way(make_cloud, place):
     key = await ensure_key(place)
     cloud.authorize(key.public)
     pin(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
-    files = SshFiles(key.path, place / "known_hosts", place / "session.ctl")
+    files = SshFiles((key.path,), place / "known_hosts", place / "session.ctl")
     return cloud, Target("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
 
 
@@ -88,7 +88,7 @@ async def test_close_before_it_connects(place):
     """A client that waits for a server which accepts and says nothing ends at once, and wholly."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
-        files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+        files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
         before = set(descendants(os.getpid()))
         tunnel = await Tunnel.open(target, files, "session")
         await asyncio.wait_for(tunnel.close(), 5)
@@ -99,7 +99,7 @@ async def test_a_close_that_is_cut_short_kills(place):
     """Even a cancelled close leaves no client."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
-        files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+        files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
         before = set(descendants(os.getpid()))
         tunnel = await Tunnel.open(target, files, "session")
         closing = asyncio.ensure_future(tunnel.close())
@@ -113,7 +113,7 @@ async def test_a_close_that_is_cut_short_kills(place):
 async def test_without_ssh(place, monkeypatch):
     """A robot without OpenSSH is told which package to install."""
     monkeypatch.setenv("PATH", str(place))
-    files = SshFiles(place / "key", place / "known_hosts", place / "session.ctl")
+    files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
     with pytest.raises(SshMissing, match="openssh-client"):
         await Tunnel.open(Target("127.0.0.1", 1, "tunnel"), files, "session")
 

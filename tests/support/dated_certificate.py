@@ -1,0 +1,52 @@
+"""Certificates for localhost that are valid at another time than now: for robots whose clock is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import datetime
+from ipaddress import ip_address
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
+
+
+def make_certificate(place: Path, begin: datetime, end: datetime) -> Path:
+    """Write a self-signed certificate with its key to one PEM file in `place`, and return that."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "localhost")])
+    names = x509.SubjectAlternativeName(
+        [x509.DNSName("localhost"), x509.IPAddress(ip_address("127.0.0.1"))]
+    )
+    builder = x509.CertificateBuilder(
+        subject_name=name,
+        issuer_name=name,
+        public_key=key.public_key(),
+        serial_number=x509.random_serial_number(),
+        not_valid_before=begin,
+        not_valid_after=end,
+    )
+    made = builder.add_extension(names, critical=False).sign(key, hashes.SHA256())
+    file = place / f"certificate-{begin:%Y%m%d}.pem"
+    file.write_bytes(
+        made.public_bytes(serialization.Encoding.PEM)
+        + key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+    )
+    return file
+
+
+def der_of(file: Path) -> bytes:
+    """Return the certificate in `file` as it goes over the wire."""
+    made = x509.load_pem_x509_certificate(file.read_bytes())
+    return made.public_bytes(serialization.Encoding.DER)
+
+
+def fingerprint_of(file: Path) -> str:
+    """Return the SHA-256 of the certificate in `file`."""
+    return hashlib.sha256(der_of(file)).hexdigest()
