@@ -11,8 +11,12 @@ ALTER TABLE robots
   ADD COLUMN IF NOT EXISTS rotate_requested_at TIMESTAMP(6) NULL DEFAULT NULL,
   ADD COLUMN IF NOT EXISTS had_key BOOLEAN NOT NULL DEFAULT FALSE;
 
+-- Those that had one before this column was there: a join left a line when it brought one.
 -- Stands before the tables because only their CREATE commits it.
-UPDATE robots SET had_key = TRUE WHERE fingerprint IS NOT NULL AND NOT had_key;
+UPDATE robots SET had_key = TRUE
+  WHERE NOT had_key AND (fingerprint IS NOT NULL OR EXISTS (
+    SELECT 1 FROM audit_events e
+    WHERE e.robot = robots.name AND e.kind = 'robot_pending' AND e.at > robots.created_at));
 
 -- token_hash is the SHA-256 of the whole text, `rj_` included. created_by is a user's name or `cli`.
 CREATE TABLE IF NOT EXISTS join_tokens (

@@ -9,13 +9,12 @@ import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server import macs, signatures
+from robotether_server import macs
 from robotether_server.administration import enrolment, vouching
 from robotether_server.administration.enrolment import Shown
 from robotether_server.administration.vouching import Vouch
 from robotether_server.networks import network_of
 from robotether_server.problems import (
-    FieldInvalid,
     MacElsewhere,
     RobotDisabled,
     TokenRequired,
@@ -26,21 +25,13 @@ from robotether_server.settings import JoinSettings
 from robotether_server.store import Transaction, audit, claims, locks, robots, sessions
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.robots import Robot
+from robotether_server.web.rotation import PreviousKey, rotate
 
 # What nobody announced: how much one network may leave waiting, and for how long.
 STRANGERS_PER_NETWORK = 10
 STRANGER_LIFETIME = dt.timedelta(hours=24)
 # A join proves nothing, so it may not fill the audit log either.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
-ROTATION = "robotether-rotation"
-
-
-@dataclass(frozen=True)
-class PreviousKey:
-    """The key that a robot had until now, and its signature over MAC and new key."""
-
-    fingerprint: str
-    signature: str
 
 
 @dataclass(frozen=True)
@@ -90,7 +81,7 @@ def join(tx: Transaction, request: Request, rules: JoinSettings) -> Answer:
         _check_not_disabled(robot, shown, is_known=is_known)
         if is_known and robot.state == "active":
             return _still_active(tx, request, robot)
-        if _rotate(tx, request, robot):
+        if request.previous is not None and rotate(tx, robot, shown, request.previous):
             return _active(robot)
     vouch = _vouch(tx, request, rules)
     source = Source(vouch.actor if vouch else vouching.ROBOT, shown.report.address)
@@ -218,30 +209,6 @@ def _check_moved(tx: Transaction, request: Request, robot: Robot) -> None:
         return
     source = Source(vouching.ROBOT, request.shown.report.address)
     audit.record(tx, source, Event("mac_changed", robot.name, _details(request.shown)))
-
-
-def _rotate(tx: Transaction, request: Request, robot: Robot) -> bool:
-    """Put the new key in place of the one that signed it; False: the row does not have that one."""
-    shown, previous = request.shown, request.previous
-    if previous is None or robot.key is None or robot.state != "active":
-        return False
-    if previous.fingerprint != robot.key.fingerprint:
-        return False
-    message = f"{shown.mac} {shown.key.line}\n"
-    if not signatures.holds(robot.key, ROTATION, message, previous.signature):
-        raise FieldInvalid(
-            f"cannot use previous_key: its signature is not one of key {previous.fingerprint} over this MAC and "
-            "the new key"
-        )
-    source = Source(vouching.ROBOT, shown.report.address)
-    enrolment.check_key_is_free(tx, source, shown, vouched=True)
-    claim = claims.find(tx, shown.key.fingerprint)
-    if claim is not None:
-        claims.remove(tx, claim.id)
-    robots.rotate_key(tx, robot.id, shown.key)
-    details: dict[str, object] = {"was": previous.fingerprint, "fingerprint": shown.key.fingerprint}
-    audit.record(tx, source, Event("key_rotated", robot.name, details))
-    return True
 
 
 def _vouch(tx: Transaction, request: Request, rules: JoinSettings) -> Vouch | None:

@@ -13,7 +13,8 @@ from mariadb_server import MariaDb
 from robotether_server.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import Database, ports, robots
+from robotether_server.store import Database, audit, ports, robots
+from robotether_server.store.audit import Event, Source
 
 
 def settings(
@@ -59,7 +60,7 @@ def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path) -> None:
         patch.setattr(ports, "set_shell_range", lambda *_: None)
         migrate(settings(server, folder))
     with Database(server.settings("migrate")).transaction() as tx:
-        tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002)")
+        tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
 
 
 def test_rows_of_an_older_release_are_kept(
@@ -75,9 +76,12 @@ def test_rows_of_an_older_release_are_kept(
                 "VALUES ('01:00:5e:00:00:01', 'odd', 'active', 'k', 'f', 24000, 24002)"
             )
             tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
+            tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'rekeyed')")
+            audit.record(tx, Source("robot"), Event("robot_pending", "rekeyed"))
         assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
         with Database(server.settings("web")).transaction() as tx:
             odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")
+            assert robots.get(tx, "rekeyed").had_key
             robots.rename(tx, odd.id, "still-odd")
             robots.set_shell(tx, odd.id, on=True)
             robots.set_ports(tx, odd.id, None, None)
@@ -86,7 +90,7 @@ def test_rows_of_an_older_release_are_kept(
         assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
         # The ports that it had by hand are nobody's shell port.
         assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
-        assert (changed.ros_port, changed.video_port) == (20002, 20003)
+        assert (changed.ros_port, changed.video_port) == (20004, 20005)
 
 
 @pytest.mark.usefixtures("admin_database")

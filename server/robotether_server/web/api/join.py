@@ -10,8 +10,9 @@ from robotether_server.problems import FieldInvalid
 from robotether_server.store.robots import Report
 from robotether_server.web import fields, host_keys, joining
 from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.joining import Answer, PreviousKey
+from robotether_server.web.joining import Answer
 from robotether_server.web.parts import parts
+from robotether_server.web.rotation import PreviousKey
 
 LONGEST_HOSTNAME = 253
 LONGEST_VERSION = 32

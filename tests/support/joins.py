@@ -1,0 +1,103 @@
+"""Robots that ask to join, as web's own join handler asks for them, against the real database."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotether_server.administration.enrolment import Shown
+from robotether_server.settings import JoinSettings
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import Database, Transaction, robots, tokens, users
+from robotether_server.store.robots import Report, Robot
+from robotether_server.web import joining
+from robotether_server.web.joining import Answer
+from robotether_server.web.rotation import PreviousKey
+
+MAC = "00:1b:44:00:61:01"
+OTHER_MAC = "00:1b:44:00:61:02"
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:a")
+OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
+REPORT = Report("turtle", "0.1.0", "192.0.2.1")
+
+
+@dataclass(frozen=True)
+class Site:
+    """One server with its rules for joins."""
+
+    database: Database
+    policy: str = "approve"
+    limit: int = 3
+    local: bool = False
+
+    def ask(
+        self,
+        mac: str = MAC,
+        key: PublicKey = KEY,
+        *,
+        report: Report = REPORT,
+        token: str | None = None,
+        name: str | None = None,
+        mac_present: bool = True,
+        previous: PreviousKey | None = None,
+    ) -> Answer:
+        """One join, from its first look to its commit."""
+        request = joining.Request(Shown(mac, key, report), token, name, mac_present, previous)
+        with self.database.transaction() as tx:
+            answer = joining.is_in(tx, request)
+        if answer is None:
+            with self.database.transaction() as tx:
+                answer = joining.join(tx, request, self.rules)
+        return answer
+
+    @property
+    def rules(self) -> JoinSettings:
+        """What is set."""
+        return JoinSettings(self.policy, self.limit, None, (2222,), Path(), self.local)
+
+    def stranger(self, number: int, address: str = "192.0.2.1") -> Answer:
+        """An unknown robot's join."""
+        report = Report("turtle", "0.1.0", address)
+        return self.ask(f"00:1b:44:01:00:{number:02x}", key(number), report=report)
+
+    def announce(self, name: str = "sim1", mac: str = MAC) -> None:
+        """An admin's row for a robot that has not joined."""
+        with self.database.transaction() as tx:
+            robots.add(tx, mac, name)
+
+    def robot(self, name: str) -> Robot:
+        """A robot's record as it is now."""
+        with self.database.transaction() as tx:
+            return robots.get(tx, name)
+
+    def set_state(self, name: str, state: str) -> None:
+        """As an admin who deals with the robot."""
+        with self.database.transaction() as tx:
+            robots.set_state(tx, robots.get(tx, name).id, state)  # type: ignore[arg-type] # tests choose states
+
+    def admins_token(self) -> str:
+        """The API token of a new admin."""
+        with self.database.transaction() as tx:
+            users.add(tx, "root", "x", "admin")
+            return tokens.create(tx, users.get(tx, "root"), "test", None)
+
+    def names(self) -> list[str]:
+        """All robots."""
+        with self.database.transaction() as tx:
+            return [seen.robot.name for seen in robots.list_all(tx)]
+
+    def events(self, kind: str) -> list[dict[str, object]]:
+        """The rows of the audit log of one kind."""
+        with self.database.transaction() as tx:
+            return tx.rows("SELECT * FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
+
+
+def key(number: int) -> PublicKey:
+    """A key of its own for each number."""
+    return PublicKey(f"ssh-ed25519 {number}", f"SHA256:{number}")
+
+
+def age(tx: Transaction, hours: int) -> None:
+    """Let all joins be that much longer ago."""
+    tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL %s HOUR", (hours,))
+    tx.change("UPDATE key_claims SET claimed_at = claimed_at - INTERVAL %s HOUR", (hours,))
