@@ -9,12 +9,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Protocol
 
 from playwright.sync_api import Error, Page, expect
-from stack import Stack
 
 INTERFACES_CHANGED = "ERR_NETWORK_CHANGED"
 PATIENCE_S = 20
+
+
+class Site(Protocol):
+    """Where the pages are: a test's stack, or the demo."""
+
+    @property
+    def url(self) -> str:
+        """The site's address, without a slash at the end."""
+
+    @property
+    def admin_password(self) -> str:
+        """The password of the user admin."""
 
 
 def _through_interface_changes(page: Page, step: Callable[[], None]) -> None:
@@ -35,25 +47,25 @@ def _was_dropped(page: Page, step: Callable[[], None]) -> bool:
     return False
 
 
-def log_in(page: Page, stack: Stack, name: str = "admin", password: str | None = None) -> None:
+def log_in(page: Page, site: Site, name: str = "admin", password: str | None = None) -> None:
     """Log in through the form as a person does, and arrive at the fleet page."""
 
     def step() -> None:
-        page.goto(f"{stack.url}/login")
+        page.goto(f"{site.url}/login")
         page.get_by_test_id("login-name").fill(name)
-        page.get_by_test_id("login-password").fill(password or stack.admin_password)
+        page.get_by_test_id("login-password").fill(password or site.admin_password)
         page.get_by_test_id("login-submit").click()
-        page.wait_for_url(f"{stack.url}/", timeout=10_000)
+        page.wait_for_url(f"{site.url}/", timeout=10_000)
 
     _through_interface_changes(page, step)
 
 
-def open_robot(page: Page, stack: Stack, name: str) -> None:
+def open_robot(page: Page, site: Site, name: str) -> None:
     """Go from the fleet page to a robot's page and wait until it can be driven."""
 
     def step() -> None:
-        if page.url != f"{stack.url}/":
-            page.goto(f"{stack.url}/")
+        if page.url != f"{site.url}/":
+            page.goto(f"{site.url}/")
         page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
         page.wait_for_url(f"**/robots/{name}", timeout=10_000)
 
@@ -65,3 +77,18 @@ def expect_live(page: Page, seconds: float) -> None:
     """Wait until the page says that the robot can be driven."""
     state = page.get_by_test_id("state")
     expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
+
+
+def open_page(page: Page, site: Site, path: str) -> None:
+    """Go straight to a page that needs no waiting."""
+    _through_interface_changes(page, lambda: page.goto(f"{site.url}{path}"))
+
+
+def expect_no_sideways_scroll(page: Page) -> None:
+    """Fail when the page is wider than the screen, and say what is."""
+    wide = page.evaluate(
+        "document.documentElement.scrollWidth <= innerWidth ? [] : "
+        "[...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > innerWidth)"
+        ".map(e => e.outerHTML.slice(0, 80))"
+    )
+    assert wide == [], f"{page.url} is too wide: {wide[:3]}"
