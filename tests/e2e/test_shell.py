@@ -1,0 +1,208 @@
+"""A person's shell on a robot behind NAT, through the whole stack: ssh, scp, rsync, Ansible and robotether fleet."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from playbooks import Site, build_wheel
+from robot_hosts import ROOT, USER, RobotHost, RobotHosts
+from shell_hosts import make_key
+from stack import Stack
+
+NAME = "turtle"
+PERSON = "ann"
+AT_ONCE_S = 2.0
+
+
+@dataclass
+class Person:
+    """Somebody with a machine of her own, an SSH key and a token; all she has of the server is what its API says."""
+
+    folder: Path
+    stack: Stack
+    token: str
+
+    @property
+    def config(self) -> Path:
+        return self.folder / "ssh_config"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """No agent and no keys of whoever runs the tests."""
+        own = {"HOME": str(self.folder), "PYTHONPATH": str(ROOT / "server")}
+        return {**os.environ, **own, "SSH_AUTH_SOCK": ""}
+
+    def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> object:
+        """One request to the API."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        status, answer = self.stack.request(method, path, body, headers)
+        assert status in (200, 201), answer
+        return answer
+
+    def write_config(self) -> None:
+        """What the server prints, with her own key and files."""
+        entries = self.ask("GET", "/api/v1/ssh-config")
+        own = (
+            f"Host *\n    IdentityFile {self.folder}/id\n    IdentitiesOnly yes\n"
+            f"    UserKnownHostsFile {self.folder}/known_hosts\n    GlobalKnownHostsFile /dev/null\n"
+        )
+        self.config.write_text(f"{entries}{own}")
+
+    def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
+        """Run a program of her machine."""
+        words = [str(word) for word in command]
+        return subprocess.run(
+            words, env=self.environment, capture_output=True, text=True, timeout=60, check=False,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def run_well(self, *command: str | Path) -> str:
+        """Run a program that must succeed."""
+        done = self.run(*command)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        return done.stdout
+
+    def fleet(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run a command with `robotether fleet run`."""
+        fleet = (sys.executable, "-m", "robotether_server.cli", "fleet", "run")
+        return self.run(*fleet, *arguments, "--ssh-config", str(self.config))
+
+
+@pytest.fixture(scope="module")
+def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
+    """A computer that becomes a robot."""
+    with RobotHosts(tmp_path_factory.mktemp("hosts")) as booted:
+        yield booted
+
+
+@pytest.fixture(scope="module")
+def turtle(stack: Stack, hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> RobotHost:
+    """A robot with a real sshd, enrolled by the playbook; its shell is on."""
+    wheel = build_wheel(ROOT / "agent", tmp_path_factory.mktemp("wheel"))
+    token = stack.token("ansible")
+    folder = tmp_path_factory.mktemp("site")
+    site = Site(folder, stack, hosts, token, {"robotether_wheel_file": str(wheel)})
+    robot = hosts.boot(NAME)
+    site.play_well("enroll.yml", robot)
+    stack.robotether("robot", "shell", NAME, "on")
+    stack.robotether("robot", "set", NAME, "--shell-user", USER)
+    return robot
+
+
+@pytest.fixture(scope="module")
+def ann(stack: Stack, turtle: RobotHost, tmp_path_factory: pytest.TempPathFactory) -> Person:
+    """A person who manages the robot, has an account there, and has uploaded her key."""
+    folder = tmp_path_factory.mktemp("ann")
+    public = make_key(folder / "id")
+    stack.robotether("user", "add", PERSON)
+    stack.robotether("grant", PERSON, NAME, "manage")
+    turtle.run(f"cat >> /home/{USER}/.ssh/authorized_keys", stdin=public)
+    person = Person(folder, stack, stack.token("laptop", PERSON))
+    person.ask("POST", "/api/v1/me/ssh-keys", {"name": "laptop", "public_key": public})
+    person.write_config()
+    return person
+
+
+@pytest.fixture(scope="module")
+def known(ann: Person) -> Person:
+    """The same, after her first login, at which she has accepted both host keys."""
+    login = ("ssh", "-F", ann.config, "-o", "StrictHostKeyChecking=accept-new", NAME, "true")
+    end = time.monotonic() + 30
+    while (done := ann.run(*login)).returncode != 0:
+        # The robot opens its forward when it hears that the shell is on.
+        assert time.monotonic() < end, done.stderr
+    return ann
+
+
+def test_fleet_trusts_no_host_that_she_has_not_seen(ann: Person) -> None:
+    """Not even the server; runs before her first login."""
+    done = ann.fleet("true", "--on", NAME)
+    assert done.returncode == 1
+    assert "--accept-new" in done.stderr
+
+
+def test_ssh_runs_on_the_robot(known: Person, turtle: RobotHost) -> None:
+    """As the account that the robot's setting names."""
+    said = known.run_well("ssh", "-F", known.config, NAME, "id -un; hostname")
+    assert said.split() == [USER, turtle.name]
+
+
+def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: Path) -> None:
+    """To the robot and back, byte by byte."""
+    sent = tmp_path / "sent"
+    sent.write_bytes(os.urandom(3_000_000))
+    known.run_well("scp", "-q", "-F", known.config, sent, f"{NAME}:by_scp")
+    assert shutil.which("rsync"), "rsync is missing here: tools/ensure_test_hosts"
+    by_ssh = f"ssh -F {known.config}"
+    known.run_well("rsync", "-e", by_ssh, f"{NAME}:by_scp", tmp_path / "back")
+    assert (tmp_path / "back").read_bytes() == sent.read_bytes()
+
+
+def test_ansible_pings_it(known: Person) -> None:
+    """With no more than the entries."""
+    ansible = Path(sys.executable).with_name("ansible")
+    arguments = ("-i", f"{NAME},", NAME, "-m", "ansible.builtin.ping")
+    said = known.run_well(ansible, *arguments, "--ssh-common-args", f"-F {known.config}")
+    assert '"ping": "pong"' in said
+
+
+def test_fleet_runs_on_it(known: Person) -> None:
+    """With its exit status; sudo too."""
+    done = known.fleet("id -un", "--on", "*", "--json")
+    assert [(one["robot"], one["stdout"]) for one in json.loads(done.stdout)] == [
+        (NAME, f"{USER}\n")
+    ]
+    assert known.fleet("id -un", "--on", "*", "--sudo").stdout == f"{NAME} | root\n"
+    done = known.fleet("exit 3", "--on", NAME)
+    assert done.returncode == 1
+    assert "exit status 3" in done.stderr
+
+
+def test_time_out_ends_the_command_on_the_robot(known: Person, turtle: RobotHost) -> None:
+    """What root runs there, too."""
+    command = "echo started; sleep 4321; true"
+    done = known.fleet(command, "--on", NAME, "--sudo", "--timeout", "3")
+    assert done.stdout == f"{NAME} | started\n"
+    assert "timed out after 3 s" in done.stderr
+    turtle.wait("the command has ended", lambda: not turtle.succeeds("pgrep -f 'sleep 432[1]'"), 10)
+
+
+def test_key_opens_nothing_else_on_the_server(known: Person) -> None:
+    """No command, no other port."""
+    jump = next(
+        line.split()[1] for line in known.config.read_text().splitlines() if "ProxyJump" in line
+    )
+    where, port = jump.rsplit(":", 1)
+    for arguments in (("-p", port, where, "true"), ("-W", "mysql:3306", "-p", port, where)):
+        assert known.run("ssh", "-F", known.config, *arguments).returncode != 0
+
+
+def test_shell_ends_when_the_grant_ends(known: Person, stack: Stack) -> None:
+    """Within 2 s, in the middle of a command; and no new one begins."""
+    session = subprocess.Popen(
+        ["ssh", "-F", str(known.config), NAME, "echo in; exec sleep 60"],
+        env=known.environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert session.stdout is not None
+        assert session.stdout.readline() == b"in\n"
+        stack.robotether("revoke", PERSON, NAME)
+        session.wait(AT_ONCE_S + 1)  # the command itself takes its time to say that it is done
+    finally:
+        session.kill()
+        session.communicate()
+    done = known.fleet("true", "--on", NAME)
+    assert done.returncode == 1
+    stack.robotether("grant", PERSON, NAME, "manage")
