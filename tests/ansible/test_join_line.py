@@ -6,7 +6,6 @@ import io
 import json
 import re
 import subprocess
-import sys
 import tarfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from robot_hosts import CA_BUNDLE, ROOT, RobotHost, RobotHosts
 from stack import Stack
 
 WHEELHOUSE = "/opt/wheelhouse"
+INSTALLER = "/root/join.sh"
 # A container's interface is virtual, so the agent would find none by itself.
 USUAL = f"--interface eth0 --wheelhouse {WHEELHOUSE}"
 # What enrolling makes on a robot, whoever looks for it.
@@ -32,34 +32,17 @@ TRACES = (
 DIGITS = re.compile(r"[0-9a-f]{64}")
 
 
-@pytest.fixture(scope="module")
-def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
-    """The hosts of this module."""
-    with RobotHosts(tmp_path_factory.mktemp("hosts")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The agent's dependencies for the hosts' Python 3.11, as a tar that unpacks at /."""
-    folder = tmp_path_factory.mktemp("wheelhouse")
-    command = [sys.executable, "-m", "pip", "download", "--quiet", "--require-hashes"]
-    command += ["--python-version", "3.11", "--only-binary", ":all:", "--dest", str(folder)]
-    command += ["--requirement", str(ROOT / "agent" / "requirements.txt")]
-    subprocess.run(command, check=True, timeout=300)
-    buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode="w") as archive:
-        archive.add(folder, WHEELHOUSE.lstrip("/"))
-    return buffer.getvalue()
-
-
 class Robot:
     """A host, with what these tests do on it."""
 
-    def __init__(self, host: RobotHost, wheelhouse: bytes) -> None:
+    def __init__(self, host: RobotHost, wheelhouse: Path) -> None:
         self.host = host
-        assert host.container.put_archive("/", wheelhouse)
+        buffer = io.BytesIO()
+        with tarfile.open(fileobj=buffer, mode="w") as archive:
+            archive.add(wheelhouse, WHEELHOUSE.lstrip("/"))
+        assert host.container.put_archive("/", buffer.getvalue())
         # A site whose pip needs a CA bundle of its own says so to all of the machine.
+        host.put((ROOT / "agent" / "join.sh").read_bytes(), INSTALLER)
         host.put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
 
     def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
@@ -89,14 +72,21 @@ class Robot:
         return self.host.run(f"ssh-keygen -lf {public}").split()[1]
 
 
+@pytest.fixture(scope="module")
+def machine(hosts: RobotHosts, wheelhouse: Path) -> Robot:
+    """A host on which nothing is installed between the tests."""
+    return Robot(hosts.boot("machine"), wheelhouse)
+
+
 @pytest.fixture
-def robot(hosts: RobotHosts, wheelhouse: bytes, request: pytest.FixtureRequest) -> Iterator[Robot]:
-    """A fresh host."""
-    name = re.sub(r"[^a-z0-9]+", "-", request.node.name.removeprefix("test_").lower())[:40]
-    host = hosts.boot(name.strip("-"))
-    yield Robot(host, wheelhouse)
-    hosts.remove(host)
-    hosts.booted.remove(host)
+def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
+    """The machine as it was delivered, which the server has never seen."""
+    assert machine.traces() == []
+    yield machine
+    good, said = machine.install("sh -s -- --uninstall --yes < " + INSTALLER, "")
+    assert good, said
+    if row := rows(stack).get(machine.host.mac):
+        stack.robotether("robot", "remove", row["name"], "--yes")
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +268,7 @@ def test_lacking_machine_is_left_alone(stack: Stack, admin: dict[str, str], robo
 
 
 def test_mac_of_another_robot_waits(
-    stack: Stack, admin: dict[str, str], hosts: RobotHosts, wheelhouse: bytes, robot: Robot
+    stack: Stack, admin: dict[str, str], hosts: RobotHosts, wheelhouse: Path, robot: Robot
 ) -> None:
     """Who shows the MAC of a robot that has another key is told so, and the first one goes on."""
     good, said = robot.install(invite(stack, admin))
