@@ -2,8 +2,9 @@
  * What a robot's SSH connection runs on the server, and the only thing it can run.
  *
  * It is the login shell of the account `tunnel`, so that no shell stands behind that account at all:
- * sshd starts it as `session -c "/usr/lib/robotether/session ROBOT_ID FINGERPRINT"`, the forced command of the
- * key. It tells the relay which robot and which key this is and joins the robot's stdin and stdout to that TCP connection.
+ * sshd starts it as `session -c "/usr/lib/robotether/session ROBOT_ID FINGERPRINT PORTS"`, the forced command of
+ * the key. It tells the relay which robot and key this is and which ports this login may listen on, and joins the
+ * robot's stdin and stdout to that TCP connection.
  * When either side ends it ends its own sshd, because only that releases the robot's forwarded ports:
  * the next connection of the same robot must find them free.
  *
@@ -29,16 +30,20 @@
 #define RELAY_PORT "8091"
 #define KEY_FILE "/run/secrets/session_key"
 #define FORCED "/usr/lib/robotether/session "
+#define FINGERPRINT_CHARACTERS "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789+/:"
 #define BUFFER_SIZE 16384
 /* The session is a few lines a second, which a robot that lives takes at once. */
 #define STUCK_SECONDS 8
 #define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
-/* Who connects, as the forced command says. */
+/*
+ * Who connects, as the forced command says. The texts are empty in a line that the lookup's cache has from before
+ * lines had them; only while the database is away.
+ */
 struct robot {
     unsigned long id;
-    /* Empty in a line that the lookup's cache has from before lines had it; only while the database is away. */
     char fingerprint[64];
+    char ports[64];
 };
 
 /* One direction of the join; at most one buffer is ever in flight, so a slow reader slows the writer. */
@@ -66,30 +71,36 @@ static void refuse(const char *sentence)
     end_connection(1);
 }
 
-static void read_fingerprint(const char *word, struct robot *robot)
+/* Reads one more word, which goes into JSON: nothing but these characters may pass. Returns what follows it. */
+static const char *read_word(const char *rest, const char *allowed, char *into, size_t size)
 {
-    size_t length = strlen(word);
+    size_t length;
 
-    if (strncmp(word, "SHA256:", 7) != 0 || length >= sizeof robot->fingerprint ||
-        strspn(word + 7, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789+/") != length - 7)
-        refuse("cannot start the session: the key's fingerprint in authorized_keys is none");
-    memcpy(robot->fingerprint, word, length + 1);
+    if (*rest != ' ')
+        return rest;
+    length = strspn(++rest, allowed);
+    if (length == 0 || length >= size)
+        refuse("cannot start the session: the robot's line in authorized_keys is broken");
+    memcpy(into, rest, length);
+    into[length] = '\0';
+    return rest + length;
 }
 
 static struct robot forced_robot(int argc, char **argv)
 {
     struct robot robot = {0};
-    char *rest;
+    const char *rest;
+    char *after_id;
 
     if (argc != 3 || strcmp(argv[1], "-c") != 0 || strncmp(argv[2], FORCED, strlen(FORCED)) != 0)
         refuse("cannot run that: this account serves robots' tunnels only");
     if (!isdigit((unsigned char)argv[2][strlen(FORCED)]))
         refuse("cannot start the session: the robot's number is missing in authorized_keys");
-    robot.id = strtoul(argv[2] + strlen(FORCED), &rest, 10);
-    if (*rest == ' ')
-        read_fingerprint(rest + 1, &robot);
-    else if (*rest != '\0')
-        refuse("cannot start the session: the robot's number in authorized_keys is no number");
+    robot.id = strtoul(argv[2] + strlen(FORCED), &after_id, 10);
+    rest = read_word(after_id, FINGERPRINT_CHARACTERS, robot.fingerprint, sizeof robot.fingerprint);
+    rest = read_word(rest, "0123456789,", robot.ports, sizeof robot.ports);
+    if (*rest != '\0')
+        refuse("cannot start the session: the robot's line in authorized_keys is broken");
     return robot;
 }
 
@@ -176,8 +187,8 @@ static void send_preface(int relay, const struct robot *robot)
     client_address(address, sizeof address);
     length = snprintf(line, sizeof line,
                       "{\"type\": \"preface\", \"kind\": \"%s\", \"robot_id\": %lu, \"fingerprint\": \"%s\", "
-                      "\"address\": \"%s\", \"session_key\": \"%s\"}\n",
-                      wanted_kind(), robot->id, robot->fingerprint, address, key);
+                      "\"ports\": [%s], \"address\": \"%s\", \"session_key\": \"%s\"}\n",
+                      wanted_kind(), robot->id, robot->fingerprint, robot->ports, address, key);
     write_all(relay, line, (size_t)length);
 }
 

@@ -40,12 +40,24 @@ JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 class RobotSession:
     """One TCP connection to the relay's session port."""
 
-    def __init__(self, robot_id: int, *, kind: str, session_key: str, silent: bool = False) -> None:
+    def __init__(
+        self,
+        robot_id: int,
+        *,
+        kind: str,
+        session_key: str,
+        silent: bool = False,
+        fingerprint: str = "",
+        ports: tuple[int, ...] = (),
+    ) -> None:
         self.robot_id = robot_id
+        self.fingerprint = fingerprint
+        self.ports = ports
         self.kind = kind
         self.session_key = session_key
         self.silent = silent
         self.configs: list[dict[str, Any]] = []
+        self.checked: list[dict[str, Any]] = []
         self.bye: dict[str, Any] | None = None
         self.pongs = 0
         self.configured = asyncio.Event()
@@ -61,6 +73,8 @@ class RobotSession:
             type="preface",
             kind=self.kind,
             robot_id=self.robot_id,
+            fingerprint=self.fingerprint,
+            ports=list(self.ports),
             address="198.51.100.7",
             session_key=self.session_key,
         )
@@ -92,6 +106,8 @@ class RobotSession:
             self.send(type="pong", seq=message["seq"])
         elif message["type"] == "pong":
             self.pongs += 1
+        elif message["type"] == "checked":
+            self.checked.append(message)
         elif message["type"] == "bye":
             self.bye = message
 

@@ -22,7 +22,8 @@ unbounded buffer for anybody.
     events           the fleet as server-sent events
 
     session_server   robots' sessions over TCP; `robot_link` is one, `session_messages` its lines,
-                     `allowance` how many, `ports` waits until a robot's port is free
+                     `admission` says who may connect and stay, `allowance` how many lines,
+                     `ports` waits until a robot's port is free, `checks` tries what is behind it
     journal          writes sessions and audit lines in the background
     records          the way to the database, on threads of its own
 """

@@ -40,6 +40,12 @@ class Metrics:
         self.session_refusals = self._counter(
             "session_refusals", "Robots' connections refused, by reason", "code"
         )
+        self.port_checks = self._counter(
+            "port_checks",
+            "Robots' ports tried from this side, by what answered",
+            "service",
+            "health",
+        )
 
     def gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
         """Add a gauge that is read when somebody asks."""
@@ -50,8 +56,8 @@ class Metrics:
         """Write all numbers in Prometheus' text format."""
         return generate_latest(self._registry)
 
-    def _counter(self, name: str, meaning: str, label: str) -> Counter:
-        return Counter(f"robotether_relay_{name}", meaning, [label], registry=self._registry)
+    def _counter(self, name: str, meaning: str, *labels: str) -> Counter:
+        return Counter(f"robotether_relay_{name}", meaning, labels, registry=self._registry)
 
 
 class _TrafficCollector(Collector):

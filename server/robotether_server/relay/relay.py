@@ -18,6 +18,7 @@ from robotether_server.relay.access import Access
 from robotether_server.relay.app import inside_app, public_app
 from robotether_server.relay.board import Board
 from robotether_server.relay.bridge import BridgeRules, Traffic
+from robotether_server.relay.checks import PortChecker
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.credentials import Credentials
 from robotether_server.relay.events import EventsHandler
@@ -172,6 +173,7 @@ class Relay:
             refresh=self.fleet.poll,
             session_key=settings.session_key,
             rules=LinkRules(settings.tunnel_host, timing.heartbeat_s, timing.timeout_s),
+            checker=PortChecker(settings.tunnel_host, self.reports.port_checked),
             refused=self.reports.session_refused,
         )
 
@@ -211,6 +213,8 @@ class Relay:
     def _add_gauges(self) -> None:
         gauge, connections = self.metrics.gauge, self.connections
         gauge("robots_online", "Robots with a session", self.registry.online_count)
+        gauge("media_links", "Robots' media connections", lambda: self.registry.count("media"))
+        gauge("shell_links", "Robots' shell connections", lambda: self.registry.count("shell"))
         gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))

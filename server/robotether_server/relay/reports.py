@@ -41,6 +41,10 @@ class Reports:
         """A robot's connection was refused."""
         self._metrics.session_refusals.labels(code).inc()
 
+    def port_checked(self, service: str, health: str) -> None:
+        """A robot's port was tried."""
+        self._metrics.port_checks.labels(service, health).inc()
+
     def connection(self, report: ConnectionReport) -> None:
         """An operator's connection began or ended."""
         connection, ending = report.connection, report.ending

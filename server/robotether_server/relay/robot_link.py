@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotether_server.relay import session_messages as lines
+from robotether_server.relay.admission import is_news, port_of
 from robotether_server.relay.allowance import Allowance
+from robotether_server.relay.checks import LinkChecks, PortChecker
 from robotether_server.relay.ports import wait_released
 from robotether_server.relay.session_messages import BrokenLineError, Preface
 from robotether_server.relay.sessions import ByeCode, Kind, SessionRegistry
@@ -55,35 +57,40 @@ class RobotLink:
         writer: asyncio.StreamWriter,
         registry: SessionRegistry,
         rules: LinkRules,
+        checker: PortChecker,
     ) -> None:
-        self._preface = preface
+        self.preface = preface
         self._robot = robot
         self._reader = reader
         self._writer = writer
         self._registry = registry
         self._rules = rules
+        self._checker = checker
+        self._checks = LinkChecks(self._check)
         self._loop = asyncio.get_running_loop()
         self._heard_at = self._loop.time()
         self._seq = 0
         self._pings: dict[int, float] = {}
         self._beat: asyncio.TimerHandle | None = None
         self._farewell: asyncio.TimerHandle | None = None
+        # Not before the older link is gone: the agent opens its forwards on the configuration.
+        self._configured = False
         self._ended = False
 
     @property
     def robot_id(self) -> int:
         """The robot's id in the database."""
-        return self._preface.robot_id
+        return self.preface.robot_id
 
     @property
     def kind(self) -> Kind:
         """What the connection is for."""
-        return self._preface.kind
+        return self.preface.kind
 
     @property
     def address(self) -> str:
         """Where the robot's SSH connection comes from."""
-        return self._preface.address
+        return self.preface.address
 
     async def run(self) -> None:
         """Take over from an older link, configure the robot, and listen until the end."""
@@ -101,6 +108,7 @@ class RobotLink:
             log.info("robot %s: %s broke: %s", self._robot.name, self.kind, exc)
         finally:
             self._close("link_lost")
+            await self._checks.close()
             await self._closed()
 
     def end(self, code: ByeCode, detail: str) -> None:
@@ -113,15 +121,11 @@ class RobotLink:
         self._close(code)
 
     def reconfigure(self, robot: Robot) -> None:
-        """Take the robot's new row: tell a new name; new ports need a new SSH login."""
+        """Take the robot's new row: tell what is new; RefusedError when that needs a new SSH login."""
         if self._ended or robot == self._robot:
             return
-        moved = (robot.ros_port, robot.video_port) != (self._robot.ros_port, self._robot.video_port)
-        renamed = robot.name != self._robot.name
-        self._robot = robot
-        if moved:
-            self.end("ports_changed", f"robot {robot.name} has new ports; connect again")
-        elif renamed:
+        before, self._robot = self._robot, robot
+        if is_news(before, robot) and self._configured:
             self._configure()
 
     async def _take_over(self) -> None:
@@ -129,19 +133,18 @@ class RobotLink:
         older = self._registry.admit(self)
         if older is not None:
             older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
-        port = self._robot.ros_port if self.kind == "session" else self._robot.video_port
+        port = port_of(self.kind, self._robot)
         host, wait_s = self._rules.tunnel_host, self._rules.release_wait_s
-        if not await wait_released(host, port, within_s=wait_s):
+        if port is not None and not await wait_released(host, port, within_s=wait_s):
             # It would be that holder who gets the operators: an SSH connection without a session,
             # which the relay cannot end. sshd drops it when it is dead.
             self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
 
     def _configure(self) -> None:
+        self._configured = True
         self._send(
             lines.config_line(
-                robot=self._robot.name,
-                ros_port=self._robot.ros_port,
-                video_port=self._robot.video_port,
+                self._robot,
                 heartbeat_s=self._rules.heartbeat_s,
                 timeout_s=self._rules.timeout_s,
             )
@@ -174,6 +177,12 @@ class RobotLink:
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
             self._registry.heard_health(self, ros, video)
+        elif kind == "check" and self.kind == "session":
+            self._checks.ask()
+
+    async def _check(self) -> None:
+        found = await self._checker.check(self._robot)
+        self._send(lines.checked_line(ros=found.ros, video=found.video, shell=found.shell))
 
     def _take_pong(self, seq: int) -> None:
         sent_at = self._pings.pop(seq, None)

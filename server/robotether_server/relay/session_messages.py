@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from robotether_server.relay.sessions import ByeCode, Health, Kind
+from robotether_server.store.fleet import Robot
 
 MAX_LINE_BYTES = 64 * 1024
 
@@ -31,6 +32,10 @@ class Preface:
     kind: Kind
     robot_id: int
     address: str
+    # Which key logged in (SHA256:...), and on what this login may listen; empty when the login comes
+    # from a line that an earlier version left in sshd's cache.
+    fingerprint: str = ""
+    ports: frozenset[int] = frozenset()
 
 
 def parse_line(line: bytes) -> dict[str, Any]:
@@ -52,13 +57,13 @@ def parse_preface(line: bytes, session_key: str) -> Preface:
         raise WrongKeyError
     if message["type"] != "preface":
         raise BrokenLineError("cannot read the first line: its type is not preface")
-    kind = text_field(message, "kind", 16)
-    if kind not in get_args(Kind):
-        raise BrokenLineError(f"cannot read field kind: {kind!r} is neither session nor media")
+    message = {"fingerprint": "", "ports": []} | message
     return Preface(
-        kind="session" if kind == "session" else "media",
+        kind=kind_field(message, "kind"),
         robot_id=whole_field(message, "robot_id"),
         address=text_field(message, "address", 45),
+        fingerprint=text_field(message, "fingerprint", 64),
+        ports=ports_field(message, "ports"),
     )
 
 
@@ -78,6 +83,24 @@ def whole_field(message: Mapping[str, Any], name: str) -> int:
     return value
 
 
+def ports_field(message: Mapping[str, Any], name: str) -> frozenset[int]:
+    """Read a list of ports."""
+    value = message.get(name)
+    if not isinstance(value, list) or not all(type(port) is int for port in value):
+        raise BrokenLineError(f"cannot read field {name}: no list of whole numbers")
+    return frozenset(value)
+
+
+def kind_field(message: Mapping[str, Any], name: str) -> Kind:
+    """Read `session`, `media` or `shell`."""
+    value = message.get(name)
+    for allowed in get_args(Kind):
+        if value == allowed:
+            kind: Kind = allowed
+            return kind
+    raise BrokenLineError(f"cannot read field {name}: it is not session, media or shell")
+
+
 def health_field(message: Mapping[str, Any], name: str) -> Health:
     """Read `ok`, `down` or `unknown`."""
     value = message.get(name)
@@ -88,18 +111,23 @@ def health_field(message: Mapping[str, Any], name: str) -> Health:
     raise BrokenLineError(f"cannot read field {name}: it is not ok, down or unknown")
 
 
-def config_line(
-    *, robot: str, ros_port: int, video_port: int, heartbeat_s: float, timeout_s: float
-) -> bytes:
+def config_line(robot: Robot, *, heartbeat_s: float, timeout_s: float) -> bytes:
     """Build the settings that the agent works with."""
     return _line(
         "config",
-        robot=robot,
-        ros_port=ros_port,
-        video_port=video_port,
+        robot=robot.name,
+        ros_port=robot.ros_port,
+        video_port=robot.video_port,
+        shell_port=robot.shell_port,
+        rotate_key=robot.rotate_key,
         heartbeat_s=heartbeat_s,
         timeout_s=timeout_s,
     )
+
+
+def checked_line(*, ros: Health, video: Health, shell: Health) -> bytes:
+    """Build the answer to `check`."""
+    return _line("checked", ros=ros, video=video, shell=shell)
 
 
 def ping_line(seq: int) -> bytes:

@@ -12,6 +12,8 @@ from collections.abc import Awaitable, Callable
 
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay import session_messages as lines
+from robotether_server.relay.admission import RefusedError, admitted
+from robotether_server.relay.checks import PortChecker
 from robotether_server.relay.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.session_messages import Preface, WrongKeyError
 from robotether_server.relay.sessions import ByeCode, SessionRegistry
@@ -22,15 +24,6 @@ log = logging.getLogger(__name__)
 PREFACE_WITHIN_S = 5.0
 # A whole fleet reconnects at once after a restart.
 BACKLOG = 2048
-
-
-class RefusedError(Exception):
-    """The robot may not connect; the agent is told why."""
-
-    def __init__(self, code: ByeCode, detail: str) -> None:
-        super().__init__(detail)
-        self.code = code
-        self.detail = detail
 
 
 class SessionServer:
@@ -44,6 +37,7 @@ class SessionServer:
         refresh: Callable[[], Awaitable[None]],
         session_key: str,
         rules: LinkRules,
+        checker: PortChecker,
         refused: Callable[[str], None],
     ) -> None:
         self._registry = registry
@@ -51,6 +45,7 @@ class SessionServer:
         self._refresh = refresh
         self._session_key = session_key
         self._rules = rules
+        self._checker = checker
         self._refused = refused
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -98,7 +93,7 @@ class SessionServer:
         try:
             async with asyncio.timeout(PREFACE_WITHIN_S):
                 preface = await self._read_preface(reader)
-            robot = await self._admit(preface.robot_id)
+            robot = await self._admit(preface)
         except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
             self._refused("preface")
             log.warning("a connection to the session port is closed: %s", _why(exc))
@@ -111,13 +106,13 @@ class SessionServer:
         else:
             await self._run_link(preface, robot, reader, writer)
 
-    async def _admit(self, robot_id: int) -> Robot:
+    async def _admit(self, preface: Preface) -> Robot:
         """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
         try:
-            return _admitted(self._snapshot(), robot_id)
+            return admitted(self._snapshot(), preface)
         except RefusedError:
             await self._refresh()
-            return _admitted(self._snapshot(), robot_id)
+            return admitted(self._snapshot(), preface)
 
     async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
         return lines.parse_preface(await reader.readline(), self._session_key)
@@ -130,7 +125,13 @@ class SessionServer:
         writer: asyncio.StreamWriter,
     ) -> None:
         link = RobotLink(
-            preface, robot, reader=reader, writer=writer, registry=self._registry, rules=self._rules
+            preface,
+            robot,
+            reader=reader,
+            writer=writer,
+            registry=self._registry,
+            rules=self._rules,
+            checker=self._checker,
         )
         self._live[link] = None
         try:
@@ -141,18 +142,9 @@ class SessionServer:
 
 def _apply(snapshot: Snapshot, link: RobotLink) -> None:
     try:
-        link.reconfigure(_admitted(snapshot, link.robot_id))
+        link.reconfigure(admitted(snapshot, link.preface))
     except RefusedError as refusal:
         link.end(refusal.code, refusal.detail)
-
-
-def _admitted(snapshot: Snapshot, robot_id: int) -> Robot:
-    robot = snapshot.robots.get(robot_id)
-    if robot is None:
-        raise RefusedError("robot_unknown", "this robot is not in the records any more")
-    if robot.state != "active":
-        raise RefusedError("robot_disabled", f"robot {robot.name} is {robot.state}")
-    return robot
 
 
 async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Literal, Protocol
 
-Kind = Literal["session", "media"]
+Kind = Literal["session", "media", "shell"]
 Health = Literal["ok", "down", "unknown"]
 # Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
 ByeCode = Literal[
@@ -20,6 +20,8 @@ ByeCode = Literal[
     "robot_unknown",
     "ports_changed",
     "port_taken",
+    "key_changed",
+    "shell_off",
     "not_ready",
     "relay_stopping",
     "protocol_error",
@@ -100,8 +102,12 @@ class SessionRegistry:
         return self._presences.get(robot_id, NEVER_SEEN)
 
     def links(self) -> list[Link]:
-        """List all current links, media included."""
+        """List all current links, of every kind."""
         return list(self._current.values())
+
+    def count(self, kind: Kind) -> int:
+        """Count the current links of a kind."""
+        return sum(each == kind for _, each in self._current)
 
     def online_count(self) -> int:
         """Count the robots that are online."""

@@ -8,14 +8,23 @@ from dataclasses import replace
 
 import pytest
 from fake_robot import HOST
+from local_network import free_port
 from relay_clients import configured, ended
-from relay_server import FAST, RelayServer, until
+from relay_server import FAST, MemoryRecords, RelayServer, until
 from robotether_server.relay.sessions import Presence
 from robotether_server.store.fleet import Robot
 
 
 def presence(relay: RelayServer, robot: Robot) -> Presence:
     return relay.relay.registry.presence(robot.id)
+
+
+async def give_shell(relay: RelayServer, records: MemoryRecords, robot: Robot) -> Robot:
+    """Switch the robot's shell on, and wait until the relay knows."""
+    with_shell = replace(records.robots[robot.id], shell_port=free_port())
+    records.robots = {robot.id: with_shell}
+    await until(lambda: relay.relay.fleet.known.robots[robot.id] == with_shell, "it is known")
+    return with_shell
 
 
 async def test_a_session_gets_its_configuration(relay, sim1, connect):
@@ -27,6 +36,8 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
             "robot": "sim1",
             "ros_port": sim1.ros_port,
             "video_port": sim1.video_port,
+            "shell_port": None,
+            "rotate_key": False,
             "heartbeat_s": FAST.heartbeat_s,
             "timeout_s": FAST.timeout_s,
         }
@@ -35,10 +46,15 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
     assert presence(relay, sim1).address == "198.51.100.7"
 
 
-async def test_media_gets_a_configuration_but_makes_no_robot_online(relay, sim1, connect):
+@pytest.mark.parametrize("kind", ["media", "shell"])
+async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
+    relay, sim1, records, connect, kind
+):
     """Only the session says that a robot is online."""
-    await configured(await connect("media"))
+    await give_shell(relay, records, sim1)
+    await configured(await connect(kind))
     assert not presence(relay, sim1).online
+    assert records.sessions() == []
 
 
 async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
@@ -74,6 +90,90 @@ async def test_a_new_name_is_told_on_the_same_session(relay, sim1, records, conn
     await until(lambda: len(session.configs) == 2, "the new name is told")
     assert session.configs[1]["robot"] == "turtle"
     assert session.bye is None
+
+
+async def test_a_first_shell_port_and_a_wish_for_a_key_are_told_on_the_same_session(
+    relay, sim1, records, connect
+):
+    """Both reach the agent as a new configuration line; nothing ends."""
+    session = await configured(await connect())
+    with_shell = await give_shell(relay, records, sim1)
+    await until(lambda: len(session.configs) == 2, "the shell port is told")
+    assert session.configs[1]["shell_port"] == with_shell.shell_port
+    records.robots = {sim1.id: replace(with_shell, rotate_key=True)}
+    await until(lambda: len(session.configs) == 3, "the wish is told")
+    assert session.configs[2]["rotate_key"] is True
+    assert session.bye is None
+
+
+async def test_a_shell_port_that_is_taken_away_ends_every_link(relay, sim1, records, connect):
+    """An old login may listen on it still: the shell hears that it is off, the others connect again."""
+    await give_shell(relay, records, sim1)
+    links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
+    records.robots = {sim1.id: sim1}
+    codes = [await ended(link) for link in links]
+    assert codes == ["ports_changed", "ports_changed", "shell_off"]
+
+
+async def test_a_shell_port_that_moves_ends_every_link(relay, sim1, records, connect):
+    """The shell, too, can come again, on its new port."""
+    with_shell = await give_shell(relay, records, sim1)
+    links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
+    records.robots = {sim1.id: replace(with_shell, shell_port=free_port())}
+    assert [await ended(link) for link in links] == ["ports_changed"] * 3
+
+
+async def test_a_shell_that_is_off_takes_no_link(connect):
+    """Without a shell port there is nothing to open a connection for."""
+    assert await ended(await connect("shell")) == "shell_off"
+
+
+async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, records, connect):
+    """As with the other ports: who holds it would get the people who look for this robot."""
+    with_shell = await give_shell(relay, records, sim1)
+    holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, with_shell.shell_port)
+    try:
+        assert await ended(await connect("shell")) == "port_taken"
+    finally:
+        holder.close()
+        await holder.wait_closed()
+
+
+async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
+    relay, robot, sim1, records, connect
+):
+    """The agent opens its forwards on the configuration, so a new name waits with the rest of it."""
+    robot.mode = "port_taken"
+    waiting = await connect()
+    records.robots = {sim1.id: replace(sim1, name="turtle")}
+    await until(lambda: "turtle" in relay.relay.fleet.known.by_name, "the name is known")
+    assert waiting.configs == []
+    await robot._close_ports()
+    await configured(waiting)
+    assert [config["robot"] for config in waiting.configs] == ["turtle"]
+
+
+async def test_what_answers_behind_the_ports_is_told_on_request(relay, robot, sim1, records):
+    """The relay tries the forwards from its own side, and says what it found."""
+    with_shell = await give_shell(relay, records, sim1)
+    robot.session.send(type="check")
+    await until(lambda: robot.session.checked, "the answer is there")
+    assert robot.session.checked == [
+        {"type": "checked", "ros": "ok", "video": "ok", "shell": "unknown"}
+    ]
+    assert with_shell.shell_port is not None
+    assert (
+        b'port_checks_total{health="unknown",service="shell"} 1.0' in relay.relay.metrics.render()
+    )
+
+
+async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(relay, robot):
+    """Pings are answered meanwhile, and the session's end ends a check that is under way."""
+    for _ in range(50):
+        robot.session.send(type="check")
+    robot.session.send(type="ping", seq=1)
+    await until(lambda: robot.session.pongs == 1 and robot.session.checked, "both are answered")
+    assert len(robot.session.checked) == 1
 
 
 async def test_a_newer_session_ends_the_older_first(relay, sim1, connect):

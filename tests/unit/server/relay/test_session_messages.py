@@ -13,11 +13,13 @@ from robotether_server.relay.session_messages import (
     Preface,
     WrongKeyError,
     bye_line,
+    checked_line,
     config_line,
     parse_line,
     parse_preface,
     pong_line,
 )
+from robotether_server.store.fleet import Robot
 
 PREFACE = {
     "type": "preface",
@@ -33,8 +35,22 @@ def preface(**changes: object) -> bytes:
 
 
 def test_a_preface_is_read():
-    """Kind, robot and address come out of it."""
+    """Kind, robot, address, key and ports come out of it."""
+    line = preface(fingerprint="SHA256:abc", ports=[20000, 20001])
+    assert parse_preface(line, "the key") == Preface(
+        "media", 7, "198.51.100.7", "SHA256:abc", frozenset({20000, 20001})
+    )
+
+
+def test_a_preface_of_an_older_sshd_is_read():
+    """Key and ports are missing when sshd answers from a cache of an earlier version."""
     assert parse_preface(preface(), "the key") == Preface("media", 7, "198.51.100.7")
+
+
+@pytest.mark.parametrize("kind", ["session", "media", "shell"])
+def test_every_kind_is_read(kind):
+    """The three connections of a robot."""
+    assert parse_preface(preface(kind=kind), "the key").kind == kind
 
 
 @pytest.mark.parametrize("key", ["", "the keY", None, 7, ["the key"], "schlüssel"])
@@ -47,8 +63,15 @@ def test_a_wrong_key_is_found_first(key):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("kind", "shell"),
+        ("kind", "exec"),
         ("kind", None),
+        ("kind", ["shell"]),
+        ("fingerprint", None),
+        ("fingerprint", "x" * 65),
+        ("ports", None),
+        ("ports", "20000"),
+        ("ports", [20000, "20001"]),
+        ("ports", [True]),
         ("robot_id", "7"),
         ("robot_id", True),
         ("robot_id", 7.5),
@@ -76,8 +99,9 @@ def test_a_pong_carries_the_agents_clock_back():
 
 def test_lines_end_where_they_should():
     """Each line is one line, whatever a text in it holds."""
-    config = config_line(robot="a\nb", ros_port=1, video_port=2, heartbeat_s=1, timeout_s=5)
-    for line in (config, bye_line("timeout", "x\ny")):
+    config = config_line(Robot(7, "a\nb", "active", 1, 2), heartbeat_s=1, timeout_s=5)
+    checked = checked_line(ros="ok", video="down", shell="unknown")
+    for line in (config, checked, bye_line("timeout", "x\ny")):
         assert line.count(b"\n") == 1
         assert line.endswith(b"\n")
 

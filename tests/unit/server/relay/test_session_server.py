@@ -14,6 +14,8 @@ from robotether_server.relay.relay import Timing
 from robotether_server.relay.sessions import Presence
 from robotether_server.store.fleet import Robot
 
+KINDS = ("session", "media")
+
 
 def presence(relay: RelayServer, robot: Robot) -> Presence:
     return relay.relay.registry.presence(robot.id)
@@ -69,6 +71,42 @@ async def test_disabling_ends_a_live_session(relay, sim1, records, connect):
     assert await ended(session) == "robot_disabled"
     assert await ended(media) == "robot_disabled"
     assert not presence(relay, sim1).online
+
+
+async def test_another_key_is_told(relay, sim1, records, connect):
+    """Only the robot's key and the one that it rotated from may come in."""
+    records.robots = {
+        sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
+    }
+    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
+    for fingerprint in ("SHA256:a", "SHA256:b"):
+        await configured(await connect(fingerprint=fingerprint))
+    assert await ended(await connect(fingerprint="SHA256:c")) == "key_changed"
+
+
+async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
+    relay, sim1, records, connect
+):
+    """A link lives on through one rotation; another key in the row ends it."""
+    records.robots = {sim1.id: replace(sim1, fingerprint="SHA256:a")}
+    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:a", "it is known")
+    links = [await configured(await connect(kind, fingerprint="SHA256:a")) for kind in KINDS]
+    records.robots = {
+        sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
+    }
+    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
+    assert [link.bye for link in links] == [None, None]
+    records.robots = {
+        sim1.id: replace(sim1, fingerprint="SHA256:c", previous_fingerprint="SHA256:b")
+    }
+    assert [await ended(link) for link in links] == ["key_changed"] * 2
+
+
+async def test_a_login_from_before_a_move_of_ports_is_told(sim1, connect):
+    """Who logged in while it had other ports may listen on them still, and must log in again."""
+    theirs = (sim1.ros_port, sim1.video_port)
+    await configured(await connect(ports=theirs))
+    assert await ended(await connect(ports=(*theirs, 24000))) == "ports_changed"
 
 
 async def test_removing_ends_a_live_session(relay, records, connect):

@@ -76,12 +76,23 @@ def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes
     assert changes == []
 
 
-def test_what_an_offline_or_media_link_tells_is_ignored(registry, changes):
+def test_links_are_counted_by_kind(registry):
+    """Each kind of a robot has a place of its own."""
+    for kind in ("session", "media", "shell"):
+        assert registry.admit(FakeLink(kind=kind)) is None
+    registry.admit(FakeLink(robot_id=8, kind="shell"))
+    assert [registry.count(kind) for kind in ("session", "media", "shell")] == [1, 1, 2]
+    assert registry.online_count() == 0
+
+
+def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes):
     """Only the established session speaks for the robot."""
-    waiting, media = FakeLink(), FakeLink(kind="media")
-    registry.admit(waiting)
-    registry.admit(media)
-    for link in (waiting, media):
+    waiting, media, shell = FakeLink(), FakeLink(kind="media"), FakeLink(kind="shell")
+    for link in (waiting, media, shell):
+        registry.admit(link)
+    for link in (media, shell):
+        registry.established(link)
+    for link in (waiting, media, shell):
         registry.heard_hello(link, "0.1.0")
         registry.heard_health(link, "ok", "ok")
         registry.heard_rtt(link, 1.0)

@@ -54,11 +54,32 @@ def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
     assert snapshot.visible(999) == []
 
 
+def test_the_snapshot_has_shell_keys_and_wishes(database, relay_database, sim1):
+    """A shell port once the shell is on, the two keys, and whether the agent is asked for a new one."""
+    with relay_database.transaction() as tx:
+        before = fleet.load(tx).robots[sim1]
+    assert (before.shell_port, before.fingerprint, before.previous_fingerprint) == (None,) * 3
+    assert before.rotate_key is False
+    with database.transaction() as tx:
+        tx.change(
+            "UPDATE robots SET shell = TRUE, public_key = 'k', fingerprint = 'SHA256:b',"
+            " previous_fingerprint = 'SHA256:a', rotate_requested_at = CURRENT_TIMESTAMP(6)"
+        )
+    with relay_database.transaction() as tx:
+        after = fleet.load(tx).robots[sim1]
+    assert after.shell_port is not None
+    assert (after.fingerprint, after.previous_fingerprint) == ("SHA256:b", "SHA256:a")
+    assert after.rotate_key is True
+
+
 @pytest.mark.parametrize(
     "change",
     [
         "UPDATE robots SET name = 'turtle'",
         "UPDATE robots SET state = 'disabled'",
+        "UPDATE robots SET shell = TRUE",
+        "UPDATE robots SET public_key = 'k', fingerprint = 'SHA256:b'",
+        "UPDATE robots SET rotate_requested_at = CURRENT_TIMESTAMP(6)",
         "UPDATE robots SET ros_port = 30000, video_port = 30001",
         "DELETE FROM robots",
         "INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:c0', 'sim9')",

@@ -1,0 +1,459 @@
+"""What the account `jump` lets people do, asked of the running daemon: reach the shells of their robots, no more."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from jump_people import BANNER, JUMP, Person, ShellRobot, end, first_line
+from local_network import free_port
+from stack import Stack
+
+REGISTER = "/run/robotether/jump"
+ENDED_WITHIN_S = 2
+
+
+@pytest.fixture(scope="module")
+def robot(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
+    """A robot whose shell listens."""
+    made = ShellRobot(stack, tmp_path_factory.mktemp("robot"), "jumped", "00:00:5e:00:53:61")
+    with made.listening():
+        yield made
+    made.remove()
+
+
+@pytest.fixture(scope="module")
+def other(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
+    """A robot whose shell listens too, and that ann may only drive."""
+    made = ShellRobot(stack, tmp_path_factory.mktemp("other"), "foreign", "00:00:5e:00:53:62")
+    with made.listening():
+        yield made
+    made.remove()
+
+
+@pytest.fixture
+def ann(stack: Stack, tmp_path: Path, robot: ShellRobot, other: ShellRobot) -> Iterator[Person]:
+    """Somebody who manages one robot and drives the other."""
+    person = Person(stack, tmp_path, "jumping-ann")
+    person.grant(robot, "manage")
+    person.grant(other, "drive")
+    yield person
+    person.remove()
+
+
+@pytest.fixture
+def bob(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[Person]:
+    """Somebody else who manages the robot."""
+    person = Person(stack, tmp_path, "jumping-bob")
+    person.grant(robot, "manage")
+    yield person
+    person.remove()
+
+
+def ended(running: subprocess.Popen[str], seconds: float = ENDED_WITHIN_S) -> bool:
+    """Whether the client's connection ends in time."""
+    try:
+        running.wait(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def lives(running: subprocess.Popen[str], word: str) -> bool:
+    """Whether what is sent still comes back."""
+    assert running.stdin is not None
+    running.stdin.write(f"{word}\n")
+    running.stdin.flush()
+    return first_line(running) == f"{word}\n"
+
+
+def registered(stack: Stack) -> list[str]:
+    """The files of the register."""
+    return stack.exec("sshd", "ls", "-A", REGISTER, user="jump:jumpwatch").split()
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("authorizedkeyscommand", "/usr/lib/robotether/jump-keys %f"),
+        ("authorizedkeyscommanduser", "keylookup"),
+        ("authorizedkeysfile", "none"),
+        ("authenticationmethods", "publickey"),
+        ("allowtcpforwarding", "local"),
+        ("permitopen", "127.0.0.1:*"),
+        ("permitlisten", "none"),
+        ("gatewayports", "no"),
+        ("allowstreamlocalforwarding", "no"),
+        ("allowagentforwarding", "no"),
+        ("x11forwarding", "no"),
+        ("permittty", "no"),
+        ("permittunnel", "no"),
+        ("permituserrc", "no"),
+        ("maxsessions", "0"),
+        ("forcecommand", "/usr/sbin/nologin"),
+        ("passwordauthentication", "no"),
+        ("kbdinteractiveauthentication", "no"),
+        ("unusedconnectiontimeout", "10"),
+    ],
+)
+def test_sshd_runs_for_jump_with_the_setting(stack: Stack, setting: str, value: str) -> None:
+    """Sshd itself says that the setting is in force for the account."""
+    of_jump = "user=jump,host=somewhere,addr=192.0.2.1"
+    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_jump)
+    assert f"{setting} {value}" in printed.splitlines()
+
+
+def test_person_reaches_the_robot(ann: Person, robot: ShellRobot) -> None:
+    """Who manages the robot gets to the first line of its sshd."""
+    assert ann.reach(robot.shell_port).stdout.encode() == BANNER.replace(b"\r\n", b"\n")
+
+
+def test_person_reaches_the_robot_through_443(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+    """So does a person on a network that lets only 443 out."""
+    target = f"127.0.0.1:{robot.shell_port}"
+    done = ann.key.ssh("-W", target, JUMP, port=stack.https_port)
+    assert done.stdout.encode() == BANNER.replace(b"\r\n", b"\n")
+
+
+@pytest.mark.parametrize("level", ["observe", "drive"])
+def test_less_than_manage_reaches_nothing(ann: Person, robot: ShellRobot, level: str) -> None:
+    """A person who manages no robot does not even get in."""
+    ann.grant(robot, level)
+    assert "Permission denied" in ann.reach(robot.shell_port).stderr
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "mysql:3306",
+        "relay:8091",
+        "relay:9100",
+        "web:8000",
+        "127.0.0.1:2222",
+        "sshd:2222",
+        "127.0.0.1:22",
+        "[::1]:{shell}",
+        "localhost:{shell}",
+        "0.0.0.0:{shell}",
+        "sshd:{shell}",
+        "127.0.0.1:{other}",
+        "127.0.0.1:{ros}",
+        "127.0.0.1:{video}",
+    ],
+)
+def test_person_reaches_nothing_else(
+    ann: Person, robot: ShellRobot, other: ShellRobot, target: str
+) -> None:
+    """Neither another robot's shell, nor any robot's rosbridge, nor a service of the server."""
+    ros, video = robot.key.ports()
+    ports = {"shell": robot.shell_port, "other": other.shell_port, "ros": ros, "video": video}
+    done = ann.key.ssh("-W", target.format(**ports), JUMP)
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert "administratively prohibited" in done.stderr
+
+
+def test_socks_reaches_only_the_robot(ann: Person, robot: ShellRobot, other: ShellRobot) -> None:
+    """A dynamic forward opens what a plain one opens, and no more."""
+    port = free_port()
+    running = ann.key.start("-N", "-D", f"127.0.0.1:{port}", JUMP)
+    try:
+        assert ann.stack.wait("the robot", lambda: _through_socks(port, robot.shell_port)) == BANNER
+        assert _through_socks(port, other.shell_port) == b""
+    finally:
+        end(running)
+
+
+def _through_socks(proxy: int, port: int) -> bytes | None:
+    """What 127.0.0.1:PORT says first through a SOCKS 4 proxy; None while the proxy is not there."""
+    try:
+        connection = socket.create_connection(("127.0.0.1", proxy), timeout=5)
+    except OSError:
+        return None
+    with connection, connection.makefile("rb") as answers:
+        connection.sendall(b"\x04\x01" + port.to_bytes(2, "big") + b"\x7f\x00\x00\x01\x00")
+        granted = answers.read(8)[1:2] == b"\x5a"
+        return answers.readline() if granted else b""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (JUMP,),
+        (JUMP, "id"),
+        (JUMP, "session"),
+        ("-tt", JUMP),
+        ("-s", JUMP, "sftp"),
+        ("-s", JUMP, "internal-sftp"),
+        ("-N", "-R", "0.0.0.0:0:127.0.0.1:9", JUMP),
+        ("-N", "-R", "/tmp/jump.sock:127.0.0.1:9", JUMP),
+        ("-W", "/run/secrets/session_key", JUMP),
+        ("-N", "-w", "any:any", JUMP),
+    ],
+    ids=" ".join,
+)
+def test_person_runs_and_opens_nothing(ann: Person, arguments: tuple[str, ...]) -> None:
+    """No shell, no command, no file transfer, no port on the server, no socket file, no network device."""
+    done = ann.key.ssh(*arguments)
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert "Permission denied" not in done.stderr
+
+
+def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(ann: Person, robot: ShellRobot) -> None:
+    """Each key is good for its own account."""
+    assert "Permission denied" in ann.key.ssh("tunnel@127.0.0.1", "session").stderr
+    done = robot.key.ssh("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
+    assert "Permission denied" in done.stderr
+
+
+def take_grant(ann: Person, robot: ShellRobot) -> None:
+    ann.stack.sql(
+        f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE u.name = '{ann.name}'"
+    )
+
+
+def lower_grant(ann: Person, robot: ShellRobot) -> None:
+    ann.grant(robot, "drive")
+
+
+def disable_user(ann: Person, robot: ShellRobot) -> None:
+    ann.stack.sql(f"UPDATE users SET disabled = TRUE WHERE name = '{ann.name}'")
+
+
+def remove_user(ann: Person, robot: ShellRobot) -> None:
+    ann.remove()
+
+
+def remove_key(ann: Person, robot: ShellRobot) -> None:
+    ann.stack.sql(f"DELETE FROM user_ssh_keys WHERE fingerprint = '{ann.key.fingerprint}'")
+
+
+@pytest.mark.parametrize(
+    "revoke", [take_grant, lower_grant, disable_user, remove_user, remove_key],
+    ids=lambda revoke: revoke.__name__,
+)  # fmt: skip
+def test_connection_ends_with_its_persons_right(
+    ann: Person, bob: Person, robot: ShellRobot, revoke: Callable[[Person, ShellRobot], None]
+) -> None:
+    """Within 2 s, and nobody else's with it."""
+    with ann.connected(robot.shell_port) as hers, bob.connected(robot.shell_port) as his:
+        revoke(ann, robot)
+        assert ended(hers)
+        assert lives(his, "still here")
+    assert "Permission denied" in ann.reach(robot.shell_port).stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["shell = FALSE", "state = 'disabled'", "shell_port = NULL"],
+)
+def test_connection_ends_with_its_robots_port(
+    ann: Person, robot: ShellRobot, tmp_path: Path, change: str
+) -> None:
+    """Within 2 s after the shell is off, the robot disabled or its port moved (NULL: to a free one), used or not."""
+    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:63")
+    try:
+        ann.grant(extra, "manage")
+        with ann.connected(robot.shell_port) as running:
+            extra.change(change)
+            assert ended(running)
+        assert ann.reach(robot.shell_port).stdout != ""
+    finally:
+        extra.remove()
+
+
+def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path: Path) -> None:
+    """Within 2 s after the robot's row is gone."""
+    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:64")
+    ann.grant(extra, "manage")
+    with ann.connected(robot.shell_port) as running:
+        extra.remove()
+        assert ended(running)
+
+
+def test_more_rights_end_nothing(ann: Person, robot: ShellRobot, other: ShellRobot) -> None:
+    """A new grant, and a new name of the robot, leave a live connection alone; the new port needs a new login."""
+    with ann.connected(robot.shell_port) as running:
+        ann.grant(other, "manage")
+        assert not ended(running, 3)
+        assert lives(running, "still here")
+        assert ann.reach(other.shell_port).stdout != ""
+
+
+def test_stranger_with_a_public_key_gets_nothing(
+    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path
+) -> None:
+    """Who has only the public half does not get in, leaves nothing behind, and disturbs nobody."""
+    stolen = tmp_path / "stolen.pub"
+    stolen.write_text(ann.key.public + "\n")
+    with ann.connected(robot.shell_port) as running:
+        mine = registered(stack)
+        bare = ["ssh", "-F", "none", "-p", str(stack.ssh_port), "-i", str(stolen)]
+        options = ["BatchMode=yes", "IdentitiesOnly=yes", "StrictHostKeyChecking=no"]
+        options.append(f"UserKnownHostsFile={tmp_path / 'known'}")
+        arguments = [part for option in options for part in ("-o", option)]
+        for _ in range(3):
+            done = subprocess.run(
+                [*bare, *arguments, "-W", f"127.0.0.1:{robot.shell_port}", JUMP],
+                capture_output=True, text=True, timeout=15, stdin=subprocess.DEVNULL, check=False,
+            )  # fmt: skip
+            assert "Permission denied" in done.stderr
+        stack.wait("the register as before", lambda: registered(stack) == mine, "sshd", seconds=5)
+        assert lives(running, "still here")
+
+
+def test_key_that_signs_counts_and_not_one_that_is_shown(
+    ann: Person, bob: Person, robot: ShellRobot
+) -> None:
+    """A connection that offered another person's key first is judged by the key that got in."""
+    shown = bob.key.file.with_name("shown.pub")
+    shown.write_text(ann.key.public + "\n")
+    target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
+    running = bob.key.start("-i", str(shown), *target)
+    try:
+        assert first_line(running).startswith("SSH-2.0")
+        take_grant(ann, robot)
+        assert not ended(running, 3)
+        assert lives(running, "still here")
+        take_grant(bob, robot)
+        assert ended(running)
+    finally:
+        end(running)
+
+
+def test_two_people_with_one_key(ann: Person, bob: Person, robot: ShellRobot) -> None:
+    """The key opens what either may reach, as long as one of them may."""
+    bob.stack.sql(
+        f"UPDATE user_ssh_keys SET fingerprint = '{ann.key.fingerprint}', public_key = '{ann.key.public}' "
+        f"WHERE fingerprint = '{bob.key.fingerprint}'"
+    )
+    with ann.connected(robot.shell_port) as running:
+        take_grant(ann, robot)
+        assert not ended(running, 3)
+        take_grant(bob, robot)
+        assert ended(running)
+
+
+def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: ShellRobot) -> None:
+    """One person cannot fill the container; more connections than that end, and other people's do not."""
+    target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
+    many: list[subprocess.Popen[str]] = []
+    try:
+        with bob.connected(robot.shell_port) as his:
+            for _ in range(34):
+                many.append(ann.key.start(*target))
+                first_line(many[-1])
+            ann.stack.wait(
+                "two of 34 ended",
+                lambda: sum(each.poll() is not None for each in many) == 2,
+                "sshd",
+                seconds=10,
+            )
+            assert lives(his, "still here")
+    finally:
+        for each in many:
+            each.kill()
+            each.communicate()
+
+
+def test_robot_listens_on_no_shell_port_but_its_own(robot: ShellRobot, other: ShellRobot) -> None:
+    """No robot can pose as the shell of another."""
+    forward = f"0.0.0.0:{other.shell_port}:127.0.0.1:9"
+    done = robot.key.ssh("-N", "-R", forward, "tunnel@127.0.0.1")
+    assert "remote port forwarding failed" in done.stderr
+
+
+def test_robot_without_a_shell_listens_on_no_shell_port(stack: Stack, tmp_path: Path) -> None:
+    """A robot whose shell is off gets neither the connection nor the port that it had."""
+    made = ShellRobot(stack, tmp_path, "shut", "00:00:5e:00:53:65")
+    try:
+        port = made.shell_port
+        with made.listening() as running:
+            made.change("shell = FALSE")
+            assert ended(running)
+        done = made.key.ssh("-N", "-R", f"0.0.0.0:{port}:127.0.0.1:9", "tunnel@127.0.0.1")
+        assert "remote port forwarding failed" in done.stderr
+        again = made.key.start("tunnel@127.0.0.1", "shell")
+        try:
+            assert '"shell_off"' in first_line(again)
+            assert ended(again)
+        finally:
+            end(again)
+    finally:
+        made.remove()
+
+
+def test_watch_that_hangs_lets_nobody_new_in(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+    """Without a watch nobody gets in, the container is not healthy, and those who are in stay; then all goes on."""
+    with ann.connected(robot.shell_port) as running:
+        _signal_watch(stack, "STOP")
+        try:
+            stack.wait(
+                "nobody gets in",
+                lambda: "Permission denied" in ann.reach(robot.shell_port).stderr,
+                "sshd",
+                seconds=20,
+            )
+            assert stack.container("sshd").exec_run("/usr/lib/robotether/healthy").exit_code != 0
+            assert lives(running, "still here")
+        finally:
+            _signal_watch(stack, "CONT")
+        stack.wait("she gets in again", lambda: ann.reach(robot.shell_port).stdout, "sshd")
+        take_grant(ann, robot)
+        assert ended(running)
+
+
+def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+    """It is started again, and knows the connections that were there before."""
+    with ann.connected(robot.shell_port) as running:
+        _signal_watch(stack, "KILL")
+        take_grant(ann, robot)
+        assert ended(running, 5)
+    assert "starting it again" in stack.logs("sshd")
+
+
+def _signal_watch(stack: Stack, signal: str) -> None:
+    stack.exec(
+        "sshd",
+        "pkill",
+        f"-{signal}",
+        "-f",
+        "^/bin/bash /usr/lib/robotether/jump-watch",
+        user="jump",
+    )
+
+
+def test_watch_has_no_rights_beyond_its_account(stack: Stack) -> None:
+    """It runs without a capability, as an account that may signal its own processes only."""
+    find = "pgrep -f '^/bin/bash /usr/lib/robotether/jump-watch' | head -1"
+    status = stack.exec("sshd", "bash", "-c", f"cat /proc/$({find})/status")
+    rows = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)
+    assert rows["Uid"].split() == ["10024"] * 4
+    assert rows["Gid"].split() == ["10025"] * 4
+    assert rows["Groups"].strip() == ""
+    assert int(rows["CapEff"], 16) == int(rows["CapPrm"], 16) == int(rows["CapAmb"], 16) == 0
+
+
+def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(
+    ann: Person, robot: ShellRobot, stack: Stack
+) -> None:
+    """No cache knows people's keys; who is in stays, and what changed meanwhile counts once the database is back."""
+    mysql, port = stack.container("mysql"), robot.shell_port
+    with ann.connected(port) as running:
+        mysql.stop(timeout=20)
+        try:
+            assert "Permission denied" in ann.reach(port).stderr
+            assert not ended(running, 3)
+            assert lives(running, "still here")
+        finally:
+            mysql.start()
+            stack.wait_healthy("mysql")
+        stack.wait("she gets in again", lambda: ann.reach(port).stdout, "sshd")
+        begun = time.monotonic()
+        take_grant(ann, robot)
+        assert ended(running, 5), f"not ended after {time.monotonic() - begun:.1f} s"

@@ -1,0 +1,184 @@
+"""People and robots for the tests of the account `jump`: rows in the running stack's database, and a robot's sshd.
+
+The rows are written with SQL, so that the tests ask what sshd makes of the records, whoever writes them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import select
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from socketserver import BaseRequestHandler, ThreadingTCPServer
+
+from robot_key import RobotKey
+from stack import Stack
+
+JUMP = "jump@127.0.0.1"
+TUNNEL = "tunnel@127.0.0.1"
+BANNER = b"SSH-2.0-the_robots_own\r\n"
+
+
+class _Banner(BaseRequestHandler):
+    def handle(self) -> None:
+        self.request.sendall(BANNER)
+        while data := self.request.recv(4096):
+            self.request.sendall(data)
+
+
+class RobotSshd(ThreadingTCPServer):
+    """What stands on a robot's port 22: says an SSH server's first line, then echoes."""
+
+    daemon_threads = True
+    allow_reuse_address = True
+
+    @classmethod
+    @contextmanager
+    def running(cls) -> Iterator[int]:
+        """Listen inside the block; gives the port."""
+        with cls(("127.0.0.1", 0), _Banner) as server:
+            thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+            thread.start()
+            try:
+                yield server.server_address[1]
+            finally:
+                server.shutdown()
+                thread.join()
+
+
+class ShellRobot:
+    """An active robot with a shell port; `listening` opens its forward as an agent does."""
+
+    def __init__(self, stack: Stack, folder: Path, name: str, mac: str) -> None:
+        self.stack = stack
+        self.name = name
+        self.mac = mac
+        self.key = RobotKey(stack, folder, name)
+        self._control = folder / f"{name}.control"
+        self.insert()
+
+    def insert(self) -> None:
+        """Write the row (anew)."""
+        key = " ".join(self.key.public.split()[:2])
+        self.stack.sql(
+            "INSERT INTO robots (mac, name, state, public_key, fingerprint, shell) "
+            f"VALUES ('{self.mac}', '{self.name}', 'active', '{key}', '{self.key.fingerprint}', TRUE)"
+        )
+
+    def change(self, change: str) -> None:
+        """UPDATE its row."""
+        self.stack.sql(f"UPDATE robots SET {change} WHERE name = '{self.name}'")
+
+    def remove(self) -> None:
+        """DELETE its row."""
+        self.stack.sql(f"DELETE FROM robots WHERE name = '{self.name}'")
+
+    @property
+    def shell_port(self) -> int:
+        """Where its shell is on the server."""
+        [[port]] = self.stack.sql(f"SELECT shell_port FROM robots WHERE name = '{self.name}'")
+        return int(port)
+
+    @contextmanager
+    def listening(self, kind: str = "shell") -> Iterator[subprocess.Popen[str]]:
+        """Have the robot's connection with its forward to a robot's sshd."""
+        port = self.shell_port
+        with RobotSshd.running() as target:
+            running = self.key.start("-M", "-S", str(self._control), TUNNEL, kind)
+            try:
+                assert '"config"' in first_line(running)
+                forward = ("-O", "forward", "-R", f"0.0.0.0:{port}:127.0.0.1:{target}")
+                done = self.key.ssh("-S", str(self._control), *forward, TUNNEL)
+                assert done.returncode == 0, done.stderr
+                with _heartbeat(running):
+                    yield running
+            finally:
+                end(running)
+
+
+@contextmanager
+def _heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
+    """Answer the relay's pings, as an agent does, until the connection ends; ends it with the block."""
+
+    def answer() -> None:
+        assert running.stdin is not None
+        assert running.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            for line in running.stdout:
+                message = json.loads(line)
+                if message["type"] == "ping":
+                    running.stdin.write(json.dumps({"type": "pong", "seq": message["seq"]}) + "\n")
+                    running.stdin.flush()
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        yield
+    finally:
+        running.terminate()
+        thread.join()
+
+
+class Person:
+    """A user with an SSH key and grants."""
+
+    def __init__(self, stack: Stack, folder: Path, name: str) -> None:
+        self.stack = stack
+        self.name = name
+        self.key = RobotKey(stack, folder, name)
+        stack.sql(f"INSERT INTO users (name, password_hash) VALUES ('{name}', 'x')")
+        self.add_key()
+
+    def add_key(self) -> None:
+        """Put the public key into the profile."""
+        key = " ".join(self.key.public.split()[:2])
+        self.stack.sql(
+            "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) "
+            f"SELECT id, 'laptop', '{self.key.fingerprint}', '{key}' FROM users WHERE name = '{self.name}'"
+        )
+
+    def grant(self, robot: ShellRobot, level: str) -> None:
+        """Give or change a grant."""
+        self.stack.sql(
+            "REPLACE INTO grants (user_id, robot_id, level) SELECT u.id, r.id, "
+            f"'{level}' FROM users u, robots r WHERE u.name = '{self.name}' AND r.name = '{robot.name}'"
+        )
+
+    def remove(self) -> None:
+        """DELETE the user, with keys and grants."""
+        self.stack.sql(f"DELETE FROM users WHERE name = '{self.name}'")
+
+    def reach(self, port: int, host: str = "127.0.0.1") -> subprocess.CompletedProcess[str]:
+        """`ssh -W HOST:PORT jump@...` to its end; nothing is sent."""
+        return self.key.ssh("-W", f"{host}:{port}", JUMP)
+
+    @contextmanager
+    def connected(self, port: int) -> Iterator[subprocess.Popen[str]]:
+        """Be connected to a robot's shell port."""
+        running = self.key.start("-W", f"127.0.0.1:{port}", JUMP)
+        try:
+            assert first_line(running).encode() == BANNER.replace(b"\r\n", b"\n")
+            yield running
+        finally:
+            end(running)
+
+
+def first_line(running: subprocess.Popen[str], seconds: float = 10) -> str:
+    """The first line that the client prints; fails with its error when none comes."""
+    assert running.stdout is not None
+    ready, _, _ = select.select([running.stdout], [], [], seconds)
+    line = running.stdout.readline() if ready else ""
+    if not line:
+        running.kill()
+        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
+    return line
+
+
+def end(running: subprocess.Popen[str]) -> str:
+    """End the client; return what it said on stderr."""
+    running.terminate()
+    return running.communicate(timeout=10)[1]
