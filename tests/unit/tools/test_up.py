@@ -31,7 +31,7 @@ def checkout(tmp_path: Path) -> Path:
     for name in ("up", "common.sh"):
         shutil.copy(ROOT / "tools" / name, tools)
     for name in ("ensure_docker", "ensure_base_image", "build"):
-        (tools / name).write_text("#!/bin/sh\n")
+        (tools / name).write_text(f"#!/bin/sh\necho {name} >> calls\n")
     (tools / "compose").write_text(COMPOSE)
     for path in tools.iterdir():
         path.chmod(0o755)
@@ -111,3 +111,13 @@ def test_closed_folder_may_hold_more(checkout: Path) -> None:
     (secrets / "letters").write_text("")
     assert up(checkout).returncode == 0
     assert (secrets / "ticket_key").exists()
+
+
+def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
+    """With --no-build nothing is built, and no base image is wanted."""
+    done = up(checkout, "--no-build")
+    assert done.returncode == 0, done.stderr
+    assert "build" not in calls(checkout)
+    assert "ensure_base_image" not in calls(checkout)
+    assert up(checkout).returncode == 0
+    assert "build" in calls(checkout)
