@@ -4,7 +4,7 @@ SHELL := /bin/bash
 VENV := .venv
 PYTEST := $(VENV)/bin/pytest
 
-.PHONY: help demo up down images test test-unit test-images test-e2e lint bench screenshots venv frontend-test clean
+.PHONY: help demo up down images test test-unit test-images test-e2e test-ansible lint bench enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -26,9 +26,9 @@ venv: $(VENV)/.complete ## the Python tools that tests and checks need
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-test: lint test-unit frontend-test test-images test-e2e ## everything: checks, unit, images, end to end (under 25 minutes on two cores)
+test: lint test-unit frontend-test test-images test-e2e test-ansible ## everything: checks, unit, images, end to end, playbooks (under 35 minutes on two cores)
 
-lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint
+lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH
@@ -44,6 +44,15 @@ test-images: venv images ## ask the daemons in the images what is in force
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
 	@$(PYTEST) tests/e2e
+
+test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
+	@tools/ensure_test_hosts
+	@tools/ensure_robot_host_image
+	@$(PYTEST) tests/ansible
+
+enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
+	@tools/ensure_robot_host_image
+	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/enrol_times.py
 
 bench: venv ## latency of the whole path beside a bare ssh -R and straight rosbridge; needs make demo
 	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/bench.py

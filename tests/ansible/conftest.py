@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from playbooks import Site
-from robot_hosts import RobotHosts
+from playbooks import Site, build_wheel
+from robot_hosts import ROOT, RobotHosts
 from stack import Stack
 
 
@@ -29,6 +33,28 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
 
 
 @pytest.fixture(scope="module")
-def site(stack: Stack, hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Site:
+def site(
+    stack: Stack, hosts: RobotHosts, wheel: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Site:
     """An administrator with an API token, who runs the playbooks."""
-    return Site(tmp_path_factory.mktemp("site"), stack, hosts, stack.token("ansible"))
+    token = stack.token(f"ansible-{time.monotonic_ns()}")
+    variables = {"robotether_wheel_file": str(wheel)}
+    return Site(tmp_path_factory.mktemp("site"), stack, hosts, token, variables)
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The agent of this checkout, the same for all tests of a run whoever edits it meanwhile."""
+    return build_wheel(ROOT / "agent", tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="session")
+def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the agent needs as wheels, for robots without internet: this Python is the hosts' Python."""
+    folder = tmp_path_factory.mktemp("wheelhouse")
+    command = [
+        sys.executable, "-m", "pip", "download", "--quiet", "--only-binary", ":all:", "--require-hashes",
+        "--python-version", "3.11", "--dest", str(folder), "-r", str(ROOT / "agent" / "requirements.txt"),
+    ]  # fmt: skip
+    subprocess.run(command, check=True, timeout=180)
+    return folder

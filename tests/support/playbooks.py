@@ -1,20 +1,23 @@
 """Runs the playbooks of ansible/ as a site's administrator does, and reads what they say.
 
-    site = Site(folder, stack, hosts)
-    recap = site.play("enroll.yml", turtle)
-    assert recap["turtle"].changed == 0
+site = Site(folder, stack, hosts)
+recap = site.play("enroll.yml", turtle)
+assert recap["turtle"].changed == 0
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, RobotHost, RobotHosts
 from stack import Stack
@@ -25,6 +28,18 @@ RECAP = re.compile(
     r"\s+failed=(?P<failed>\d+)\s+skipped=(?P<skipped>\d+)\s+rescued=(?P<rescued>\d+)",
     re.MULTILINE,
 )
+
+
+def build_wheel(agent: Path, folder: Path) -> Path:
+    """Build a wheel of an agent's sources, with its requirements beside it, as robotether_wheel_file wants it."""
+    sources = folder / "agent"
+    shutil.copytree(
+        agent, sources, ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+    )
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
+    subprocess.run([*command, "--wheel-dir", str(folder), str(sources)], check=True, timeout=120)
+    shutil.copy(sources / "requirements.txt", folder)
+    return next(folder.glob("*.whl"))
 
 
 @dataclass(frozen=True)
@@ -86,6 +101,15 @@ class Site:
         )  # fmt: skip
         return printed.strip().split("=")[-1].replace(":", "").lower()
 
+    def join_token(self, *, uses: int) -> str:
+        """A new join token, good for an hour."""
+        body = {"name": f"join-{time.monotonic_ns()}", "uses": uses, "hours": 1}
+        status, answer = self.stack.request(
+            "POST", "/api/v1/join-tokens", body, {"Authorization": f"Bearer {self.token}"}
+        )
+        assert status == 201, answer
+        return str(answer["token"])
+
     def inventory(self, robots: Iterable[RobotHost]) -> Path:
         """Write the inventory of these robots, as a site's robots.ini."""
         ours = {
@@ -94,7 +118,9 @@ class Site:
             # A container's interface is virtual, so the agent's rule finds none by itself.
             "robotether_agent_interface": "eth0",
             # This machine's way to the package index, as behind an inspecting proxy.
-            "robotether_agent_environment": str({"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}),
+            "robotether_agent_environment": str(
+                {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
+            ),
             **self.variables,
         }
         lines = [
@@ -108,7 +134,7 @@ class Site:
         path.write_text("\n".join(lines) + "\n")
         return path
 
-    def play(self, playbook: str, *robots: RobotHost, check: bool = False, **extra: str) -> Played:
+    def play(self, playbook: str, *robots: RobotHost, check: bool = False, **extra: Any) -> Played:
         """Run a playbook on these robots; `extra` are variables (-e), and `token` the one of this run."""
         environment = {
             **os.environ,
@@ -120,7 +146,7 @@ class Site:
             str(Path(sys.executable).with_name("ansible-playbook")),
             "-i", str(self.inventory(robots)),
             *(["--check"] if check else []),
-            *(word for name, value in extra.items() for word in ("-e", f"{name}={value}")),
+            "-e", json.dumps(extra),
             playbook,
         ]  # fmt: skip
         started = time.monotonic()
@@ -130,7 +156,7 @@ class Site:
         )  # fmt: skip
         return Played(done.returncode, done.stdout + done.stderr, time.monotonic() - started)
 
-    def play_well(self, playbook: str, *robots: RobotHost, **extra: str) -> Played:
+    def play_well(self, playbook: str, *robots: RobotHost, **extra: Any) -> Played:
         """Run a playbook that must succeed, or fail the test with all that it printed."""
         played = self.play(playbook, *robots, **extra)
         assert played.code == 0, played.printed

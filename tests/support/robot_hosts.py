@@ -19,6 +19,7 @@ import subprocess
 import tarfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -87,6 +88,19 @@ class RobotHost:
             archive.addfile(entry, io.BytesIO(content))
         assert self.container.put_archive("/", buffer.getvalue())
 
+    def footprint(self) -> set[str]:
+        """Every lasting file outside of people's homes, with its owner and mode, and all users and groups.
+
+        What differs before and after is what was left behind. Left out is what the host itself writes all the time.
+        """
+        found = self.run(
+            "find / -xdev \\( -path /home -o -path /root -o -path /tmp -o -path /var/tmp -o -path /var/log"
+            " -o -path /var/cache -o -path /var/lib/systemd -o -path /var/lib/private \\) -prune"
+            " -o -printf '%p %M %u:%g\\n'"
+            " | grep -v __pycache__; cut -d: -f1,3 /etc/passwd /etc/group"
+        )
+        return set(found.splitlines())
+
     def reboot(self) -> None:
         """Switch it off and on in an orderly way; returns when the power is on, not when it has booted."""
         self.container.restart(timeout=30)
@@ -102,7 +116,7 @@ class RobotHost:
     def wait_booted(self, seconds: float = 60) -> None:
         """Wait until systemd has started everything and SSH answers."""
         self.wait("systemd running", lambda: self.succeeds("systemctl is-system-running"), seconds)
-        self.wait("SSH answers", self._greets, seconds)
+        self.wait("SSH answers", self.greets, seconds)
 
     def wait(self, what: str, condition: Callable[[], T | None], seconds: float = 30) -> T:
         """Wait until the condition gives something true; on a time-out show the host's journal."""
@@ -146,7 +160,7 @@ class RobotHost:
             [self.name, *(f"{key}={shlex.quote(value)}" for key, value in ours.items())]
         )
 
-    def _greets(self) -> bool:
+    def greets(self) -> bool:
         try:
             with socket.create_connection(("127.0.0.1", self.ssh_port), timeout=2) as connection:
                 return connection.recv(4) == b"SSH-"
@@ -201,8 +215,11 @@ class RobotHosts:
     def boot(
         self, name: str, *, image: str = IMAGE, mac: str | None = None, **options: Any
     ) -> RobotHost:
-        """Boot a new host and wait until it takes logins; `options` go to Docker, `mac` is eth0's."""
-        mac = mac or self._next_mac()
+        """Boot a new host and wait until it takes logins; `options` go to Docker, `mac` is eth0's.
+
+        With a `command` among the options that runs in place of systemd, and nobody waits for it.
+        """
+        mac = mac or self._mac(len(self.booted))
         ssh_port = free_port()
         container = self.engine.containers.create(
             image,
@@ -222,8 +239,15 @@ class RobotHosts:
         self.booted.append(host)
         container.start()
         self._let_in(host)
-        host.wait_booted()
+        if "command" not in options:
+            host.wait_booted()
         return host
+
+    def boot_all(self, *names: str) -> list[RobotHost]:
+        """Boot several hosts beside each other."""
+        macs = {name: self._mac(len(self.booted) + at) for at, name in enumerate(names)}
+        with ThreadPoolExecutor(len(names)) as pool:
+            return list(pool.map(lambda name: self.boot(name, mac=macs[name]), names))
 
     def remove(self, host: RobotHost) -> None:
         """Throw a host away."""
@@ -237,7 +261,7 @@ class RobotHosts:
         if Path(bundle).exists():
             host.put(Path(bundle).read_bytes(), CA_BUNDLE)
 
-    def _next_mac(self) -> str:
+    def _mac(self, number: int) -> str:
         """A MAC as a network card's maker gives it, another one for each host of this run."""
-        number = os.getpid() % 0x10000 * 0x100 + len(self.booted) + 1
-        return f"00:1b:44:{number >> 16 & 255:02x}:{number >> 8 & 255:02x}:{number & 255:02x}"
+        tail = os.getpid() % 0x10000 * 0x100 + number
+        return f"00:1b:44:{tail >> 16 & 255:02x}:{tail >> 8 & 255:02x}:{tail & 255:02x}"

@@ -1,0 +1,109 @@
+"""upgrade.yml brings another agent to robots, one first, and stops at the first that goes back to its old one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from playbooks import Site, build_wheel
+from robot_hosts import ROOT, RobotHost, RobotHosts
+
+# A version that starts and dies, as one with a defect does.
+BROKEN = '\n\ndef run(settings, environ):\n    raise RuntimeError("broken on purpose")\n'
+
+
+@pytest.fixture(scope="module")
+def robots(site: Site, hosts: RobotHosts, wheelhouse: Path) -> list[RobotHost]:
+    """Two enrolled robots."""
+    site.variables["agent_wheelhouse"] = str(wheelhouse)
+    booted = hosts.boot_all("first", "second")
+    site.play_well("enroll.yml", *booted)
+    return booted
+
+
+def _other_version(folder: Path, version: str, appended_to_run: str = "") -> Path:
+    sources = folder / "changed"
+    shutil.copytree(ROOT / "agent", sources)
+    (sources / "robotether_agent" / "__init__.py").write_text(
+        f'"""A version for a test."""\n\n__version__ = "{version}"\n'
+    )
+    run = sources / "robotether_agent" / "cli" / "run.py"
+    run.write_text(run.read_text() + appended_to_run)
+    return build_wheel(sources, folder)
+
+
+def _version(robot: RobotHost) -> str:
+    return robot.run("robotether-agent --version").split()[-1]
+
+
+def test_broken_version_stops_at_the_first(
+    site: Site, robots: list[RobotHost], tmp_path: Path
+) -> None:
+    """The first robot goes back by itself and is online, the second one is not touched, and the playbook says so."""
+    wheel = _other_version(tmp_path, "0.9.0", BROKEN)
+    before = [_version(robot) for robot in robots]
+    played = site.play(
+        "upgrade.yml",
+        *robots,
+        robotether_wheel_file=str(wheel),
+        robotether_agent_switch_timeout="8",
+    )
+    assert played.code != 0
+    assert "first did not come up with version 0.9.0" in played.text
+    assert "second" not in played.recaps
+    assert [_version(robot) for robot in robots] == before
+    assert not robots[1].succeeds("ls -d /opt/robotether-agent/versions/0.9.0*")
+    for robot in robots:
+        robot.wait(f"{robot.name} online", lambda name=robot.name: site.stack.online(name))
+
+
+def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
+    """A version that connects is on all robots afterwards, and a second run changes nothing."""
+    wheel = str(_other_version(tmp_path, "0.9.1"))
+    site.play_well("upgrade.yml", *robots, robotether_wheel_file=wheel)
+    assert [_version(robot) for robot in robots] == ["0.9.1", "0.9.1"]
+    again = site.play_well("upgrade.yml", *robots, robotether_wheel_file=wheel)
+    assert {recap.changed for recap in again.recaps.values()} == {0}
+
+
+def test_no_agent_to_upgrade(site: Site, hosts: RobotHosts) -> None:
+    """A machine without an agent is told to be enrolled first, and stays as it is."""
+    bare = hosts.boot("bare")
+    before = bare.footprint()
+    played = site.play("upgrade.yml", bare)
+    assert "no agent is installed there; enrol it first" in played.text
+    assert bare.footprint() == before
+
+
+def test_through_its_own_tunnel(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
+    """A robot that is reached through the tunnel of the agent which is replaced is upgraded all the same."""
+    robot = robots[0]
+    port = _open_shell(site, robot)
+    robot.wait(
+        "shell tunnel",
+        lambda: "shell tunnel  open" in robot.run("robotether-agent status", check=False),
+    )
+    known = "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null"
+    jump = f"ssh -i {robot.key} {known} -p {site.stack.ssh_port} -W 127.0.0.1:{port} jump@127.0.0.1"
+    site.play_well(
+        "upgrade.yml",
+        robot,
+        robotether_wheel_file=str(_other_version(tmp_path, "0.9.2")),
+        ansible_port=str(port),
+        ansible_ssh_common_args=f"{known} -o 'ProxyCommand={jump}'",
+    )
+    assert _version(robot) == "0.9.2"
+
+
+def _open_shell(site: Site, robot: RobotHost) -> int:
+    """Let the admin reach the robot's SSH through the server; the port there."""
+    bearer = {"Authorization": f"Bearer {site.token}"}
+    key = {"name": "upgrade", "public_key": robot.key.with_suffix(".pub").read_text().strip()}
+    status, answer = site.stack.request("POST", "/api/v1/me/ssh-keys", key, bearer)
+    assert status == 201, answer
+    status, answer = site.stack.request(
+        "PATCH", f"/api/v1/robots/{robot.name}", {"shell": True}, bearer
+    )
+    assert status == 200, answer
+    return int(answer["shell_port"])

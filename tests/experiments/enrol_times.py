@@ -1,0 +1,96 @@
+"""How long it takes until a robot can be driven: `make enrol-times`.
+
+Brings up a stack of its own, boots hosts with systemd in containers, and prints a table: seconds from the start of
+`ansible-playbook enroll.yml` until every robot answered a drive connection, for one and for five bare robots, the same
+run again, and seconds from power-on of an enrolled robot until a drive connection is answered.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import aiohttp
+from playbooks import Played, Site, build_wheel
+from programs import Program
+from robot_hosts import ROOT, RobotHost, RobotHosts
+from stack import Stack
+
+FLEET = 5
+POWER_CUTS = 10
+LIMIT_S = 60.0
+
+
+async def answers(program: Program, robot: str) -> bool:
+    """Tell whether a new drive connection gets an answer from the robot's rosbridge now."""
+    try:
+        async with asyncio.timeout(5), program.connect(robot) as socket:
+            await socket.send_json({"op": "subscribe", "topic": "/pose", "type": "turtlesim/Pose"})
+            return "pose" in await socket.receive_str()
+    except (OSError, TimeoutError, TypeError, aiohttp.ClientError):
+        return False
+
+
+async def power_on_s(program: Program, robot: RobotHost) -> float:
+    """Cut the robot's power, give it back, and return the seconds from then until it can be driven."""
+    await asyncio.to_thread(robot.switch_off)
+    started = time.monotonic()
+    await asyncio.to_thread(robot.switch_on)
+    while not await answers(program, robot.name):
+        if time.monotonic() - started > LIMIT_S:
+            raise SystemExit(f"{robot.name} cannot be driven {LIMIT_S:g} s after power-on")
+        await asyncio.sleep(0.02)
+    return time.monotonic() - started
+
+
+def row(what: str, robots: int, values: list[float]) -> str:
+    """One line of the table, seconds."""
+    return f"| {what} | {robots} | {statistics.median(values):.1f} | {max(values):.1f} | {len(values)} |"
+
+
+def measure(site: Site, hosts: RobotHosts) -> list[str]:
+    """Return the table's lines."""
+    program = Program(site.stack, site.token)
+    one = [hosts.boot("solo")]
+    fleet = hosts.boot_all(*(f"fleet{number}" for number in range(1, FLEET + 1)))
+    lines = ["| what | robots | median s | worst s | runs |", "|---|---|---|---|---|"]
+    for robots in (one, fleet):
+        for what in ("enroll.yml, first run, to drivable", "enroll.yml, second run"):
+            played = site.play_well("enroll.yml", *robots)
+            told(played)
+            lines.append(row(what, len(robots), [played.took_s]))
+    cuts = [asyncio.run(power_on_s(program, one[0])) for _ in range(POWER_CUTS)]
+    lines.append(row("power-on of an enrolled robot to drivable", 1, cuts))
+    return lines
+
+
+def told(played: Played) -> None:
+    """Show the recap on standard error, so that standard output is the table alone."""
+    recap = played.printed[played.printed.index("PLAY RECAP") :].strip()
+    sys.stderr.write(f"{recap}\n{played.took_s:.1f} s\n\n")
+
+
+def main() -> None:
+    """Bring everything up, measure, print, and remove it all."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        stack = Stack(folder / "stack")
+        try:
+            stack.up(robots=False)
+            with RobotHosts(folder) as hosts:
+                # The playbook proves each robot by a round trip of its own before it ends.
+                site = Site(folder, stack, hosts, stack.token("enrol-times"))
+                (folder / "wheel").mkdir()
+                wheel = build_wheel(ROOT / "agent", folder / "wheel")
+                site.variables["robotether_wheel_file"] = str(wheel)
+                sys.stdout.write("\n".join(measure(site, hosts)) + "\n")
+        finally:
+            stack.down()
+
+
+if __name__ == "__main__":
+    main()
