@@ -1,0 +1,96 @@
+"""The whole API of the running server against its own description: schemathesis makes the requests.
+
+It sends what the description allows and what it does not, and follows what one answer gives to the next request.
+Every answer must be described, and no request may end in a mistake of the server.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stack import ROOT, Stack
+
+SCHEMATHESIS = Path(sys.executable).with_name("schemathesis")
+EXAMPLES = 5
+LONGEST_RUN_S = 400
+# What is printable, and what is a key, no schema can say: random texts are refused although they fit it.
+NOT_CHECKED = "positive_data_acceptance"
+# Server-sent events, which never end; tests/unit/server/relay/test_events.py has them.
+ENDLESS = "/api/v1/events"
+
+
+@dataclass
+class Api:
+    """An admin's program, and what was there before it."""
+
+    stack: Stack
+    token: str
+
+    def ask(self, method: str, path: str) -> Any:
+        """The answer's JSON."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        status, answer = self.stack.request(method, f"/api/v1{path}", headers=headers)
+        assert status in {200, 204}, answer
+        return answer
+
+    def names(self, path: str, key: str, member: str = "name") -> set[str]:
+        """What a list holds."""
+        return {str(one[member]) for one in self.ask("GET", path)[key]}
+
+    def records(self) -> dict[str, set[str]]:
+        """Everything that a request could name, by the name of its place in paths."""
+        return {
+            "robot": self.names("/robots", "robots"),
+            "user": self.names("/users", "users"),
+            "token_id": self.names("/tokens", "tokens", "id"),
+            "key_id": self.names("/rejected-keys", "rejected_keys", "id"),
+        }
+
+
+@pytest.fixture
+def api(stack: Stack) -> Iterator[Api]:
+    """Afterwards there is what was there before, and nothing else."""
+    api = Api(stack, stack.token("schemathesis"))
+    before = api.records()
+    yield api
+    lists = {"robot": "robots", "user": "users", "key_id": "rejected-keys", "token_id": "tokens"}
+    for kind, path in lists.items():
+        for name in api.records()[kind] - before[kind]:
+            api.ask("DELETE", f"/{path}/{name}")
+    for one in api.ask("GET", "/join-tokens")["join_tokens"]:
+        api.ask("DELETE", f"/join-tokens/{one['id']}")
+    assert api.records() == before
+
+
+def test_api_keeps_to_its_description(api: Api, tmp_path: Path) -> None:
+    """Whatever is sent: described answers, problems in JSON, refusals of what is not allowed, and never a 500."""
+    protected = {kind: sorted(names) for kind, names in api.records().items()}
+    command = [str(SCHEMATHESIS), "run", f"{api.stack.url}/api/v1/openapi.json"]
+    command += ["--header", f"Authorization: Bearer {api.token}", "--tls-verify", "false"]
+    command += ["--exclude-path", ENDLESS, "--exclude-checks", NOT_CHECKED]
+    command += ["--max-examples", str(EXAMPLES), "--seed", "1", "--no-color"]
+    command += ["--generation-database", "none", "--warnings", "off"]
+    hooks = {
+        "SCHEMATHESIS_HOOKS": "schemathesis_hooks",
+        "PYTHONPATH": str(ROOT / "tests" / "support"),
+        "PROTECTED": json.dumps(protected),
+    }
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=os.environ | hooks,
+        timeout=LONGEST_RUN_S,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}\n{api.stack.logs('web')}"
+    assert "No issues found" in done.stdout, done.stdout
