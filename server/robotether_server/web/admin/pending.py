@@ -10,6 +10,7 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server.administration import pending, robots
 from robotether_server.administration.pending import RejectedKey, Waiting
 from robotether_server.problems import Problem, RecordMissing
+from robotether_server.store import robots as robots_store
 from robotether_server.web import deeds, forms, visitors
 from robotether_server.web.deeds import METHODS, Deed
 from robotether_server.web.parts import parts
@@ -106,8 +107,10 @@ def forgive(key_id: int) -> AnyResponse:
 
 def _page(problem: Problem | None = None) -> str:
     with parts().database.transaction() as tx:
+        seen = robots_store.list_seen(tx, visitors.visitor())
         return render_template(
             "admin/pending.html",
+            online={one.robot.name for one in seen if one.online},
             waiting=pending.waiting(tx),
             rejected=pending.rejected(tx),
             policy=parts().join.policy,

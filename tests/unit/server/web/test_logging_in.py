@@ -9,7 +9,7 @@ from robotether_server import passwords
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.store import Database, audit, logins, users
 from robotether_server.store.audit import Event, Source
-from robotether_server.web.logging_in import log_in, log_out
+from robotether_server.web.logging_in import confirm, log_in, log_out
 from web_visitor import HASH, PASSWORD
 
 HOUR = dt.timedelta(hours=1)
@@ -53,6 +53,18 @@ def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.Mon
         with pytest.raises(LoginFailed):
             log_in(database, ANN, "wrong", HOUR)
     monkeypatch.setattr(passwords, "matches", None)
+    with pytest.raises(Throttled):
+        log_in(database, ANN, PASSWORD, HOUR)
+
+
+def test_confirming_makes_no_login(database: Database) -> None:
+    """A failure counts as one of a login does."""
+    confirm(database, ANN, PASSWORD)
+    with database.transaction() as tx:
+        assert tx.row("SELECT 1 FROM logins") is None
+    for _ in range(5):
+        with pytest.raises(LoginFailed, match="present password"):
+            confirm(database, ANN, "wrong")
     with pytest.raises(Throttled):
         log_in(database, ANN, PASSWORD, HOUR)
 
