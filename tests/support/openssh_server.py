@@ -168,6 +168,8 @@ class OpenSshServer:
             AllowStreamLocalForwarding no
             PermitTTY no
             MaxSessions 2
+            # Else bash takes the session command for a log-in and runs the person's own .bashrc first.
+            SetEnv SHLVL=2
             """
         )
 
