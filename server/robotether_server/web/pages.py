@@ -3,7 +3,6 @@
 A visitor without a login is sent to the log-in page and back.
 """
 
-import datetime as dt
 from http import HTTPStatus
 
 from flask import (
@@ -23,6 +22,7 @@ from robotether_server.store import robots
 from robotether_server.store.audit import LONGEST_ACTOR, Source
 from robotether_server.store.robots import SeenRobot
 from robotether_server.web import access, logging_in, visitors
+from robotether_server.web.moments import moment_text
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("pages", __name__)
@@ -110,11 +110,6 @@ def show_robot(name: str) -> AnyResponse:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
     robot = {"name": name, "level": seen.level, "settings": seen.robot.settings}
     return make_response(render_template("drive.html", user=user, robot=robot))
-
-
-def moment_text(moment: dt.datetime | None) -> str | None:
-    """Return a moment as 2026-01-01T12:03:00Z."""
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ") if moment else None
 
 
 def _card(seen: SeenRobot) -> dict[str, object]:

@@ -8,8 +8,9 @@ from robotether_server import macs, signatures, ssh_keys
 from robotether_server.administration.enrolment import Shown
 from robotether_server.problems import FieldInvalid
 from robotether_server.store.robots import Report
-from robotether_server.web import fields, host_keys, joining
+from robotether_server.web import fields, joining
 from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.api.objects import ssh_object
 from robotether_server.web.joining import Answer
 from robotether_server.web.parts import parts
 from robotether_server.web.rotation import PreviousKey
@@ -19,7 +20,6 @@ LONGEST_VERSION = 32
 LONGEST_TOKEN = 200
 LONGEST_WISH = 253
 LONGEST_FINGERPRINT = 64
-SSH_USER = "tunnel"
 
 
 @blueprint.post("/join")
@@ -66,14 +66,7 @@ def _previous(body: dict[str, object]) -> PreviousKey | None:
 
 
 def _joined(answer: Answer) -> dict[str, object]:
-    settings = parts().join
-    ssh = {
-        "user": SSH_USER,
-        "host": settings.public_host,
-        "ports": list(settings.ssh_ports),
-        "host_keys": host_keys.read(settings.ssh_host_keys_dir),
-    }
-    return {"state": "active", "robot": answer.robot, "ssh": ssh}
+    return {"state": "active", "robot": answer.robot, "ssh": ssh_object(parts().join)}
 
 
 def _pending(answer: Answer) -> dict[str, object]:

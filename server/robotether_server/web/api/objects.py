@@ -10,14 +10,10 @@ from robotether_server.settings import JoinSettings
 from robotether_server.store.robots import SeenRobot
 from robotether_server.store.users import User
 from robotether_server.web import host_keys
+from robotether_server.web.moments import moment_text
 
 Object = dict[str, object]
 SSH_USER = "tunnel"
-
-
-def moment_text(moment: dt.datetime | None) -> str | None:
-    """Return a moment as 2026-01-01T12:03:00Z."""
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ") if moment else None
 
 
 def plain(record: Mapping[str, object]) -> Object:
