@@ -195,7 +195,7 @@ if fingerprint:
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
 try:
-    connection = http.client.HTTPSConnection(server, timeout=20, context=context)
+    connection = http.client.HTTPSConnection(server, timeout=30, context=context)
     connection.connect()
     found = hashlib.sha256(connection.sock.getpeercert(True)).hexdigest()
     if fingerprint and not hmac.compare_digest(found, fingerprint):

@@ -200,10 +200,10 @@ def test_bad_input_leaves_nothing_behind(stack: Stack, admin: dict[str, str], ro
 
     wrong_pin = DIGITS.sub("0" * 64, line)
     bad: list[tuple[str, str, str]] = [
-        (re.sub(r"rj_\S+", "rj_" + "A" * 43, line), USUAL, "token"),
+        (re.sub(r"rj_\S+", "rj_" + "A" * 43, line), USUAL, "[token_invalid]"),
         (re.sub(r"--token \S+", "--token x'y", line), USUAL, "unexpected EOF"),
-        (gone, USUAL, "expired"),
-        (used, USUAL, "used up"),
+        (gone, USUAL, "[token_expired]"),
+        (used, USUAL, "[token_used_up]"),
         (wrong_pin, USUAL, "its certificate has the SHA-256"),
         (line, f"{USUAL} --server cloud:1", "cannot get https://cloud:1/agent/manifest"),
         (line, f"{USUAL} --server nowhere.invalid", "cannot get https://nowhere.invalid"),
