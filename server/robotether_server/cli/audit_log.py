@@ -59,7 +59,10 @@ def audit_log(
 @audit_log.command()
 @click.option("--days", type=click.IntRange(1), required=True, help="Keep the events of so many.")
 def prune(days: int) -> None:
-    """Remove old events for good: tools/compose run --rm migrate robotether audit prune --days 365."""
+    """Remove old events for good.
+
+    To be run as: tools/compose run --rm migrate robotether audit prune --days 365
+    """
     account = settings.load_database(os.environ).user
     if account != PRUNING_ACCOUNT:
         raise NotDone(

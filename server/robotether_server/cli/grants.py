@@ -20,7 +20,11 @@ class GiveOrList(click.Group):
         return super().resolve_command(ctx, args if asks_for_list else [GIVE, *args])
 
 
-@click.group(cls=GiveOrList, subcommand_metavar="USER ROBOT LEVEL | list")
+@click.group(
+    cls=GiveOrList,
+    subcommand_metavar="USER ROBOT LEVEL | list",
+    short_help="Let a user do something with a robot; list grants.",
+)
 def grant() -> None:
     """Let USER observe, drive or manage ROBOT, in place of an earlier grant; or list the grants.
 

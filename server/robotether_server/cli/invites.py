@@ -43,9 +43,10 @@ MOST_HOURS = 8760
     "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
 )
 def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
-    """Make a join token, and print the line that makes a machine a robot, as the last line.
+    """Print the line that makes a machine a robot.
 
-    Whoever has the line can let in that many robots until it ends: robotether join-token delete.
+    It is the last line that is printed, and holds a new join token. Whoever has it can let in that many robots until
+    its time is over, or until: robotether join-token delete.
     """
     now = dt.datetime.now(dt.UTC)
     called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
@@ -62,7 +63,10 @@ def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
 
 @click.group("join-token")
 def join_token() -> None:
-    """List and delete join tokens; `robotether robot invite` makes them."""
+    """List and delete join tokens.
+
+    `robotether robot invite` makes them.
+    """
 
 
 @join_token.command("list")

@@ -48,7 +48,7 @@ def show_settings() -> None:
 
 @cli.command("migrate")
 def run_migrate() -> None:
-    """Bring the database to this version's schema and the range of ports that is set."""
+    """Bring the database up to date: schema and ports."""
     loaded = settings.load_migrate(os.environ)
     applied = migrate.migrate(loaded)
     click.echo(f"applied: {', '.join(applied) or 'nothing was missing'}")

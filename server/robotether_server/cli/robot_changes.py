@@ -15,7 +15,10 @@ PORT = click.IntRange(1024, 65535)
 @click.command()
 @click.argument("name")
 def disable(name: str) -> None:
-    """Keep a robot out, whatever its key, and end its connection. Undone with: enable."""
+    """Keep a robot out, and end its connection.
+
+    Whatever its key, until: enable.
+    """
     with open_database().transaction() as tx:
         robots.disable(tx, SOURCE, name)
     click.echo(f"robot {name} is disabled")
@@ -34,7 +37,10 @@ def enable(name: str) -> None:
 @click.argument("name")
 @click.argument("new_name")
 def rename(name: str, new_name: str) -> None:
-    """Give a robot another name; grants, ports and its connection stay, its URLs change."""
+    """Give a robot another name.
+
+    Grants, ports and its connection stay; its URLs change.
+    """
     with open_database().transaction() as tx:
         robots.rename(tx, SOURCE, name, new_name)
     click.echo(f"robot {name} is {new_name} now")
@@ -47,7 +53,7 @@ def rename(name: str, new_name: str) -> None:
     "--allow-local-mac", is_flag=True, help="Take a MAC that the machine has given itself."
 )
 def set_mac(name: str, mac: str, allow_local_mac: bool) -> None:
-    """Give a robot another MAC, after a new network card."""
+    """Give a robot another MAC."""
     with open_database().transaction() as tx:
         changed = robots.set_mac(tx, SOURCE, name, mac, allow_local_mac=allow_local_mac)
     click.echo(f"robot {name} has MAC {changed.mac}")
@@ -58,7 +64,10 @@ def set_mac(name: str, mac: str, allow_local_mac: bool) -> None:
 @click.option("--ros", type=PORT, help="Port for rosbridge, from the server's range.")
 @click.option("--video", type=PORT, help="Port for video; goes with --ros.")
 def move_ports(name: str, ros: int | None, video: int | None) -> None:
-    """Move a robot to other ports; without any, to a pair that is free. It connects again."""
+    """Move a robot to other ports.
+
+    Without any, to a pair that is free. The robot connects again.
+    """
     if (ros is None) != (video is None):
         raise NotDone(f"cannot move robot {name}: --ros and --video go together")
     with open_database().transaction() as tx:
@@ -70,9 +79,10 @@ def move_ports(name: str, ros: int | None, video: int | None) -> None:
 @click.argument("name")
 @click.argument("switch", type=click.Choice(("on", "off")))
 def shell(name: str, switch: str) -> None:
-    """Let people who manage a robot reach its own SSH server, or end that.
+    """Turn shells on a robot on or off.
 
-    They need an account there, a key in their profile here, and: robotether ssh-config.
+    While it is on, people who manage the robot reach its own SSH server. They need an account there, a key in
+    their profile here, and: robotether ssh-config.
     """
     with open_database().transaction() as tx:
         changed = robots.set_shell(tx, SOURCE, name, switch == "on")

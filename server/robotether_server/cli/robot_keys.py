@@ -51,9 +51,10 @@ def list_pending(as_json: bool) -> None:
 )
 @click.option("--yes", is_flag=True, help="Approve whatever key came first, without asking.")
 def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) -> None:
-    """Let a robot in: the key that it showed becomes its own, in place of one that it had.
+    """Let a robot in: the key that it showed is its own.
 
-    Anybody who knows the robot's MAC can join in its name, so compare the key first.
+    It takes the place of one that the robot had. Anybody who knows the robot's MAC can join in its name, so
+    compare the key first.
     """
     database = open_database()
     wait_for(lambda: _has_shown_a_key(database, name), wait_for_key)
@@ -68,9 +69,9 @@ def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) 
 @click.argument("name")
 @click.option("--fingerprint", metavar="SHA256:...", help="Reject this key, without asking.")
 def reject(name: str, fingerprint: str | None) -> None:
-    """Turn away a key that waits, for good; a robot that nobody had added goes with it.
+    """Turn away a key that waits, for good.
 
-    Undone with: robotether rejected forgive.
+    A robot that nobody had added goes with it. Undone with: robotether rejected forgive.
     """
     database = open_database()
     chosen = fingerprint
@@ -88,9 +89,10 @@ def reject(name: str, fingerprint: str | None) -> None:
 @click.command()
 @click.argument("name")
 def rekey(name: str) -> None:
-    """Forget a robot's key, and end its connection; the next key that joins waits for approval.
+    """Forget a robot's key, and end its connection.
 
-    For a robot that got a new disk, and against somebody who joined in its name. Its ports and grants stay.
+    The next key that joins waits for approval. For a robot that got a new disk, and against somebody who joined
+    in its name. Its ports and grants stay.
     """
     database = open_database()
     with database.transaction() as tx:
@@ -102,7 +104,10 @@ def rekey(name: str) -> None:
 @click.command("rotate-key")
 @click.argument("name")
 def rotate_key(name: str) -> None:
-    """Ask a robot's agent for a new key; its connections live on, and the old key opens nothing afterwards."""
+    """Ask a robot's agent to make a new key.
+
+    Its connections live on, and the old key opens nothing afterwards.
+    """
     with open_database().transaction() as tx:
         robots.rotate_key(tx, SOURCE, name)
     click.echo(f"robot {name} makes a new key as soon as it is online")

@@ -52,7 +52,10 @@ def robot() -> None:
     help="Take a MAC that the machine has given itself, as virtual machines and containers do.",
 )
 def add(name: str, mac: str, allow_local_mac: bool) -> None:
-    """Add a robot before it joins; it gets its ports at once, and waits for its key."""
+    """Add a robot before it joins.
+
+    It gets its ports at once, and waits for its key.
+    """
     with open_database().transaction() as tx:
         added = robots.add(tx, SOURCE, mac, name, allow_local_mac=allow_local_mac)
     click.echo(f"added robot {name} with ports {added.ros_port} and {added.video_port}")
@@ -74,7 +77,10 @@ def list_robots(as_json: bool) -> None:
 @click.argument("name")
 @JSON
 def show(name: str, as_json: bool) -> None:
-    """Show all about one robot: its record, keys that wait, its last sessions."""
+    """Show all about one robot.
+
+    Its record, the keys that wait there, and its last sessions.
+    """
     with open_database().transaction() as tx:
         seen = records.get_seen(tx, name)
         waiting = [one for one in pending.waiting(tx) if one.robot == name]
@@ -99,9 +105,10 @@ def show(name: str, as_json: bool) -> None:
 @click.argument("name")
 @click.option("--yes", is_flag=True, help="Remove it without asking.")
 def remove(name: str, yes: bool) -> None:
-    """Remove a robot with its grants and its history; its MAC and ports are free again.
+    """Remove a robot with its grants and its history.
 
-    Its connection ends. An agent that still runs joins anew, and waits as any unknown robot does. There is no undo.
+    Its MAC and ports are free again. Its connection ends. An agent that still runs joins anew, and waits as any
+    unknown robot does. There is no undo.
     """
     database = open_database()
     with database.transaction() as tx:

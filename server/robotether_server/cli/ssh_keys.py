@@ -22,7 +22,10 @@ USER = click.option("--user", "user_name", required=True, help="Whose key it is.
 
 @click.group("ssh-key")
 def ssh_key() -> None:
-    """Add, list and delete people's SSH keys for shells on robots that they manage."""
+    """Add, list and delete people's SSH keys.
+
+    They open shells on robots that the person manages.
+    """
 
 
 @ssh_key.command()
@@ -65,12 +68,13 @@ def delete(user_name: str, name: str) -> None:
 
 
 @click.command("ssh-config")
-@USER
+@click.option("--user", "user_name", required=True, help="Whose entries.")
 @click.option("--host", help="Where people reach this server.  [default: PUBLIC_HOST]")
 def print_ssh_config(user_name: str, host: str | None) -> None:
-    """Print what a person's ~/.ssh/config needs: one Host entry a robot that the person may reach.
+    """Print a person's entries for ~/.ssh/config.
 
-    With it, ssh NAME, scp, rsync, Ansible and `robotether fleet` reach robots behind NAT.
+    One Host entry a robot whose shell the person may reach. With it, ssh NAME, scp, rsync, Ansible and
+    `robotether fleet` reach robots behind NAT.
     """
     join = settings.load_join(os.environ)
     where = host or join.public_host

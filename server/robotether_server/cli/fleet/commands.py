@@ -65,7 +65,13 @@ def list_robots(patterns: tuple[str, ...], config: Path | None, as_json: bool) -
 @click.argument("command", metavar="COMMAND")
 @ON
 @SSH_CONFIG
-@click.option("--parallel", type=click.IntRange(1, MOST_PARALLEL), default=20, show_default=True)
+@click.option(
+    "--parallel",
+    type=click.IntRange(1, MOST_PARALLEL),
+    default=20,
+    show_default=True,
+    help="On how many robots at a time.",
+)
 @click.option(
     "--timeout",
     "timeout_s",
