@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import expect_no_sideways_scroll, log_in, open_page
+from pages import expect_no_sideways_scroll, log_in, open_page, through_interface_changes
 from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
@@ -24,12 +28,22 @@ def _done(page: Page, message: str) -> None:
     expect(page.get_by_test_id("done")).to_have_text(message)
 
 
+def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> None:
+    """Say yes on a page that asks, with its fields filled in by their labels."""
+
+    def step() -> None:
+        page.goto(f"{stack.url}{path}")
+        for label, value in fields.items():
+            page.get_by_label(label.replace("_", " ")).fill(value)
+        page.get_by_test_id("deed-do").click()
+        _done(page, message)
+
+    through_interface_changes(page, step)
+
+
 def _remove(page: Page, stack: Stack, name: str) -> None:
     """Take a robot of these tests away through its page."""
-    open_page(page, stack, f"/admin/robots/{name}")
-    page.get_by_test_id("remove").click()
-    page.get_by_test_id("deed-do").click()
-    _done(page, f"Robot {name} is removed.")
+    _do(page, stack, f"/admin/robots/{name}/remove", f"Robot {name} is removed.")
 
 
 def test_a_robot_that_waits_is_approved_under_another_name(
@@ -38,14 +52,18 @@ def test_a_robot_that_waits_is_approved_under_another_name(
     """Its key stands there to be compared; from then on the robot is told that it is in."""
     mac, key = "00:00:5e:00:53:11", RobotKey(stack, tmp_path, "turtle")
     assert key.join(mac)[0] == 202
-    open_page(page, stack, "/admin/robots")
-    page.get_by_test_id("waiting-count").click()
-    card = page.get_by_test_id("waiting-robot-005311")
-    assert card.get_by_test_id("fingerprint").text_content() == key.fingerprint
-    expect(card).to_contain_text("turtle")
-    card.get_by_label("Name").fill("turtle")
-    card.get_by_test_id("approve-robot-005311").click()
-    _done(page, "Robot turtle is approved. It connects by itself within a minute.")
+
+    def approve() -> None:
+        page.goto(f"{stack.url}/admin/robots")
+        page.get_by_test_id("waiting-count").click()
+        card = page.get_by_test_id("waiting-robot-005311")
+        expect(card.get_by_test_id("fingerprint")).to_have_text(key.fingerprint)
+        expect(card).to_contain_text("turtle")
+        card.get_by_label("Name").fill("turtle")
+        card.get_by_test_id("approve-robot-005311").click()
+        _done(page, "Robot turtle is approved. It connects by itself within a minute.")
+
+    through_interface_changes(page, approve)
     assert _state(stack, "turtle") == [["active", key.fingerprint]]
     status, answer = key.join(mac)
     assert (status, answer["robot"]) == (200, "turtle")
@@ -58,74 +76,108 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
     """Until then its key is refused."""
     mac, key = "00:00:5e:00:53:12", RobotKey(stack, tmp_path, "stranger")
     assert key.join(mac)[0] == 202
-    open_page(page, stack, "/admin/pending")
-    page.get_by_test_id("reject-robot-005312").click()
-    expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
-    page.get_by_test_id("deed-do").click()
-    _done(page, "The key that waited for robot robot-005312 is rejected.")
+
+    def reject() -> None:
+        page.goto(f"{stack.url}/admin/pending")
+        page.get_by_test_id("reject-robot-005312").click()
+        expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
+        page.get_by_test_id("deed-do").click()
+        _done(page, "The key that waited for robot robot-005312 is rejected.")
+
+    def forgive() -> None:
+        page.goto(f"{stack.url}/admin/pending")
+        page.get_by_role("link", name="Let the key of stranger ask again").click()
+        page.get_by_test_id("deed-do").click()
+        _done(page, "The key may ask again.")
+
+    through_interface_changes(page, reject)
     status, answer = key.join(mac)
     assert (status, answer["code"]) == (403, "key_rejected")
-    page.get_by_role("link", name="Let the key of stranger ask again").click()
-    page.get_by_test_id("deed-do").click()
-    _done(page, "The key may ask again.")
+    through_interface_changes(page, forgive)
     assert key.join(mac)[0] == 202
     _remove(page, stack, "robot-005312")
 
 
 def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     """A name that is taken comes back in the form."""
-    open_page(page, stack, "/admin/robots")
-    page.get_by_test_id("add-robot").click()
-    page.get_by_label("Name").fill("lift")
-    page.get_by_label("MAC address").fill("00-00-5E-00-53-13")
-    page.get_by_test_id("add-submit").click()
-    page.get_by_test_id("rename").click()
-    page.get_by_label("New name").fill("sim1")
-    page.get_by_test_id("deed-do").click()
-    expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
-    page.get_by_label("New name").fill("crane")
-    page.get_by_test_id("deed-do").click()
-    _done(page, "Robot lift is now crane.")
+
+    def announce() -> None:
+        page.goto(f"{stack.url}/admin/robots")
+        page.get_by_test_id("add-robot").click()
+        page.get_by_label("Name").fill("lift")
+        page.get_by_label("MAC address").fill("00-00-5E-00-53-13")
+        page.get_by_test_id("add-submit").click()
+        expect(page.get_by_test_id("robot-name")).to_have_text("lift")
+
+    def take_a_name_that_is_taken() -> None:
+        page.goto(f"{stack.url}/admin/robots/lift")
+        page.get_by_test_id("rename").click()
+        page.get_by_label("New name").fill("sim1")
+        page.get_by_test_id("deed-do").click()
+        expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
+        expect(page.get_by_label("New name")).to_have_value("sim1")
+
+    through_interface_changes(page, announce)
+    through_interface_changes(page, take_a_name_that_is_taken)
+    _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
     _remove(page, stack, "crane")
 
 
-def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> None:
-    """The password that the page made lets the user in; the grant opens the robot, and its end closes it."""
-    open_page(page, stack, "/admin/users")
-    page.get_by_label("Name").fill("petra")
-    page.get_by_test_id("user-add").click()
-    password = page.get_by_test_id("secret").text_content() or ""
-    page.get_by_test_id("secret-done").click()
+@contextmanager
+def _somebody_else(page: Page) -> Iterator[Page]:
+    """A page of another person's browser."""
     browser = page.context.browser
     assert browser is not None
     context = browser.new_context(ignore_https_errors=True)
     try:
-        petra = context.new_page()
-        log_in(petra, stack, "petra", password)
-        expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
+        yield context.new_page()
+    finally:
+        context.close()
+
+
+def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> None:
+    """The password that the page made lets the user in; the grant opens the robot, and its end closes it."""
+
+    def add() -> None:
+        page.goto(f"{stack.url}/admin/users")
+        page.get_by_label("Name").fill("petra")
+        page.get_by_test_id("user-add").click()
+        expect(page.get_by_test_id("secret")).to_be_visible()
+
+    def give() -> None:
+        page.goto(f"{stack.url}/admin/users/petra")
         page.get_by_label("Robot", exact=True).fill("sim2")
         page.get_by_label("May").select_option("observe")
         page.get_by_test_id("grant-submit").click()
         _done(page, "User petra may observe robot sim2.")
+
+    through_interface_changes(page, add)
+    password = page.get_by_test_id("secret").text_content()
+    with _somebody_else(page) as petra:
+        log_in(petra, stack, "petra", password)
+        expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
+        through_interface_changes(page, give)
         expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
-        page.get_by_role("link", name="Take the grant of petra for sim2 away").click()
-        page.get_by_test_id("deed-do").click()
-        _done(page, "User petra has no grant for robot sim2 any more.")
+        gone = "User petra has no grant for robot sim2 any more."
+        _do(page, stack, "/admin/grants/petra/sim2/take?from=user", gone)
         expect(petra.get_by_test_id("robot-card-sim2")).to_have_count(0, timeout=10_000)
-    finally:
-        context.close()
-        open_page(page, stack, "/admin/users/petra/remove")
-        page.get_by_test_id("deed-do").click()
+    _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
 
 
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])
 def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Path) -> None:
-    """The button copies it, and its token is one that a robot joins with."""
-    open_page(page, stack, "/admin/robots")
-    page.get_by_test_id("invite").click()
-    page.get_by_label("Name").fill("hall north")
-    page.get_by_test_id("token-make").click()
+    """The button copies it, and its token is one that a robot joins with, as often as it says."""
+    number = count(1)
+
+    def make() -> None:
+        page.goto(f"{stack.url}/admin/robots")
+        page.get_by_test_id("invite").click()
+        page.get_by_label("Name").fill(f"hall {next(number)}")
+        page.get_by_test_id("token-make").click()
+        expect(page.get_by_test_id("install-line")).to_be_visible()
+
+    through_interface_changes(page, make)
     line = page.get_by_test_id("install-line").text_content() or ""
     page.get_by_role("button", name="Copy").first.click()
     expect(page.get_by_role("button", name="Copied")).to_be_visible()
@@ -145,8 +197,6 @@ def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Pat
     assert (status, answer["state"]) == (200, "active")
     open_page(page, stack, "/admin/join-tokens")
     expect(page.get_by_test_id("join-tokens")).to_contain_text("0 of 1")
-    page.get_by_role("link", name="Delete join token hall north").click()
-    page.get_by_test_id("deed-do").click()
     _remove(page, stack, str(answer["robot"]))
 
 
@@ -171,9 +221,13 @@ def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path:
     """With and without the pages' scripts; every page has its heading and the menu."""
     key = RobotKey(stack, tmp_path, "a-host-name-that-is-as-long-as-host-names-may-be-" + "x" * 14)
     assert key.join("00:00:5e:00:53:15")[0] == 202
-    for path in PAGES:
-        open_page(page, stack, path)
-        expect(page.get_by_role("heading", level=1)).to_have_count(1)
+
+    def look(path: str) -> None:
+        page.goto(f"{stack.url}{path}")
         expect(page.get_by_role("navigation", name="Main")).to_be_visible()
+        expect(page.get_by_role("heading", level=1)).to_have_count(1)
         expect_no_sideways_scroll(page)
+
+    for path in PAGES:
+        through_interface_changes(page, partial(look, path))
     _remove(page, stack, "robot-005315")

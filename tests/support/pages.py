@@ -13,8 +13,9 @@ from typing import Protocol
 
 from playwright.sync_api import Error, Page, expect
 
-INTERFACES_CHANGED = "ERR_NETWORK_CHANGED"
-PATIENCE_S = 20
+# The second is Chromium's own error page, which loads anew by itself while the test asks for a page.
+INTERFACES_CHANGED = ("ERR_NETWORK_CHANGED", "is interrupted by another navigation")
+PATIENCE_S = 40
 
 
 class Site(Protocol):
@@ -29,7 +30,8 @@ class Site(Protocol):
         """The password of the user admin."""
 
 
-def _through_interface_changes(page: Page, step: Callable[[], None]) -> None:
+def through_interface_changes(page: Page, step: Callable[[], object]) -> None:
+    """Take a step that goes from page to page; from its beginning again when Chromium dropped a request of it."""
     end = time.monotonic() + PATIENCE_S
     while _was_dropped(page, step):
         assert time.monotonic() < end, (
@@ -37,11 +39,12 @@ def _through_interface_changes(page: Page, step: Callable[[], None]) -> None:
         )
 
 
-def _was_dropped(page: Page, step: Callable[[], None]) -> bool:
+def _was_dropped(page: Page, step: Callable[[], object]) -> bool:
     try:
         step()
-    except Error as error:
-        if INTERFACES_CHANGED in str(error) or page.url.startswith("chrome-error://"):
+    except (Error, AssertionError) as error:
+        is_chromiums = any(words in str(error) for words in INTERFACES_CHANGED)
+        if is_chromiums or page.url.startswith("chrome-error://"):
             return True
         raise
     return False
@@ -57,7 +60,7 @@ def log_in(page: Page, site: Site, name: str = "admin", password: str | None = N
         page.get_by_test_id("login-submit").click()
         page.wait_for_url(f"{site.url}/", timeout=10_000)
 
-    _through_interface_changes(page, step)
+    through_interface_changes(page, step)
 
 
 def open_robot(page: Page, site: Site, name: str) -> None:
@@ -69,7 +72,7 @@ def open_robot(page: Page, site: Site, name: str) -> None:
         page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
         page.wait_for_url(f"**/robots/{name}", timeout=10_000)
 
-    _through_interface_changes(page, step)
+    through_interface_changes(page, step)
     expect_live(page, seconds=10)
 
 
@@ -81,7 +84,7 @@ def expect_live(page: Page, seconds: float) -> None:
 
 def open_page(page: Page, site: Site, path: str) -> None:
     """Go straight to a page that needs no waiting."""
-    _through_interface_changes(page, lambda: page.goto(f"{site.url}{path}"))
+    through_interface_changes(page, lambda: page.goto(f"{site.url}{path}"))
 
 
 def expect_no_sideways_scroll(page: Page) -> None:

@@ -107,6 +107,15 @@ def test_fleet_page_shows_what_the_user_may_see(browser: Browser) -> None:
     assert "sim2" not in page
 
 
+def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
+    """And tells a user whom to ask."""
+    browser.log_in("root")
+    assert "Add the first one" in browser.ask("GET", "/").text
+    browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
+    browser.log_in("ann")
+    assert "An admin gives you one" in browser.ask("GET", "/").text
+
+
 def test_drive_page_has_the_robots_settings(browser: Browser, database: Database) -> None:
     """They reach the page's script as data."""
     with database.transaction() as tx:
