@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robotether_agent import systemd
-from robotether_agent.files import only_one
+from robotether_agent.files import only_one, read_text
 from robotether_agent.problems import Problem, SwitchFailed
 from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
 from robotether_agent.versions import Layout, Report
@@ -116,4 +116,10 @@ class Switch:
         status = read_status(self._run_dir)
         if status is None or not is_alive(status, time.time()):
             return None
-        return status if Path(f"/proc/{status.pid:.0f}").exists() else None
+        return status if _runs(int(status.pid)) else None
+
+
+def _runs(pid: int) -> bool:
+    """Tell whether the process `pid` runs; one that ended and was not waited for yet does not."""
+    text = read_text(Path(f"/proc/{pid}/stat"))
+    return text is not None and text.rpartition(")")[2].split()[0] != "Z"
