@@ -1,5 +1,5 @@
 #!/bin/sh
-# Starts jump-watch, and sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots
+# Starts the two watches, and sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots
 # pin it.
 set -eu
 
@@ -27,26 +27,26 @@ ensure_secrets() {
   done
 }
 
-# Root has no right here to give a folder away, so the accounts make their own. The register is written by jump-keys
-# and cleared by jump-watch; nobody else may as much as look into it.
-ensure_register() {
-  rm -rf /run/robotether
+as_jump_watch() { setpriv --reuid jump --regid jumpwatch --clear-groups "$@"; }
+as_tunnel_watch() { setpriv --reuid tunnel --regid tunnel --clear-groups "$@"; }
+
+# Root has no right here to give a folder away, so the accounts make their own. The register of connections is written
+# by jump-keys and cleared by jump-watch; nobody else may as much as look into it.
+ensure_run_folders() {
   install -d -m 1777 /run/robotether
   setpriv --reuid keylookup --regid jumpwatch --clear-groups install -d -m 770 /run/robotether/jump
-  setpriv --reuid jump --regid jumpwatch --clear-groups install -d -m 755 /run/robotether/watcher
+  as_jump_watch install -d -m 755 /run/robotether/jump-watch
+  as_tunnel_watch install -d -m 755 /run/robotether/tunnel-watch
   chmod 755 /run/robotether
 }
 
-# With its own account's rights. Should this loop end too, then nobody new gets in as jump, and the container is
-# unhealthy.
-start_watching() {
-  # shellcheck disable=SC2016 # $? is the inner shell's
-  setpriv --reuid jump --regid jumpwatch --clear-groups sh -c '
-    while :; do
-      /usr/lib/robotether/jump-watch
-      echo "jump-watch: ended with $?; starting it again" >&2
-      sleep 1
-    done' &
+# The loops run with the watches' own rights. Should a loop end too, then the container is unhealthy, and without
+# jump-watch nobody new gets in as jump.
+start_watches() {
+  # shellcheck disable=SC2016 # $0 and $? are the inner shell's
+  readonly keep_running='while :; do "$0"; echo "$0 ended with $?; starting it again" >&2; sleep 1; done'
+  as_jump_watch sh -c "$keep_running" /usr/lib/robotether/jump-watch &
+  as_tunnel_watch sh -c "$keep_running" /usr/lib/robotether/tunnel-watch &
 }
 
 main() {
@@ -55,8 +55,8 @@ main() {
   ensure_host_key
   ensure_public_copy
   /usr/sbin/sshd -t
-  ensure_register
-  start_watching
+  ensure_run_folders
+  start_watches
   echo "sshd: host key $(ssh-keygen -lf "$KEY.pub")"
   exec /usr/sbin/sshd -D -e
 }

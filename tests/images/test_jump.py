@@ -414,7 +414,7 @@ def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack
         _signal_watch(stack, "KILL")
         take_grant(ann, robot)
         assert ended(running, 5)
-    assert "starting it again" in stack.logs("sshd")
+    assert "jump-watch ended with 137; starting it again" in stack.logs("sshd")
 
 
 def _signal_watch(stack: Stack, signal: str) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from jump_people import RobotSshd
 from robot_key import RobotKey
 from stack import Stack
 
@@ -21,8 +22,8 @@ USER = "tunnel@127.0.0.1"
 def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
     """The key of an active robot that no agent uses."""
     robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "thief")
-    stack.robotether("robot", "add", "thief", "--mac", "02:00:00:00:61:01")
-    status, _ = robot.join("02:00:00:00:61:01")
+    stack.robotether("robot", "add", "thief", "--mac", "00:00:5e:00:53:60")
+    status, _ = robot.join("00:00:5e:00:53:60")
     assert status == 202
     stack.robotether("robot", "approve", "thief", "--yes")
     yield robot
@@ -62,6 +63,12 @@ def _end(running: subprocess.Popen[str]) -> str:
         ("permitrootlogin", "no"),
         ("usepam", "no"),
         ("allowusers", "tunnel"),
+        ("allowusers", "jump"),
+        ("authorizedkeyscommand", "/usr/lib/robotether/authorized-keys %u %f %C"),
+        ("authorizedkeyscommanduser", "keylookup"),
+        ("authenticationmethods", "publickey"),
+        ("maxsessions", "2"),
+        ("maxauthtries", "3"),
         ("authorizedkeysfile", "none"),
         ("clientaliveinterval", "5"),
         ("clientalivecountmax", "3"),
@@ -71,9 +78,10 @@ def _end(running: subprocess.Popen[str]) -> str:
         ("persourcepenalties", "no"),
     ],
 )
-def test_sshd_runs_with_the_setting(stack: Stack, setting: str, value: str) -> None:
-    """Sshd itself says that the setting is in force."""
-    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T")
+def test_sshd_runs_for_tunnel_with_the_setting(stack: Stack, setting: str, value: str) -> None:
+    """Sshd itself says that the setting is in force for robots."""
+    of_tunnel = "user=tunnel,host=somewhere,addr=192.0.2.1"
+    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_tunnel)
     assert f"{setting} {value}" in printed.splitlines()
 
 
@@ -154,10 +162,20 @@ def test_robot_reaches_no_service_through_the_server(key: RobotKey, target: str)
 
 @pytest.mark.parametrize(
     "command",
-    ["", "sh", "id", "cat /run/secrets/session_key", "session; id", "internal-sftp", "session x"],
+    [
+        "",
+        "sh",
+        "id",
+        "cat /run/secrets/session_key",
+        "session; id",
+        "shell; id",
+        "internal-sftp",
+        "session x",
+        "shell x",
+    ],
 )
 def test_robot_gets_no_shell(key: RobotKey, command: str) -> None:
-    """Whatever the key asks to run but its two kinds of session ends with a sentence and runs nothing."""
+    """Whatever the key asks to run but its three kinds of session ends with a sentence and runs nothing."""
     done = key.ssh(USER, *([command] if command else []))
     assert done.returncode != 0
     assert "uid=" not in done.stdout
@@ -185,7 +203,7 @@ def test_robot_gets_no_unix_socket(key: RobotKey) -> None:
     assert "remote port forwarding failed" in done.stderr
 
 
-@pytest.mark.parametrize("account", ["root", "keylookup", "sshd"])
+@pytest.mark.parametrize("account", ["root", "keylookup", "sshd", "jump"])
 def test_key_opens_no_other_account(key: RobotKey, account: str) -> None:
     """The key is good for the account tunnel alone."""
     done = key.ssh(f"{account}@127.0.0.1", "session")
@@ -233,6 +251,25 @@ def test_connection_without_a_session_ends(key: RobotKey) -> None:
         _end(holding)
 
 
+def test_connection_without_a_session_ends_though_somebody_uses_it(
+    key: RobotKey, stack: Stack
+) -> None:
+    """Neither does a client of the robot's port keep such a connection alive."""
+    ros, _ = key.ports()
+    with RobotSshd.running() as target:
+        holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:{target}", USER)
+        connect = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && head -n 1 <&3"
+        try:
+            stack.wait(
+                "the port listens",
+                lambda: stack.container("sshd").exec_run(["bash", "-c", connect]).exit_code == 0,
+            )
+            stack.container("sshd").exec_run(["bash", "-c", f"{connect}; sleep 60"], detach=True)
+            assert holding.wait(timeout=35) != 0
+        finally:
+            _end(holding)
+
+
 def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack) -> None:
     """A robot that stops reading cannot keep the connection, and its ports, that the relay has ended."""
     running = key.start(USER, "session")
@@ -278,6 +315,30 @@ def test_known_key_works_while_the_database_is_away(
         finally:
             _end(running)
         assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
+    finally:
+        mysql.start()
+        stack.wait_healthy("mysql")
+
+
+def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Stack) -> None:
+    """Right after an upgrade, with the database away, robots come back by lines without key and ports."""
+    ros, video = key.ports()
+    [[robot_id]] = stack.sql("SELECT id FROM robots WHERE name = 'thief'")
+    line = (
+        f'restrict,port-forwarding,permitlisten="*:{ros}",permitlisten="*:{video}",'
+        f'command="/usr/lib/robotether/session {robot_id}" {key.public}'
+    )
+    file = "/var/cache/robotether/" + key.fingerprint.removeprefix("SHA256:").replace("/", "_")
+    mysql = stack.container("mysql")
+    mysql.stop(timeout=20)
+    try:
+        write = f"cat > '{file}' <<< '{line}'"
+        stack.exec("sshd", "bash", "-c", write, user="keylookup")
+        running = key.start(USER, "session")
+        try:
+            assert _session_line(running, seconds=10)["robot"] == "thief"
+        finally:
+            _end(running)
     finally:
         mysql.start()
         stack.wait_healthy("mysql")
