@@ -121,6 +121,23 @@ def test_wrong_paths_and_methods_are_problems_too(
     assert answer.content_type == "application/problem+json"
 
 
+def test_every_other_method_is_refused_with_those_that_there_are(
+    program: Browser, document: Document
+) -> None:
+    """405 and the header Allow, whoever asks."""
+    described = list(operations(document))
+    for path, item in document["paths"].items():
+        if (path, "get") in ELSEWHERE:
+            continue
+        there_are = {method.upper() for other, method, _ in described if other == path}
+        real = path.format(robot="sim1", user="ann", token_id=1, key_id=1)
+        for method in {name.upper() for name in METHODS - set(item)} | {"TRACE"}:
+            answer = program.ask(method, real)
+            assert answer.status_code == 405, (method, path)
+            allowed = set(answer.headers["Allow"].split(", "))
+            assert allowed - {"HEAD", "OPTIONS"} == there_are
+
+
 def test_database_that_is_away_is_said_so(web_settings: WebSettings) -> None:
     """503 with a code; the health check still answers."""
     away = replace(web_settings, database=replace(web_settings.database, port=1))
