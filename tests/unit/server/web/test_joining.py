@@ -1,227 +1,355 @@
-"""What a robot that shows a MAC and a key is told."""
+"""What a robot that shows a MAC and a key is told, and what a stranger cannot bring about."""
 
 from __future__ import annotations
 
-import json
+import dataclasses
+import datetime as dt
 
 import pytest
+from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
+from robotether_server.administration import robots as deeds
 from robotether_server.problems import (
+    FieldInvalid,
     KeyInUse,
-    MacInUse,
+    KeyRejected,
+    MacElsewhere,
     RobotDisabled,
-    StoreUnavailable,
+    TokenExpired,
+    TokenInvalid,
+    TokenRequired,
+    TokenUsedUp,
     TooManyPending,
 )
-from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Database, robots, users
-from robotether_server.store.robots import Report, Robot
-from robotether_server.web.joining import STRANGERS_PER_NETWORK, Request, join
+from robotether_server.store import Database, claims, join_tokens
+from robotether_server.store.audit import Source
+from robotether_server.store.robots import Report
+from robotether_server.web.joining import STRANGERS_PER_NETWORK, Answer
 
-MAC = "02:00:00:00:61:01"
-KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:a")
-OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
-REPORT = Report("turtle", "0.1.0", "192.0.2.1")
-
-
-def ask(
-    database: Database,
-    mac: str = MAC,
-    key: PublicKey = KEY,
-    *,
-    limit: int = 3,
-    report: Report = REPORT,
-    approver: str | None = None,
-) -> Robot:
-    with database.transaction() as tx:
-        vouching = users.get(tx, approver) if approver else None
-        return join(tx, Request(mac, key, report, vouching), limit)
-
-
-def stranger(database: Database, number: int, address: str, limit: int = 50) -> Robot:
-    """An unknown robot's join."""
-    key = PublicKey(f"ssh-ed25519 {number}", f"SHA256:{number}")
-    report = Report("turtle", "0.1.0", address)
-    return ask(database, f"02:00:00:01:00:{number:02x}", key, limit=limit, report=report)
+ADMIN = Source("root")
+LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
 
 
 @pytest.fixture
-def root(database: Database) -> str:
-    """The name of an admin."""
-    with database.transaction() as tx:
-        users.add(tx, "root", "x", "admin")
-    return "root"
+def site(database: Database) -> Site:
+    """A server where an admin approves each key."""
+    return Site(database)
 
 
-def set_state(database: Database, name: str, state: str) -> None:
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET state = %s WHERE name = %s", (state, name))
+def join_token(site: Site, uses: int, expires_at: dt.datetime = LATER) -> str:
+    with site.database.transaction() as tx:
+        return join_tokens.create(tx, "lab", uses, expires_at, "root")
 
 
-def test_row_of_an_admin_takes_the_first_key_and_waits(database: Database) -> None:
+def used(site: Site) -> int:
+    with site.database.transaction() as tx:
+        return join_tokens.list_all(tx)[0].used
+
+
+def claimed(site: Site) -> list[str]:
+    with site.database.transaction() as tx:
+        return [claim.key.fingerprint for claim in claims.waiting(tx)]
+
+
+def reject(site: Site, name: str, fingerprint: str) -> None:
+    with site.database.transaction() as tx:
+        deeds.reject(tx, ADMIN, name, fingerprint)
+
+
+def test_row_of_an_admin_takes_the_first_key_and_waits(site: Site) -> None:
     """The admin's name stays; the MAC alone proves nothing, even for a row that was set active."""
     for state in ("pending", "active"):
-        with database.transaction() as tx:
+        with site.database.transaction() as tx:
             tx.change("DELETE FROM robots")
-            robots.add(tx, MAC, "sim1")
-        set_state(database, "sim1", state)
-        robot = ask(database)
-        assert (robot.name, robot.state, robot.fingerprint) == ("sim1", "pending", "SHA256:a")
+        site.announce()
+        site.set_state("sim1", state)
+        answer = site.ask()
+        assert (answer.robot, answer.code) == ("sim1", "approval_pending")
+        assert (site.robot("sim1").state, site.robot("sim1").key) == ("pending", KEY)
 
 
-def test_approved_robot_stays_active(database: Database) -> None:
-    """Every later join with the same key says so."""
-    name = ask(database).name
-    set_state(database, name, "active")
-    assert ask(database).state == "active"
+def test_approved_robot_stays_active(site: Site) -> None:
+    """Every later join with the same key says so, whatever token its image still has."""
+    name = site.ask().robot
+    site.set_state(name, "active")
+    for token in (None, "rj_deleted-since"):
+        assert site.ask(token=token) == Answer(name, "active")
 
 
 @pytest.mark.parametrize("state", ["pending", "active"])
-def test_another_key_does_not_get_the_mac(database: Database, state: str) -> None:
-    """Whether the row's own key is approved or not."""
-    set_state(database, ask(database).name, state)
-    with pytest.raises(MacInUse, match="robot robot-006101 has it, with another key"):
-        ask(database, key=OTHER_KEY)
+def test_second_key_of_a_mac_waits_beside_the_first(site: Site, state: str) -> None:
+    """The first goes on; the second learns nothing of that robot, and waits once however often it asks."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", state)
+    for _ in range(2):
+        answer = site.ask(key=OTHER_KEY)
+        assert (answer.code, answer.robot) == ("mac_in_use", "robot-006101")
+        assert "sim1" not in answer.detail
+    assert (site.robot("sim1").state, site.robot("sim1").key) == (state, KEY)
+    assert claimed(site) == ["SHA256:b"]
+    assert len(site.events("key_claimed")) == 1
 
 
-def test_key_does_not_get_another_mac(database: Database) -> None:
-    """A cloned disk is told to make its own key, and leaves no row."""
-    ask(database)
+def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
+    """After the admin turned the first key away, or forgot it."""
+    site.announce()
+    site.ask()
+    site.ask(key=OTHER_KEY)
+    reject(site, "sim1", "SHA256:a")
+    assert site.ask(key=OTHER_KEY).code == "approval_pending"
+    assert site.robot("sim1").key == OTHER_KEY
+    assert claimed(site) == []
+
+
+def test_key_does_not_get_another_mac(site: Site) -> None:
+    """A cloned disk is told to make its own key, and leaves no row, be the key a robot's or a claim."""
+    site.ask()
     with pytest.raises(KeyInUse):
-        ask(database, mac="02:00:00:00:61:02")
-    with database.transaction() as tx:
-        assert len(robots.list_all(tx)) == 1
+        site.ask(OTHER_MAC)
+    site.ask(key=OTHER_KEY)
+    with pytest.raises(KeyInUse):
+        site.ask(OTHER_MAC, OTHER_KEY)
+    assert site.names() == ["robot-006101"]
 
 
-def test_disabled_robot_is_told_how_to_come_back(database: Database) -> None:
-    """The sentence has the admin's command."""
-    set_state(database, ask(database).name, "disabled")
-    with pytest.raises(RobotDisabled, match="robotether robot enable robot-006101"):
-        ask(database)
+def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
+    """The sentence has the admin's command; to another key it does not name the robot."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", "disabled")
+    with pytest.raises(RobotDisabled, match="robotether robot enable sim1"):
+        site.ask()
+    with pytest.raises(RobotDisabled) as refused:
+        site.ask(key=OTHER_KEY)
+    assert "sim1" not in refused.value.detail
+    assert claimed(site) == []
 
 
-def test_only_so_many_unknown_robots_may_wait(database: Database) -> None:
-    """Those who wait already go on waiting."""
-    first = ask(database, limit=1)
+def test_only_so_many_may_wait(site: Site) -> None:
+    """Strangers and claims together; those who wait go on waiting, and announced robots take no place."""
+    site = dataclasses.replace(site, limit=2)
+    for number in range(3):
+        site.announce(f"planned-{number}", f"00:1b:44:00:62:0{number}")
+    first = site.ask()
+    site.ask(key=OTHER_KEY)
+    for mac in (MAC, OTHER_MAC):
+        with pytest.raises(
+            TooManyPending, match=r"2 wait for approval already.*robotether robot add"
+        ):
+            site.ask(mac, key(3))
+    assert site.ask() == first
+    assert site.ask("00:1b:44:00:62:00", key(4)).robot == "planned-0"
+
+
+def test_one_network_leaves_ten_waiting(site: Site) -> None:
+    """Other networks, announced robots and an admin's token are not kept out by it."""
+    site = dataclasses.replace(site, limit=50)
+    for number in range(STRANGERS_PER_NETWORK):
+        site.stranger(number, f"2001:db8::{number + 1:x}")
+    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 wait for approval"):
+        site.stranger(90, "2001:db8::99")
+    assert site.stranger(0, "2001:db8::99").code == "approval_pending"
+    assert site.stranger(91, "2001:db8:0:1::1").code == "approval_pending"
+    here = Report("turtle", "0.1.0", "2001:db8::99")
+    site.announce()
+    assert site.ask(report=here).code == "approval_pending"
     with pytest.raises(TooManyPending):
-        ask(database, mac="02:00:00:00:61:02", key=OTHER_KEY, limit=1)
-    assert ask(database, limit=1) == first
+        site.ask(key=key(92), report=here)
+    token = site.admins_token()
+    assert site.ask(OTHER_MAC, OTHER_KEY, report=here, token=token).code == "active"
 
 
-def test_rows_of_an_admin_are_no_unknown_robots(database: Database) -> None:
-    """A fleet that was entered beforehand does not use the waiting places up."""
-    with database.transaction() as tx:
-        for number in range(3):
-            robots.add(tx, f"02:00:00:00:62:0{number}", f"planned-{number}")
-    assert ask(database, limit=1).state == "pending"
+def test_strangers_and_claims_make_room_after_a_day(site: Site) -> None:
+    """The next join removes what nobody wanted; an announced robot waits for ever."""
+    site.announce()
+    site.ask()
+    site.ask(key=OTHER_KEY)
+    site.stranger(1)
+    with site.database.transaction() as tx:
+        age(tx, 23)
+    site.stranger(2)
+    with site.database.transaction() as tx:
+        age(tx, 2)
+    site.stranger(3)
+    assert site.names() == ["robot-010002", "robot-010003", "sim1"]
+    assert claimed(site) == []
 
 
-def test_same_robot_that_asks_twice_at_once_is_told_to_try_again(
-    database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Who comes second finds the row that the other request made meanwhile."""
-    ask(database)
-    monkeypatch.setattr(robots, "find_by_mac", lambda *_: None)
-    with pytest.raises(StoreUnavailable, match="try again"):
-        ask(database)
+def test_same_last_digits_make_a_longer_name(site: Site) -> None:
+    """Two unknown robots never want one name, and there is always another."""
+    assert site.ask().robot == "robot-006101"
+    assert site.ask("00:1b:54:00:61:01", key(1)).robot == "robot-4006101"
+    for number, digits in enumerate(("44006101", "b44006101", "1b44006101", "41b44006101")):
+        site.announce(f"robot-{digits}", f"00:1b:44:00:99:0{number}")
+    site.announce("robot-041b44006101", "00:1b:44:00:99:09")
+    assert site.ask("04:1b:44:00:61:01", key(2)).robot == "robot-041b44006101-2"
 
 
-def test_same_last_digits_make_a_longer_name(database: Database) -> None:
-    """Two unknown robots never want one name."""
-    assert ask(database).name == "robot-006101"
-    other = ask(
-        database, mac="02:00:00:11:61:01".replace("11", "00").replace("02", "06"), key=OTHER_KEY
-    )
-    assert other.name == "robot-0006101"
-
-
-def test_known_key_changes_nothing(database: Database) -> None:
+def test_known_key_changes_nothing(site: Site) -> None:
     """MAC and public key are no secrets, so a join with both tells nothing new about the robot."""
     for state in ("pending", "active"):
-        set_state(database, ask(database).name, state)
-        with database.transaction() as tx:
+        site.set_state(site.ask().robot, state)
+        with site.database.transaction() as tx:
             before = tx.row("SELECT * FROM robots")
-        ask(database, report=Report("evil", "6.6.6", "203.0.113.66"))
-        with database.transaction() as tx:
+        site.ask(report=Report("evil", "6.6.6", "203.0.113.66"))
+        with site.database.transaction() as tx:
             assert tx.row("SELECT * FROM robots") == before
 
 
-def test_one_network_leaves_ten_strangers_waiting(database: Database, root: str) -> None:
-    """Other networks, announced robots and an admin's token are not kept out by it."""
-    for number in range(STRANGERS_PER_NETWORK):
-        stranger(database, number, f"2001:db8::{number + 1:x}")
-    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 wait for approval"):
-        stranger(database, 90, "2001:db8::99")
-    assert stranger(database, 0, "2001:db8::99").state == "pending"
-    assert stranger(database, 91, "2001:db8:0:1::1").state == "pending"
-    here = Report("turtle", "0.1.0", "2001:db8::99")
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "announced")
-    assert ask(database, report=here).state == "pending"
-    other = ask(database, "02:00:00:00:61:02", OTHER_KEY, report=here, approver=root)
-    assert other.state == "active"
+@pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
+def test_rejected_key_is_told_so(site: Site, policy: str) -> None:
+    """With a token too; the robot may come with another key."""
+    site.ask()
+    token = site.admins_token()
+    reject(site, "robot-006101", "SHA256:a")
+    site = dataclasses.replace(site, policy=policy)
+    for given in (None, token):
+        with pytest.raises(KeyRejected, match="make a new key"):
+            site.ask(token=given)
+    assert site.ask(key=OTHER_KEY, token=token).code == "active"
 
 
-def test_all_networks_together_have_a_limit(database: Database) -> None:
-    """The sentence says how a robot gets in all the same."""
-    for number in range(3):
-        stranger(database, number, f"192.0.2.{number}", limit=3)
-    with pytest.raises(TooManyPending, match=r"3 wait for approval already.*robotether robot add"):
-        stranger(database, 3, "192.0.2.3", limit=3)
+def test_rekeyed_robot_takes_the_next_key_and_waits(site: Site) -> None:
+    """Under first-key too: whoever joined in its name must not be back at once."""
+    for policy in ("approve", "first-key"):
+        site = dataclasses.replace(site, policy=policy)
+        with site.database.transaction() as tx:
+            tx.change("DELETE FROM robots")
+        site.announce()
+        site.ask()
+        site.set_state("sim1", "active")
+        with site.database.transaction() as tx:
+            deeds.rekey(tx, ADMIN, "sim1")
+        assert site.ask(key=OTHER_KEY).code == "approval_pending"
 
 
-def test_strangers_make_room_after_a_day(database: Database) -> None:
-    """The next join removes those that nobody wanted; an announced robot waits for ever."""
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "announced")
-    ask(database)
-    stranger(database, 1, "192.0.2.1")
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 23 HOUR")
-    stranger(database, 2, "192.0.2.2")
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 2 HOUR")
-    stranger(database, 3, "192.0.2.3", limit=2)
-    with database.transaction() as tx:
-        names = [seen.robot.name for seen in robots.list_all(tx)]
-    assert names == ["announced", "robot-010002", "robot-010003"]
+def test_first_key_of_an_announced_robot_gets_in(site: Site) -> None:
+    """By that policy alone; the second key and a MAC that nobody announced wait."""
+    site = dataclasses.replace(site, policy="first-key")
+    site.announce()
+    assert site.ask() == Answer("sim1", "active")
+    assert site.ask(key=OTHER_KEY).code == "mac_in_use"
+    assert site.ask(OTHER_MAC, key(2)).code == "approval_pending"
+    assert [event["actor"] for event in site.events("robot_approved")] == ["robot"]
 
 
-def test_removed_robot_may_come_back_as_a_stranger(database: Database) -> None:
-    """With its key, which nobody has any more."""
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "sim1")
-    ask(database)
-    with database.transaction() as tx:
-        robots.remove(tx, robots.get(tx, "sim1").id)
-    assert (ask(database).name, ask(database).state) == ("robot-006101", "pending")
+def test_token_only_lets_nobody_wait(site: Site) -> None:
+    """An active robot goes on; announced rows and second keys need a token as well."""
+    site.announce("old", OTHER_MAC)
+    site.ask(OTHER_MAC, key(9))
+    site.set_state("old", "active")
+    site.announce()
+    site = dataclasses.replace(site, policy="token-only")
+    assert site.ask(OTHER_MAC, key(9)).code == "active"
+    for mac in (MAC, OTHER_MAC, "00:1b:44:00:61:03"):
+        with pytest.raises(TokenRequired, match="robotether robot invite"):
+            site.ask(mac)
+    assert site.ask(token=join_token(site, 1)).code == "active"
 
 
-def test_rekeyed_robot_takes_the_next_key(database: Database) -> None:
-    """It keeps its name, and waits."""
-    name = ask(database).name
-    set_state(database, name, "active")
-    with pytest.raises(MacInUse, match=f"robotether robot rekey {name}"):
-        ask(database, key=OTHER_KEY)
-    with database.transaction() as tx:
-        robots.forget_key(tx, robots.get(tx, name).id)
-    robot = ask(database, key=OTHER_KEY)
-    assert (robot.name, robot.state, robot.fingerprint) == (name, "pending", "SHA256:b")
-
-
-def test_admins_token_beats_a_key_that_only_waits(database: Database, root: str) -> None:
+def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
     """Who joined first in a robot's name does not keep it out; an approved key stays."""
-    ask(database)
-    robot = ask(database, key=OTHER_KEY, approver=root)
-    assert (robot.state, robot.fingerprint) == ("active", "SHA256:b")
-    with pytest.raises(MacInUse):
-        ask(database, approver=root)
+    site.ask()
+    token = site.admins_token()
+    answer = site.ask(key=OTHER_KEY, token=token)
+    assert (answer.code, site.robot(answer.robot).key) == ("active", OTHER_KEY)
+    assert site.ask(token=token).code == "mac_in_use"
+    assert site.robot(answer.robot).key == OTHER_KEY
+    (event,) = site.events("robot_approved")
+    assert event["actor"] == "root"
 
 
-def test_admins_token_approves(database: Database, root: str) -> None:
-    """And the audit log says who it was, and which key."""
-    assert ask(database, limit=0, approver=root).state == "active"
-    with database.transaction() as tx:
-        row = tx.row("SELECT actor, details FROM audit_events WHERE kind = 'robot_approved'")
-    assert row is not None
-    assert row["actor"] == "root"
-    assert json.loads(row["details"])["fingerprint"] == "SHA256:a"
+def test_key_that_a_stranger_showed_first_is_free_for_its_robot(site: Site) -> None:
+    """A public key is no secret: whoever shows it under another MAC does not keep the robot out."""
+    site.announce()
+    site.ask(OTHER_MAC)
+    token = site.admins_token()
+    assert site.ask(token=token) == Answer("sim1", "active")
+    assert site.names() == ["sim1"]
+    site.ask(key=OTHER_KEY)
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
+    assert claimed(site) == []
+
+
+def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
+    """A robot that asks again uses none up, and neither does one that is not let in."""
+    token = join_token(site, 2)
+    for _ in range(2):
+        assert site.ask(token=token).code == "active"
+    assert used(site) == 1
+    assert site.ask(key=key(5), token=token).code == "mac_in_use"
+    with pytest.raises(KeyInUse):
+        site.ask("00:1b:44:00:61:09", token=token)
+    assert used(site) == 1
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
+    with pytest.raises(TokenUsedUp, match="was good for 2 robots"):
+        site.ask("00:1b:44:00:61:09", key(6), token=token)
+    assert len(site.names()) == 2
+    assert site.ask(token=token).code == "active"
+
+
+def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
+    """A robot that was removed waits as any stranger, though its image still has the token."""
+    token = join_token(site, 9)
+    site.ask(token=token)
+    with site.database.transaction() as tx:
+        deeds.remove(tx, ADMIN, "robot-006101")
+    assert site.ask(token=token).code == "approval_pending"
+    assert used(site) == 1
+    with pytest.raises(TokenUsedUp, match="an admin has undone that"):
+        dataclasses.replace(site, policy="token-only").ask(token=token)
+
+
+def test_wrong_tokens_are_told_apart(site: Site) -> None:
+    """And no row is left."""
+    over = join_token(site, 1, dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1))
+    with pytest.raises(TokenExpired, match="its time was over at"):
+        site.ask(token=over)
+    for wrong in ("rj_nobodys", "rt_nobodys", "nobodys"):
+        with pytest.raises(TokenInvalid):
+            site.ask(token=wrong)
+    assert site.names() == []
+
+
+@pytest.mark.parametrize(
+    ("wish", "name"),
+    [
+        ("turtle", "turtle"),
+        ("taken", "robot-006101"),
+        ("No Name", "robot-006101"),
+        ("x" * 64, "robot-006101"),
+    ],
+)
+def test_wished_name_is_given_with_a_token(site: Site, wish: str, name: str) -> None:
+    """Where it can be; without a token, and for a MAC that has a row, nobody hears it."""
+    site.announce("taken", "00:1b:44:00:61:09")
+    token = site.admins_token()
+    assert site.ask(OTHER_MAC, OTHER_KEY, name=wish).robot == "robot-006102"
+    assert site.ask(name=wish, token=token).robot == name
+    assert site.ask("00:1b:44:00:61:09", key(3), name=wish, token=token).robot == "taken"
+
+
+def test_local_macs_are_for_announced_robots(site: Site) -> None:
+    """Unless they are allowed; a token does not make one unique."""
+    local = "02:42:ac:11:00:02"
+    for token in (None, site.admins_token()):
+        with pytest.raises(FieldInvalid, match="locally administered"):
+            site.ask(local, token=token)
+    assert dataclasses.replace(site, local=True).ask(local).code == "approval_pending"
+    site.announce(mac="02:42:ac:11:00:03")
+    assert site.ask("02:42:ac:11:00:03", OTHER_KEY).robot == "sim1"
+
+
+def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Database) -> None:
+    """Once a day the log says so; while the robot is online, who asks is a copy."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", "active")
+    for _ in range(2):
+        assert site.ask(mac_present=False).code == "active"
+    assert [event["robot"] for event in site.events("mac_changed")] == ["sim1"]
+    with admin_database.transaction() as tx:
+        tx.change("INSERT INTO robot_sessions (robot_id, address) SELECT id, '::1' FROM robots")
+    with pytest.raises(MacElsewhere, match="copy of that robot's disk"):
+        site.ask(mac_present=False)
+    assert site.ask().code == "active"

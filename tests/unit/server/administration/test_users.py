@@ -1,0 +1,104 @@
+"""Users, of whom one stays an admin."""
+
+from __future__ import annotations
+
+import datetime as dt
+import threading
+from collections.abc import Callable
+
+import pytest
+from joins import Site
+from robotether_server import passwords
+from robotether_server.administration import users as deeds
+from robotether_server.problems import FieldInvalid, LastAdmin, Problem, RecordExists, RecordMissing
+from robotether_server.store import Transaction, logins, users
+from robotether_server.store.audit import Source
+
+ADMIN = Source("root")
+PASSWORD = "a long enough password"
+
+
+def test_user_is_added_with_a_password(site: Site) -> None:
+    """A short password or a name that is taken leaves nothing."""
+    with site.database.transaction() as tx:
+        bob = deeds.add(tx, ADMIN, "bob", PASSWORD, "user")
+        assert passwords.matches(PASSWORD, bob.password_hash)
+        with pytest.raises(FieldInvalid):
+            deeds.add(tx, ADMIN, "eve", "short", "user")
+        with pytest.raises(RecordExists):
+            deeds.add(tx, ADMIN, "bob", PASSWORD, "admin")
+    assert [event["actor"] for event in site.events("user_added")] == ["root"]
+
+
+def test_new_password_and_log_out_end_logins(site: Site) -> None:
+    """Each says so in the log, without the password."""
+    with site.database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        for _ in range(2):
+            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        assert deeds.log_out_everywhere(tx, ADMIN, "ann") == 2
+        text = logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        deeds.set_password(tx, ADMIN, "ann", PASSWORD)
+        assert logins.find_user(tx, text) is None
+        assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
+    assert PASSWORD not in repr(site.events("password_set"))
+    assert len(site.events("logins_ended")) == 1
+
+
+def test_role_and_state_change_once(site: Site) -> None:
+    """Asking for what is so already leaves no line."""
+    with site.database.transaction() as tx:
+        for _ in range(2):
+            assert deeds.set_role(tx, ADMIN, "ann", "admin").role == "admin"
+            assert deeds.set_disabled(tx, ADMIN, "ann", disabled=True).disabled
+        for _ in range(2):
+            assert not deeds.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
+        assert deeds.remove(tx, ADMIN, "ann").name == "ann"
+        with pytest.raises(RecordMissing):
+            deeds.remove(tx, ADMIN, "ann")
+    for kind in ("user_role_set", "user_disabled", "user_enabled", "user_removed"):
+        assert len(site.events(kind)) == 1, kind
+
+
+LAST: list[Callable[[Transaction], object]] = [
+    lambda tx: deeds.remove(tx, ADMIN, "root"),
+    lambda tx: deeds.set_disabled(tx, ADMIN, "root", disabled=True),
+    lambda tx: deeds.set_role(tx, ADMIN, "root", "user"),
+]
+
+
+@pytest.mark.parametrize("deed", LAST)
+def test_last_admin_stays(site: Site, deed: Callable[[Transaction], object]) -> None:
+    """Another admin who is disabled does not count; one who is enabled does."""
+    with site.database.transaction() as tx:
+        deeds.set_role(tx, ADMIN, "ann", "admin")
+        deeds.set_disabled(tx, ADMIN, "ann", disabled=True)
+        with pytest.raises(LastAdmin, match="make another user an admin first"):
+            deed(tx)
+        deeds.set_disabled(tx, ADMIN, "ann", disabled=False)
+        deed(tx)
+
+
+def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None:
+    """One of them is left."""
+    with site.database.transaction() as tx:
+        deeds.set_role(tx, ADMIN, "ann", "admin")
+    together = threading.Barrier(2)
+    problems: list[Problem] = []
+
+    def remove(name: str) -> None:
+        try:
+            with site.database.transaction() as tx:
+                together.wait(20)
+                deeds.remove(tx, ADMIN, name)
+        except Problem as problem:
+            problems.append(problem)
+
+    threads = [threading.Thread(target=remove, args=(name,)) for name in ("ann", "root")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    with site.database.transaction() as tx:
+        assert len(users.list_all(tx)) == 1
+    assert len(problems) == 1
