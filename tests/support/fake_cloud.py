@@ -120,6 +120,7 @@ class FakeCloud:
         self.joins: list[dict[str, Any]] = []
         self.links: list[Link] = []
         self.answer: Callable[[], web.Response] = self.active
+        self.refuses_rotation: Callable[[], web.Response] | None = None
         self._approved = False
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -213,6 +214,8 @@ class FakeCloud:
 
     async def _rotate(self, said: dict[str, Any]) -> web.Response:
         """Take a new key that the old one vouches for, or that was taken before."""
+        if self.refuses_rotation is not None:
+            return self.refuses_rotation()
         if self.robot_key != said["public_key"]:
             proof = await asyncio.to_thread(vouches, self.robot_key, said)
             if not proof:

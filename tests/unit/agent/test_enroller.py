@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import resource
 from collections.abc import Callable, Iterator
@@ -14,9 +15,11 @@ from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
 from robotether_agent.enroller import Enroller
+from robotether_agent.keys import ensure_next_key
 from robotether_agent.problems import (
     InterfaceMissing,
     JoinRefused,
+    KeyUnusable,
     NotEnrolled,
     Retry,
     ServerUnreachable,
@@ -291,6 +294,92 @@ async def test_a_new_mac_in_the_settings_is_asked_about(cloud, settings):
     moved = replace(settings, mac="00:1b:44:00:00:09")
     assert (await Enroller(moved).enrolment()).mac == "00:1b:44:00:00:09"
     assert len(cloud.joins) == 2
+
+
+async def test_a_new_key_takes_the_old_ones_place(cloud, settings):
+    """The server gets the new key with the old one's signature; the robot then has one key again."""
+    enroller = await enrol(settings)
+    old = await enroller.key()
+    await enroller.rotate()
+    new = await enroller.key()
+    assert new.public != old.public
+    assert await enroller.next_key() is None
+    assert cloud.robot_key == new.public
+    assert cloud.joins[-1]["previous_key"]["fingerprint"] == old.fingerprint
+
+
+async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
+    """When the agent dies after the server took the key, the next start brings the change to its end."""
+    enroller = await enrol(settings)
+    cloud.mode = "loses_answers"
+    with pytest.raises(ServerUnreachable):
+        await enroller.rotate()
+    coming = await enroller.next_key()
+    assert coming is not None
+    assert cloud.robot_key == coming.public
+    cloud.mode = "serves"
+    started_anew = Enroller(settings)
+    await started_anew.enrolment()
+    assert (await started_anew.key()).public == coming.public
+
+
+async def test_a_change_that_the_server_never_heard_of_goes_on(cloud, settings):
+    """When the agent dies before it asks, or the web is away, the robot connects and asks later."""
+    enroller = await enrol(settings)
+    await enroller.enrolment()
+    await cloud.stop_web()
+    with pytest.raises(ServerUnreachable):
+        await enroller.rotate()
+    assert (await Enroller(settings).enrolment()).robot == "sim1"
+
+
+async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):
+    """Nothing is asked of the server before the new key is safe on the disk."""
+    enroller = await enrol(settings)
+    old = await enroller.key()
+    with full_disk(), pytest.raises((KeyUnusable, StateUnusable)):
+        await enroller.rotate()
+    assert len(cloud.joins) == 1
+    assert await enroller.key() == old
+
+
+async def test_a_disk_that_became_read_only_keeps_both_keys(cloud, settings, monkeypatch, caplog):
+    """The server has the new key by then: both are shown to it until the disk takes the change."""
+    enroller = await enrol(settings)
+    await ensure_next_key(settings.state_dir)
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.replace", read_only)
+        await enroller.join()
+    assert "until then both keys are kept" in caplog.text
+    coming = await enroller.next_key()
+    assert coming is not None
+    await enroller.join()
+    assert (await enroller.key()).public == coming.public
+
+
+def read_only(*_: object) -> None:
+    raise OSError(errno.EROFS, "Read-only file system")
+
+
+async def test_a_key_that_an_admin_turned_away_is_given_up(cloud, settings):
+    """The next try is with another one, and the robot keeps its own."""
+    enroller = await enrol(settings)
+    refusal = {"code": "key_rejected", "detail": "this key was turned away"}
+    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
+    with pytest.raises(JoinRefused, match="turned away"):
+        await enroller.rotate()
+    assert await enroller.next_key() is None
+    assert (await enroller.enrolment()).robot == "sim1"
+
+
+async def test_a_server_that_is_down_for_days_fills_no_log(cloud, settings, caplog):
+    """Of a hundred tries some are told, with their number."""
+    enroller = await enrol(settings)
+    await cloud.stop_web()
+    for _ in range(100):
+        await enroller.enrolment()
+    assert caplog.text.count("cannot reach https://") == 7
+    assert "(for the 64. time)" in caplog.text
 
 
 def pins(known_hosts: Path) -> set[str]:

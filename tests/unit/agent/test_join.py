@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
 
 import pytest
 from aiohttp import web
-from fake_cloud import certificate, fingerprint
+from dated_certificate import fingerprint_of, make_certificate
+from fake_cloud import FakeCloud, certificate, fingerprint
 from local_network import free_port
-from robotether_agent.join import JoinRequest, join, read_answer
+from robotether_agent.join import JoinRequest, PreviousKey, join, read_answer
 from robotether_agent.problems import (
     AnswerInvalid,
     JoinRefused,
@@ -113,7 +116,14 @@ def test_wrong_field_of_the_answer_is_named(changes, field):
     [
         (202, "approval_pending", NotEnrolled, Retry.ASK_AGAIN),
         (403, "robot_disabled", JoinRefused, Retry.SLOWLY),
-        (409, "mac_in_use", JoinRefused, Retry.SLOWLY),
+        (202, "mac_in_use", NotEnrolled, Retry.ASK_AGAIN),
+        (401, "token_invalid", JoinRefused, Retry.SLOWLY),
+        (401, "token_expired", JoinRefused, Retry.SLOWLY),
+        (401, "token_used_up", JoinRefused, Retry.SLOWLY),
+        (403, "key_rejected", JoinRefused, Retry.SLOWLY),
+        (403, "token_required", JoinRefused, Retry.SLOWLY),
+        (409, "key_in_use", JoinRefused, Retry.SLOWLY),
+        (409, "mac_elsewhere", JoinRefused, Retry.SLOWLY),
         (422, "field_invalid", JoinRefused, Retry.SLOWLY),
         (429, "too_many_pending", JoinRefused, Retry.ASK_AGAIN),
     ],
@@ -124,6 +134,9 @@ def test_each_refusal_keeps_its_reason(status, code, kind, retry):
     with pytest.raises(kind, match="the reason") as error:
         read_answer("a.example", status, body)
     assert error.value.retry is retry
+    # The server's own sentence for an approval says how it is given.
+    assert error.value.advice or code == "approval_pending"
+    assert "ask the server's administrator" not in error.value.advice
     assert error.value.code == ("not_enrolled" if kind is NotEnrolled else code)
 
 
@@ -140,3 +153,39 @@ def test_other_servers_are_told_apart(status, body, kind):
     """A server in trouble and a server that is none of ours are two problems."""
     with pytest.raises(kind):
         read_answer("a.example", status, body)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "why"),
+    [(+300, +600, "not yet valid"), (-600, -300, "expired")],
+)
+async def test_a_wrong_clock_is_told_as_such_and_no_matter_with_a_pin(place, begin, end, why):
+    """A robot without a battery-backed clock says what its clock says; the pinned certificate needs none."""
+    now = datetime.now(timezone.utc)
+    dates = (now + timedelta(days=days) for days in (begin, end))
+    pem = make_certificate(place, *dates)
+    cloud = FakeCloud(pem=pem)
+    await cloud.start()
+    try:
+        with pytest.raises(TlsUntrusted, match=f"this robot's clock says 20.* {why}") as error:
+            await join(Settings(server=cloud.server, ca_file=pem), REQUEST)
+        assert "with tls_fingerprint set the clock does not matter" in error.value.advice
+        pinned = bytes.fromhex(fingerprint_of(pem))
+        assert (await join(Settings(server=cloud.server, tls_fingerprint=pinned), REQUEST)).robot
+    finally:
+        await cloud.close()
+
+
+def test_only_what_there_is_to_say_is_said():
+    """A usual robot's join has no word of a changed MAC or key, and an old server gets nothing new."""
+    plain = replace(REQUEST, token=None)
+    assert set(plain.body()) == {"mac", "public_key", "hostname", "agent_version"}
+    changed = replace(
+        plain, mac_present=False, name="turtle", previous_key=PreviousKey("SHA256:x", "y")
+    )
+    assert changed.body() == {
+        **plain.body(),
+        "mac_present": False,
+        "name": "turtle",
+        "previous_key": {"fingerprint": "SHA256:x", "signature": "y"},
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 from robotether_agent.problems import KeyRefused, LinkLost
 from robotether_agent.status import (
@@ -22,6 +23,8 @@ UP = Status(
     since=NOW - 60,
     server="robots.example.com",
     robot="sim1",
+    mac="00:1b:44:11:3a:b7",
+    interface="eth0",
     fingerprint="SHA256:abc",
     rtt_ms=12.34,
     ros="ok",
@@ -39,12 +42,26 @@ def test_a_connected_robot():
         "state         connected since 2023-11-14 22:12:20 UTC",
         "robot         sim1",
         "server        robots.example.com",
+        "mac           00:1b:44:11:3a:b7 (eth0)",
         "key           SHA256:abc",
         "round trip    12.3 ms",
         "video tunnel  open",
+        "shell tunnel  off",
+        "end to end    rosbridge unknown, video unknown",
         "rosbridge     ok",
         "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
     ]
+
+
+def test_a_robot_with_something_to_say():
+    """A MAC that is gone, a shell, and a new key that does not come are told where they apply."""
+    more = replace(
+        UP, interface="", shell_tunnel="open", end_to_end_shell="ok", new_key="it is disabled [x]"
+    )
+    lines = render(more, NOW).splitlines()
+    assert "mac           00:1b:44:11:3a:b7 (no interface of this machine has it now)" in lines
+    assert "end to end    rosbridge unknown, video unknown, shell ok" in lines
+    assert "new key       it is disabled [x]" in lines
 
 
 def test_a_robot_that_waits_shows_its_key(place):

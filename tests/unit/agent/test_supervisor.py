@@ -60,6 +60,18 @@ def test_repeats_are_thinned_out(caplog):
     assert "lost it [link_lost]; next try in 1.0 s (for the 8. time)" in caplog.text
 
 
+def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
+    """A network that comes and goes for days fills no log; after a success all is told anew."""
+    repeats = Repeats()
+    for _ in range(8):
+        repeats.tell("session", LinkLost("lost it"), 1)
+        repeats.tell("session", HostKeyChanged("changed"))
+    assert len(caplog.records) == 8
+    repeats.forget()
+    repeats.tell("session", LinkLost("lost it"), 1)
+    assert len(caplog.records) == 9
+
+
 def test_uptime_counts_from_when_it_stood():
     """Time spent on connecting does not count."""
     now = [10.0]
