@@ -486,9 +486,10 @@ main() {
   ensure_account
   ensure_agent
   ensure_config
-  ensure_join
   ensure_unit
   ensure_link
+  # The last step that can be undone: once the server knows the key, the key stays.
+  ensure_join
   finished
   ensure_running
   tell_result
