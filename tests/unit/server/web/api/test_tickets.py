@@ -47,6 +47,7 @@ def test_ticket_is_given_within_the_grant(
         ("ann", {"robot": "sim1", "mode": "fly"}, (422, "field_invalid")),
         ("ann", {"robot": "sim1"}, (422, "field_invalid")),
         ("ann", {"robot": 7, "mode": "drive"}, (422, "field_invalid")),
+        ("ann", {"robot": "sim1", "mode": "drive", "days": 1}, (422, "field_invalid")),
         ("ann", ["sim1"], (422, "field_invalid")),
     ],
 )
