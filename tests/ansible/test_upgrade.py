@@ -59,8 +59,13 @@ def test_broken_version_stops_at_the_first(
 
 
 def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
-    """A version that connects is on all robots afterwards, and a second run changes nothing."""
+    """--check says that it would change; then the version is on all robots, and a second run changes nothing."""
     wheel = str(_other_version(tmp_path, "0.9.1"))
+    for playbook in ("enroll.yml", "upgrade.yml"):
+        checked = site.play(playbook, *robots, check=True, robotether_wheel_file=wheel)
+        assert checked.code == 0, checked.printed
+        assert all(recap.changed for recap in checked.recaps.values())
+    assert "0.9.1" not in [_version(robot) for robot in robots]
     site.play_well("upgrade.yml", *robots, robotether_wheel_file=wheel)
     assert [_version(robot) for robot in robots] == ["0.9.1", "0.9.1"]
     again = site.play_well("upgrade.yml", *robots, robotether_wheel_file=wheel)

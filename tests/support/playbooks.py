@@ -134,12 +134,20 @@ class Site:
         path.write_text("\n".join(lines) + "\n")
         return path
 
-    def play(self, playbook: str, *robots: RobotHost, check: bool = False, **extra: Any) -> Played:
+    def play(
+        self,
+        playbook: str,
+        *robots: RobotHost,
+        check: bool = False,
+        verbosity: int = 0,
+        **extra: Any,
+    ) -> Played:
         """Run a playbook on these robots; `extra` are variables (-e), and `token` the one of this run."""
         environment = {
             **os.environ,
             "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
             "ANSIBLE_NOCOLOR": "1",
+            "ANSIBLE_VERBOSITY": str(verbosity),
             "ROBOTETHER_TOKEN": extra.pop("token", self.token),
         }
         command = [

@@ -95,7 +95,8 @@ class RobotHost:
         """
         found = self.run(
             "find / -xdev \\( -path /home -o -path /root -o -path /tmp -o -path /var/tmp -o -path /var/log"
-            " -o -path /var/cache -o -path /var/lib/systemd -o -path /var/lib/private \\) -prune"
+            " -o -path /var/cache -o -path /var/lib/systemd -o -path /var/lib/private"
+            " -o -path /var/lib/docker -o -path /var/lib/containerd \\) -prune"
             " -o -printf '%p %M %u:%g\\n'"
             " | grep -v __pycache__; cut -d: -f1,3 /etc/passwd /etc/group"
         )

@@ -1,0 +1,46 @@
+"""agent_runtime=docker: the agent in a container on the robot, with the robot's network, and away again."""
+
+from __future__ import annotations
+
+import pytest
+from docker.types import Mount
+from playbooks import Site
+from robot_hosts import SYSTEMD, RobotHost, RobotHosts
+
+# A container's /proc/sys is read-only, and Docker inside it sets its bridges up there.
+DROP_IN = b"[Service]\nExecStartPre=/bin/mount -o remount,rw,bind /proc/sys\n"
+
+
+@pytest.fixture(scope="module")
+def robot(hosts: RobotHosts) -> RobotHost:
+    """A robot with a Docker of its own."""
+    host = hosts.boot(
+        "boxed",
+        # overlay2 needs another file system than the container's own; runc needs to look into what it started.
+        mounts=[Mount("/var/lib/docker", None, type="volume")],
+        cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
+    )
+    host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
+    host.run("apt-get update -qq && apt-get install -y -qq --no-install-recommends docker.io")
+    host.wait("Docker answers", lambda: host.succeeds("docker info"))
+    return host
+
+
+def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
+    """It is enrolled, a second run changes nothing, it comes back after a power cut, and retiring leaves nothing."""
+    before = robot.footprint()
+    docker = {"agent_runtime": "docker"}
+    first = site.play_well("enroll.yml", robot, **docker)
+    assert "a message went to its rosbridge and back" in first.text
+    assert "connected" in robot.run("robotether-agent status")
+    second = site.play_well("enroll.yml", robot, **docker)
+    assert second.recaps["boxed"].changed == 0
+
+    robot.switch_off()
+    site.stack.wait("boxed offline", lambda: not site.stack.online("boxed"))
+    robot.switch_on()
+    robot.wait("boxed online", lambda: site.stack.online("boxed"), 60)
+
+    site.play_well("retire.yml", robot, **docker, retire_confirm=True)
+    assert robot.footprint() ^ before == set()
+    assert robot.run("docker ps -aq; docker image ls -q") == ""
