@@ -8,12 +8,11 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from playbooks import Site, build_wheel
+from playbooks import Site
 from robot_hosts import ROOT, USER, RobotHost, RobotHosts
 from shell_hosts import make_key
 from stack import Stack
@@ -54,7 +53,7 @@ class Person:
         own = (
             f"Host *\n    IdentityFile {self.folder}/id\n    IdentitiesOnly yes\n"
             f"    UserKnownHostsFile {self.folder}/known_hosts\n    GlobalKnownHostsFile /dev/null\n"
-            # In place of a yes at the terminal, to the server's key and the robot's. Not for fleet, which wants its own.
+            # In place of a yes at the terminal, to the server's key and the robot's. Fleet wants its own yes.
             "    StrictHostKeyChecking accept-new\n"
         )
         self.config.write_text(f"{entries}{own}")
@@ -80,23 +79,12 @@ class Person:
 
 
 @pytest.fixture(scope="module")
-def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
-    """A computer that becomes a robot."""
-    with RobotHosts(tmp_path_factory.mktemp("hosts")) as booted:
-        yield booted
-
-
-@pytest.fixture(scope="module")
-def turtle(stack: Stack, hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> RobotHost:
+def turtle(site: Site, hosts: RobotHosts) -> RobotHost:
     """A robot with a real sshd, enrolled by the playbook; its shell is on."""
-    wheel = build_wheel(ROOT / "agent", tmp_path_factory.mktemp("wheel"))
-    token = stack.token("ansible")
-    folder = tmp_path_factory.mktemp("site")
-    site = Site(folder, stack, hosts, token, {"robotether_wheel_file": str(wheel)})
     robot = hosts.boot(NAME)
     site.play_well("enroll.yml", robot)
-    stack.robotether("robot", "shell", NAME, "on")
-    stack.robotether("robot", "set", NAME, "--shell-user", USER)
+    site.stack.robotether("robot", "shell", NAME, "on")
+    site.stack.robotether("robot", "set", NAME, "--shell-user", USER)
     return robot
 
 
