@@ -3,17 +3,28 @@
 import datetime as dt
 
 from robotether_server.administration.names import check_name
+from robotether_server.problems import NotPossible
 from robotether_server.store import Transaction, audit, tokens
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.tokens import Token
 from robotether_server.store.users import User
 
+# So that no user fills the table, nor the lists of admins.
+MOST_TOKENS = 1000
+
 
 def create(
     tx: Transaction, source: Source, user: User, name: str, expires_at: dt.datetime | None
 ) -> str:
-    """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
+    """Make a token and return its text, which cannot be had again.
+
+    Raises FieldInvalid, RecordExists or NotPossible.
+    """
     check_name("name", name)
+    if len(tokens.list_of(tx, user)) >= MOST_TOKENS:
+        raise NotPossible(
+            f"cannot create token {name}: user {user.name} has {MOST_TOKENS}; delete those that are not used"
+        )
     text = tokens.create(tx, user, name, expires_at)
     details: dict[str, object] = {
         "user": user.name,

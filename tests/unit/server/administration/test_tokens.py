@@ -7,7 +7,7 @@ import datetime as dt
 import pytest
 from joins import Site
 from robotether_server.administration import tokens
-from robotether_server.problems import FieldInvalid, RecordExists, RecordMissing
+from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
 from robotether_server.store import tokens as stored
 from robotether_server.store import users
 from robotether_server.store.audit import Source
@@ -42,3 +42,14 @@ def test_wrong_or_taken_name_is_refused(site: Site) -> None:
             tokens.create(tx, ANN, ann, "ci", None)
         with pytest.raises(FieldInvalid):
             tokens.create(tx, ANN, ann, "c\ni", None)
+
+
+def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each user has a bound of their own."""
+    monkeypatch.setattr(tokens, "MOST_TOKENS", 1)
+    with site.database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        tokens.create(tx, ANN, ann, "first", None)
+        with pytest.raises(NotPossible, match="user ann has 1"):
+            tokens.create(tx, ANN, ann, "second", None)
+        tokens.create(tx, ANN, users.get(tx, "root"), "first", None)
