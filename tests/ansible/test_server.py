@@ -72,6 +72,7 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
         mounts=[Mount("/var/lib/docker", None, type="volume")],
         cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
     )
+    host.run("systemctl disable --now sim-robot")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
     inventory = folder / "server.ini"
     settings = '{"PUBLIC_HOST": "robots.test", "JOIN_POLICY": "token-only"}'
