@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from api_visitor import new_public_key
+from robot_signer import RobotSigner
 from robotether_server.store import Database, robots
 from web_visitor import Browser, audit_kinds, bearer
 
@@ -95,3 +96,62 @@ def test_join_without_an_object_is_refused(program: Browser, body: bytes) -> Non
     kind = "application/json"
     answer = program.ask("POST", "/api/v1/join", data=body, content_type=kind)
     assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
+
+
+def test_second_key_of_a_mac_is_told_that_it_waits(
+    program: Browser, database: Database, key: str
+) -> None:
+    """202 with a code of its own, and nothing about the robot that has the MAC."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "turtle")
+    program.ask("POST", "/api/v1/join", json=join_body(key))
+    answer = program.ask("POST", "/api/v1/join", json=join_body(new_public_key()))
+    assert (answer.status_code, answer.json["code"]) == (202, "mac_in_use")
+    assert "turtle" not in answer.text
+
+
+def test_rotated_key_is_active_at_once(
+    program: Browser, database: Database, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """With the old key's signature, as ssh-keygen makes it."""
+    old, new = (RobotSigner(tmp_path_factory.mktemp("key")) for _ in range(2))
+    program.ask("POST", "/api/v1/join", json=join_body(old.line))
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
+    signature = old.sign("robotether-rotation", f"{MAC} {new.key.line}\n")
+    previous = {"fingerprint": old.key.fingerprint, "signature": signature}
+    for _ in range(2):
+        body = join_body(new.line, previous_key=previous)
+        answer = program.ask("POST", "/api/v1/join", json=body)
+        assert (answer.status_code, answer.json["state"]) == (200, "active")
+    answer = program.ask("POST", "/api/v1/join", json=join_body(old.line))
+    assert answer.json["code"] == "mac_in_use"
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"mac": "ff:ff:ff:ff:ff:ff"}, "mac"),
+        ({"mac_present": "no"}, "mac_present"),
+        ({"name": 5}, "name"),
+        ({"previous_key": "x"}, "previous_key"),
+        ({"previous_key": {"signature": "x"}}, "fingerprint"),
+        ({"previous_key": {"fingerprint": "SHA256:a"}}, "signature"),
+        ({"previous_key": {"fingerprint": "SHA256:a", "signature": "x" * 4097}}, "signature"),
+        ({"previous_key": {"fingerprint": "SHA256:a", "signature": "\ud800"}}, "signature"),
+    ],
+)
+def test_join_names_the_new_field_that_is_wrong(
+    program: Browser, key: str, changes: dict[str, object], named: str
+) -> None:
+    """Those of rotation and of a lost MAC, and a MAC of many machines."""
+    answer = program.ask("POST", "/api/v1/join", json=join_body(key, **changes))
+    assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
+    assert f"cannot use {named}" in answer.json["detail"]
+
+
+def test_null_is_as_good_as_nothing(program: Browser, key: str) -> None:
+    """For every field that may be missing."""
+    nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
+    answer = program.ask("POST", "/api/v1/join", json=join_body(key, **nothing))
+    assert answer.status_code == 202
