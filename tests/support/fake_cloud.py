@@ -120,6 +120,7 @@ class FakeCloud:
         self.joins: list[dict[str, Any]] = []
         self.links: list[Link] = []
         self.answer: Callable[[], web.Response] = self.active
+        self.greeting: Callable[[], web.Response] = self.login_missing
         self.refuses_rotation: Callable[[], web.Response] | None = None
         self._approved = False
         self._tasks: set[asyncio.Task[None]] = set()
@@ -133,7 +134,7 @@ class FakeCloud:
         context.load_cert_chain(self._pem)
         app = web.Application()
         app.router.add_post("/api/v1/join", self._join)
-        app.router.add_get("/api/v1/robots", self._refuse)
+        app.router.add_get("/api/v1/robots", self._greet)
         self._web = web.AppRunner(app, access_log=None)
         await self._web.setup()
         site = web.TCPSite(self._web, "127.0.0.1", 0, ssl_context=context)
@@ -184,6 +185,11 @@ class FakeCloud:
         ssh_part = {**where, "host_keys": self.ssh.host_keys}
         return web.json_response({"state": "active", "robot": "sim1", "ssh": ssh_part})
 
+    def login_missing(self) -> web.Response:
+        """The answer to a stranger, by which a Robotether server is known."""
+        body = {"code": "login_missing", "detail": "log in first"}
+        return web.json_response(body, status=401)
+
     def of_kind(self, kind: str, *, live: bool = True) -> list[Link]:
         """Return the links of a kind; only those that stand, unless told otherwise."""
         return [link for link in self.links if link.kind == kind and not (live and link.ended)]
@@ -227,9 +233,8 @@ class FakeCloud:
             return web.Response(status=502)
         return self.answer()
 
-    async def _refuse(self, _: web.Request) -> web.Response:
-        body = {"code": "login_missing", "detail": "log in first"}
-        return web.json_response(body, status=401)
+    async def _greet(self, _: web.Request) -> web.Response:
+        return self.greeting()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

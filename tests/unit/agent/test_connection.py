@@ -56,13 +56,20 @@ class Robot:
         pin(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
         return Target("127.0.0.1", ssh.port, ssh.user)
 
-    def connect(self, target: Target, up: Up, health: Health | None = None) -> asyncio.Future[Any]:
+    def connect(
+        self,
+        target: Target,
+        up: Up,
+        health: Health | None = None,
+        recheck: asyncio.Event | None = None,
+    ) -> asyncio.Future[Any]:
         """Start a connection whose forward leads nowhere."""
         role = Role(
             kind="media" if health is None else "session",
             forward=lambda config: Forward(config.ros_port, "127.0.0.1", 9),
             on_up=up.note,
             health=health,
+            recheck=recheck,
         )
         self.started.append(asyncio.ensure_future(run_connection(target, self.files, role)))
         return self.started[-1]
@@ -189,11 +196,11 @@ async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
 async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
     """A connection that cannot follow its configuration ends, so that nobody takes it for up."""
     up = Up()
-    connection = robot.connect(robot.trust(cloud.ssh), up)
+    connecting = robot.connect(robot.trust(cloud.ssh), up)
     await is_up(up)
     with socket.create_server(("0.0.0.0", cloud.other_ports[0])):
         (await cloud.link("media")).send(config(cloud, cloud.other_ports[0]))
-        assert isinstance(await problem_of(connection), PortTaken)
+        assert isinstance(await problem_of(connecting), PortTaken)
     assert up.ports == [cloud.ports[0]]
     await eventually(lambda: not listens(cloud.ports[0]), lambda: "the old port is closed")
 
@@ -218,6 +225,24 @@ async def test_the_session_tells_each_change_once(cloud, robot, services):
     hello = {"type": "hello", "hostname": socket.gethostname(), "agent_version": __version__}
     assert link.received[0] == hello
     assert link.of_type("hello") == [hello]
+
+
+async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
+    """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
+    monkeypatch.setattr("robotether_agent.connection.CHECK_PAUSE_S", 0.6)
+    health = Health("ws://127.0.0.1:9", "http://127.0.0.1:9")
+    recheck = asyncio.Event()
+    robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
+    link = await cloud.link("session")
+    await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
+    assert link.of_type("check") == []
+    recheck.set()
+    await eventually(lambda: len(link.of_type("check")) == 1, lambda: f"{link.received}")
+    recheck.set()
+    pings = len(link.of_type("ping"))
+    await eventually(lambda: len(link.of_type("check")) == 2, lambda: f"{link.received}")
+    # Between the two lay most of the pause, in which the session pings every 0.2 s.
+    assert len(link.of_type("ping")) - pings >= 2
 
 
 async def test_media_tells_nothing(cloud, robot):
@@ -278,9 +303,9 @@ async def test_cancelled_before_a_configuration(start_ssh, start_relay, robot):
         await reader.read()
 
     server = await start_ssh(await start_relay(say_nothing))
-    connection = robot.connect(robot.trust(server), Up())
+    connecting = robot.connect(robot.trust(server), Up())
     await asyncio.wait_for(entered.wait(), 10)
-    connection.cancel()
-    await asyncio.wait({connection}, timeout=5)
-    assert connection.cancelled()
+    connecting.cancel()
+    await asyncio.wait({connecting}, timeout=5)
+    assert connecting.cancelled()
     assert not robot.files.control.exists()

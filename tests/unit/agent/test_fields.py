@@ -22,6 +22,8 @@ from robotether_agent.fields import FieldError
         (lambda: fields.get_int({"seq": 10}, "seq", 0, 9), "from 0 to 9, not 10"),
         (lambda: fields.get_number({"t": float("nan")}, "t", 0, 9), "field t must be a number"),
         (lambda: fields.get_number({"t": 9.5}, "t", 0, 9), "field t must be from 0 to 9"),
+        (lambda: fields.get_flag({"on": 1}, "on", default=False), "on must be true or false"),
+        (lambda: fields.get_optional_port({"p": 0}, "p"), "field p must be a whole number"),
         (lambda: fields.get_texts({"keys": []}, "keys"), "field keys must be a list of 1 to 8"),
         (lambda: fields.get_texts({"keys": ["a", 1]}, "keys"), r"field keys\[1\] must be text"),
         (lambda: fields.get_ports({"ports": [22, 0]}, "ports"), r"field ports\[1\] must be"),
@@ -45,6 +47,11 @@ def test_right_fields_pass():
     assert fields.get_texts(obj, "c") == ["x"]
     assert fields.get_ports(obj, "d") == (22,)
     assert fields.get_text(fields.get_object(obj, "e"), "f") == "g"
+    assert fields.get_flag({"on": True}, "on", default=False)
+    assert not fields.get_flag({}, "on", default=False)
+    assert fields.get_optional_port({"p": 22}, "p") == 22
+    assert fields.get_optional_port({"p": None}, "p") is None
+    assert fields.get_optional_port({}, "p") is None
     assert fields.get_text(obj, "none", default="nothing") == "nothing"
 
 

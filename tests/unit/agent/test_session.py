@@ -9,8 +9,9 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
+from fake_cloud import eventually
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
-from robotether_agent.session import Config, Session
+from robotether_agent.session import Checked, Config, Session
 
 CONFIG = {
     "type": "config",
@@ -165,3 +166,32 @@ async def test_superseded_explains_two_robots_with_one_key(ends):
     peer.send({"type": "bye", "code": "superseded", "detail": "x"})
     with pytest.raises(SessionEnded, match="two robots use one key"):
         await asyncio.wait_for(session.run(), 5)
+
+
+async def test_a_shell_and_a_new_key_are_wishes_of_a_configuration(ends):
+    """A server that knows neither says nothing of them; nonsense ends the session."""
+    session, peer = ends
+    serving = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    plain = await asyncio.wait_for(session.new_config(None), 5)
+    assert (plain.shell_port, plain.rotate_key) == (None, False)
+    peer.send({**CONFIG, "shell_port": 24000, "rotate_key": True})
+    wished = await asyncio.wait_for(session.new_config(plain), 5)
+    assert (wished.shell_port, wished.rotate_key) == (24000, True)
+    peer.send({**CONFIG, "shell_port": 70000})
+    with pytest.raises(ProtocolBroken, match="shell_port"):
+        await asyncio.wait_for(serving, 5)
+
+
+async def test_what_the_server_found_is_kept(ends):
+    """Until it has looked all is unknown; a word that is none of the three ends the session."""
+    session, peer = ends
+    assert session.checked == Checked("unknown", "unknown", "unknown")
+    serving = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    peer.send({"type": "checked", "ros": "ok", "video": "down", "shell": "unknown"})
+    await eventually(lambda: session.checked.ros == "ok", lambda: f"{session.checked}")
+    assert session.checked == Checked("ok", "down", "unknown")
+    peer.send({"type": "checked", "ros": "splendid", "video": "down", "shell": "unknown"})
+    with pytest.raises(ProtocolBroken, match="ros must be ok, down or unknown"):
+        await asyncio.wait_for(serving, 5)

@@ -59,7 +59,11 @@ def test_environment_alone_is_enough():
         ("mac", "12", "MAC address"),
         ("mac", "02:42:ac:11:00:02", "allow_local_mac"),
         ("interface", "../x", "network interface"),
+        ("mac", "ff:ff:ff:ff:ff:ff", "MAC address"),
         ("allow_local_mac", "maybe", "true or false"),
+        ("name", "a robot", "letters, digits"),
+        ("shell_address", "127.0.0.1", "HOST:PORT of an SSH server"),
+        ("shell_address", "-oProxyCommand=x:22", "a host name"),
         ("rosbridge_url", "http://127.0.0.1:9090", "ws://HOST:PORT"),
         ("rosbridge_url", "ws://127.0.0.1:9090/path", "without a path"),
         ("video_url", "https://127.0.0.1", "http://HOST:PORT"),
@@ -105,6 +109,28 @@ def test_refuses_unknown_missing_and_contradicting(tmp_path, text, environ, why)
     """Unknown keys, a missing server, broken TOML and two sources of one thing are errors."""
     with pytest.raises(SettingsInvalid, match=why):
         load(written(tmp_path, text), environ)
+
+
+def test_an_installer_asks_before_it_knows_the_server(tmp_path):
+    """Some commands need no server; what else is set is checked all the same."""
+    assert load(None, {}, needs_server=False).server == ""
+    with pytest.raises(SettingsInvalid, match="ROBOTETHER_MAC"):
+        load(None, {"ROBOTETHER_MAC": "rubbish"}, needs_server=False)
+
+
+@pytest.mark.parametrize(("server", "port"), [("a", 443), ("a:8443", 8443), ("[::1]:1", 1)])
+def test_the_port_of_https(server, port):
+    """443 unless the setting names another one."""
+    assert load(None, {"ROBOTETHER_SERVER": server}).server_port == port
+
+
+def test_a_robot_may_allow_no_shell(tmp_path):
+    """In the file an empty text, in the environment a word, as an empty variable counts as not set."""
+    assert load(None, {"ROBOTETHER_SERVER": "a"}).shell_address == "127.0.0.1:22"
+    file = written(tmp_path, 'server = "a"\nshell_address = ""\n')
+    assert load(file, {}).shell_address == ""
+    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_SHELL_ADDRESS": "none"}
+    assert load(None, environ).shell_address == ""
 
 
 def test_a_named_file_must_exist(tmp_path):
@@ -154,6 +180,7 @@ def test_example_is_complete_and_shows_the_defaults():
         "allow_local_mac",
         "rosbridge_url",
         "video_url",
+        "shell_address",
         "state_dir",
         "run_dir",
         "log_level",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from robotether_agent.ssh_command import (
     connect_command,
     control_command,
     forward_to,
+    host_key_command,
 )
 
 FILES = SshFiles((Path("/s/id_ed25519"),), Path("/s/known_hosts"), Path("/r/session.ctl"))
@@ -43,6 +45,40 @@ def test_ssh_understands_the_options_as_meant():
     assert options["controlpath"] == "/r/session.ctl"
     assert options["serveraliveinterval"] == "5"
     assert options["updatehostkeys"] in {"false", "no"}
+
+
+def test_two_keys_are_shown_in_their_order():
+    """While a key is being changed the server may know either."""
+    files = replace(FILES, keys=(Path("/s/old"), Path("/s/new")))
+    command = connect_command(Target("h", 22, "tunnel"), files, "session")
+    assert [word for word in command if word.startswith("IdentityFile")] == [
+        "IdentityFile=/s/old",
+        "IdentityFile=/s/new",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "class_of_service"),
+    [("session", "af21"), ("media", "throughput"), ("shell", "throughput")],
+)
+def test_control_goes_before_a_file_copy(kind, class_of_service):
+    """The network hears of it, as far as it listens."""
+    command = connect_command(Target("h", 22, "tunnel"), FILES, kind)
+    asked = [command[0], "-G", *command[1:]]
+    text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
+    assert f"ipqos {class_of_service}" in text
+
+
+def test_the_host_key_is_checked_without_a_key():
+    """The doctor logs in nowhere, and meets the same pin as the agent."""
+    command = host_key_command(Target("h", 2222, "tunnel"), Path("/s/known_hosts"))
+    asked = [command[0], "-G", *command[1:]]
+    text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
+    options = dict(line.partition(" ")[::2] for line in text.splitlines())
+    assert options["preferredauthentications"] == "none"
+    assert options["userknownhostsfile"] == "/s/known_hosts"
+    assert options["stricthostkeychecking"] in {"true", "yes"}
+    assert "-M" not in command
 
 
 def test_an_ipv6_host_is_taken():

@@ -1,0 +1,127 @@
+"""What is on the robot itself, with real services on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from fake_root import FakeRoot
+from local_network import free_port
+from robotether_agent.doctor import machine
+from robotether_agent.doctor.findings import FAIL, OK, SKIPPED
+from robotether_agent.keys import ensure_key
+from robotether_agent.settings import Settings
+
+MAC = "00:1b:44:11:3a:b7"
+
+
+@pytest.fixture
+def settings(place, services) -> Settings:
+    """A robot whose services run."""
+    return Settings(
+        server="a.example",
+        state_dir=place,
+        rosbridge_url=services.ws_url,
+        video_url=services.http_url,
+    )
+
+
+def disk(**changes: int) -> SimpleNamespace:
+    room = {"f_flag": 0, "f_bavail": 10**6, "f_frsize": 4096, "f_favail": 10**5, "f_files": 10**6}
+    return SimpleNamespace(**{**room, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"f_flag": os.ST_RDONLY}, "is read-only"),
+        ({"f_bavail": 100}, "has 0 MB left"),
+        ({"f_favail": 0}, "MB left"),
+    ],
+)
+def test_a_disk_without_room(settings, monkeypatch, changes, told):
+    """Read-only, full, and out of inodes are told; the kernel's answer is a double here."""
+    assert machine.check_disk(settings).state == OK
+    monkeypatch.setattr(os, "statvfs", lambda _: disk(**changes))
+    found = machine.check_disk(settings)
+    assert found.state == FAIL
+    assert told in found.detail
+
+
+def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):
+    """The line says which, and how to mend it."""
+    missing = machine.check_disk(replace(settings, state_dir=Path("/none/state")))
+    assert "there is no /none/state" in missing.detail
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert "chown" in machine.check_disk(settings).advice
+
+
+def test_which_mac_names_the_robot(settings, tmp_path):
+    """The interface is told, too; looking keeps nothing."""
+    root = FakeRoot(tmp_path)
+    none = machine.check_mac(settings, root.path)
+    assert (none.state, "set interface or mac" in none.advice) == (FAIL, True)
+    root.add("eth0", MAC, 2)
+    assert machine.check_mac(settings, root.path).detail == f"{MAC} (eth0)"
+    assert list(settings.state_dir.iterdir()) == []
+    of_settings = machine.check_mac(replace(settings, mac="00:1b:44:00:00:01"), root.path)
+    assert of_settings.detail == "00:1b:44:00:00:01 (set in agent.toml)"
+
+
+def test_a_mac_that_is_gone(settings, tmp_path):
+    """Both ways out are told: the old card, or a robot of its own."""
+    root = FakeRoot(tmp_path)
+    (settings.state_dir / "identity.json").write_text(f'{{"mac": "{MAC}", "interface": "eth0"}}')
+    found = machine.check_mac(settings, root.path)
+    assert found.state == FAIL
+    assert "(eth0 had it)" in found.detail
+    assert "robotether-agent forget" in found.advice
+
+
+async def test_the_key(settings):
+    """Missing, whole and broken keys are told apart; none is made."""
+    assert (await machine.check_key(settings)).state == FAIL
+    assert list(settings.state_dir.iterdir()) == []
+    key = await ensure_key(settings.state_dir)
+    assert (await machine.check_key(settings)).detail == key.fingerprint
+    key.path.with_suffix(".pub").unlink()
+    key.path.write_text("rubbish")
+    assert (await machine.check_key(settings)).state == FAIL
+
+
+async def test_the_robots_services(settings, services):
+    """Each is asked as the server's users would; one that is down is told with how to start it."""
+    assert (await machine.check_rosbridge(settings)).state == OK
+    assert (await machine.check_video(settings)).state == OK
+    services.video_status = 503
+    assert "HTTP status 503" in (await machine.check_video(settings)).detail
+    services.refuse_sockets = True
+    assert "not with a WebSocket" in (await machine.check_rosbridge(settings)).detail
+    gone = f"127.0.0.1:{free_port()}"
+    away = replace(settings, rosbridge_url=f"ws://{gone}", video_url=f"http://{gone}")
+    rosbridge, video = await machine.check_rosbridge(away), await machine.check_video(away)
+    assert "Connection refused" in rosbridge.detail
+    assert "ros2 launch" in rosbridge.advice
+    assert video.state == FAIL
+
+
+async def test_the_robots_own_ssh_server(settings):
+    """A robot may have none, so that is no failure."""
+
+    async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(greeting)
+        writer.close()
+
+    async with await asyncio.start_server(greet, "127.0.0.1", 0) as listening:
+        address = f"127.0.0.1:{listening.sockets[0].getsockname()[1]}"
+        there = replace(settings, shell_address=address)
+        greeting = b"SSH-2.0-OpenSSH_9.2\r\n"
+        assert (await machine.check_shell(there)).state == OK
+        greeting = b"x" * 100_000
+        assert "no SSH server" in (await machine.check_shell(there)).detail
+    for none in ("", address):
+        assert (await machine.check_shell(replace(settings, shell_address=none))).state == SKIPPED

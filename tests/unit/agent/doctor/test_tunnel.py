@@ -1,0 +1,142 @@
+"""The way over SSH, with a real sshd, and what is made of the agent's own status."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from fake_cloud import FakeCloud, agent_environ
+from robotether_agent.doctor import tunnel
+from robotether_agent.doctor.findings import FAIL, OK, SKIPPED
+from robotether_agent.enroller import Enroller
+from robotether_agent.settings import Settings, load
+from robotether_agent.status import Status
+
+UP = Status(
+    state="connected",
+    robot="sim1",
+    video_tunnel="open",
+    end_to_end_ros="ok",
+    end_to_end_video="ok",
+    pid=7,
+)
+
+
+@pytest.fixture
+async def cloud(make_cloud) -> FakeCloud:
+    """A server that lets the robot in."""
+    return await make_cloud()
+
+
+@pytest.fixture
+async def settings(cloud, place) -> Settings:
+    """A robot that has joined."""
+    made = load(None, agent_environ(cloud, place))
+    await Enroller(made).enrolment()
+    return made
+
+
+def test_the_join(settings, place):
+    """Enrolled, pending and never asked are told apart."""
+    assert tunnel.check_join(settings, None).state == OK
+    pending = Status(state="pending", problem="not yet", fingerprint="SHA256:abc")
+    assert "not yet (key SHA256:abc)" in tunnel.check_join(settings, pending).detail
+    fresh = replace(settings, state_dir=place / "fresh")
+    assert "robotether-agent join" in tunnel.check_join(fresh, None).advice
+    (settings.state_dir / "known_hosts").write_text("rubbish\n")
+    assert tunnel.check_join(settings, None).state == FAIL
+
+
+async def test_the_pinned_host_key_is_there(settings, cloud):
+    """It gets as far as the host key and logs in nowhere."""
+    found = await tunnel.check_ssh(settings)
+    assert [(finding.state, finding.step) for finding in found] == [(OK, f"ssh {cloud.ssh.port}")]
+    assert "Accepted publickey" not in cloud.ssh.log_text()
+    assert cloud.links == []
+
+
+async def test_another_host_key_shows_both(settings, cloud):
+    """What was pinned stands beside it, for the person who asks the administrator."""
+    pinned = cloud.ssh.host_keys
+    cloud.ssh.stop()
+    cloud.ssh.new_host_key()
+    cloud.ssh.start()
+    (found,) = await tunnel.check_ssh(settings)
+    assert found.state == FAIL
+    assert tunnel.known_hosts.parse_host_key(pinned[0]).fingerprint in found.detail
+    assert "POSING AS THE SERVER" in found.advice
+
+
+async def test_one_port_is_enough(settings, cloud):
+    """A network that lets only one of them out is no failure; none is."""
+    both = replace(settings, ssh_ports=(cloud.other_ports[0], cloud.ssh.port))
+    blocked, open_port = await tunnel.check_ssh(both)
+    assert (blocked.state, open_port.state) == (SKIPPED, OK)
+    assert "the other port is enough" in blocked.detail
+    cloud.ssh.stop()
+    assert [finding.state for finding in await tunnel.check_ssh(both)] == [FAIL, FAIL]
+
+
+async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
+    """That the port answers is all that can be said."""
+    fresh = replace(settings, state_dir=place / "fresh", ssh_ports=(cloud.ssh.port,))
+    (found,) = await tunnel.check_ssh(fresh)
+    assert found.state == SKIPPED
+    assert "no host key is pinned" in found.detail
+
+
+async def test_without_ssh(settings, place, monkeypatch):
+    """A robot without OpenSSH's client is told which package to install."""
+    monkeypatch.setenv("PATH", str(place))
+    (found,) = await tunnel.check_ssh(settings)
+    assert (found.state, "openssh-client" in found.advice) == (FAIL, True)
+
+
+@pytest.mark.parametrize(
+    ("state", "status", "expected"),
+    [
+        ("active", UP, OK),
+        (None, UP, OK),
+        ("failed", UP, FAIL),
+        ("inactive", None, FAIL),
+        ("active", None, FAIL),
+    ],
+)
+def test_the_boot_service(state, status, expected):
+    """Systemd's word counts where there is a systemd, and the agent's own sign of life always."""
+    assert tunnel.check_service(state, status).state == expected
+
+
+@pytest.mark.parametrize(
+    ("status", "expected", "told"),
+    [
+        (UP, OK, "connected as sim1"),
+        (None, SKIPPED, "no agent"),
+        (replace(UP, state="connecting"), FAIL, "the agent is connecting"),
+        (replace(UP, problem="lost it", problem_code="link_lost"), FAIL, "lost it [link_lost]"),
+        (replace(UP, problem="lost it", problem_over_at=5.0), OK, "connected as sim1"),
+    ],
+)
+def test_the_connection(status, expected, told):
+    """What the agent says is wrong stands there with its advice, unless it is over."""
+    found = tunnel.check_session(status)
+    assert found.state == expected
+    assert told in found.detail
+    assert bool(found.advice) == (expected == FAIL)
+
+
+@pytest.mark.parametrize(
+    ("status", "expected"),
+    [
+        (UP, OK),
+        (None, SKIPPED),
+        (replace(UP, state="waiting"), SKIPPED),
+        (replace(UP, end_to_end_video="unknown"), SKIPPED),
+        (replace(UP, end_to_end_ros="down"), FAIL),
+        (replace(UP, shell_tunnel="open", end_to_end_shell="down"), FAIL),
+        (replace(UP, end_to_end_shell="down"), OK),
+    ],
+)
+def test_the_end_to_end_path(status, expected):
+    """The server's own view counts, and a shell only where one is wanted."""
+    assert tunnel.check_end_to_end(status).state == expected
