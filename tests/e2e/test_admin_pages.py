@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
@@ -28,6 +28,17 @@ def _done(page: Page, message: str) -> None:
     expect(page.get_by_test_id("done")).to_have_text(message)
 
 
+def _take(page: Page, step: Callable[[], object], is_done: Callable[[], object]) -> None:
+    """Take a step that changes something; when only its answer was dropped, it is not taken again."""
+    tries = count()
+
+    def take() -> None:
+        if next(tries) == 0 or not is_done():
+            step()
+
+    through_interface_changes(page, take)
+
+
 def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> None:
     """Say yes on a page that asks, with its fields filled in by their labels."""
 
@@ -38,7 +49,11 @@ def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> Non
         page.get_by_test_id("deed-do").click()
         _done(page, message)
 
-    through_interface_changes(page, step)
+    def is_done() -> int:
+        page.goto(f"{stack.url}{path}")
+        return page.get_by_test_id("problem-detail").count()  # what it is about is gone
+
+    _take(page, step, is_done)
 
 
 def _remove(page: Page, stack: Stack, name: str) -> None:
@@ -63,7 +78,7 @@ def test_a_robot_that_waits_is_approved_under_another_name(
         card.get_by_test_id("approve-robot-005311").click()
         _done(page, "Robot turtle is approved. It connects by itself within a minute.")
 
-    through_interface_changes(page, approve)
+    _take(page, approve, lambda: _state(stack, "turtle"))
     assert _state(stack, "turtle") == [["active", key.fingerprint]]
     status, answer = key.join(mac)
     assert (status, answer["robot"]) == (200, "turtle")
@@ -90,10 +105,11 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
         page.get_by_test_id("deed-do").click()
         _done(page, "The key may ask again.")
 
-    through_interface_changes(page, reject)
+    _take(page, reject, lambda: _state(stack, "robot-005312") == [])
     status, answer = key.join(mac)
     assert (status, answer["code"]) == (403, "key_rejected")
-    through_interface_changes(page, forgive)
+    rejected = f"SELECT id FROM key_claims WHERE fingerprint = '{key.fingerprint}'"
+    _take(page, forgive, lambda: stack.sql(rejected) == [])
     assert key.join(mac)[0] == 202
     _remove(page, stack, "robot-005312")
 
@@ -117,7 +133,7 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
         expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
         expect(page.get_by_label("New name")).to_have_value("sim1")
 
-    through_interface_changes(page, announce)
+    _take(page, announce, lambda: _state(stack, "lift"))
     through_interface_changes(page, take_a_name_that_is_taken)
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
@@ -148,7 +164,7 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
     def give() -> None:
         page.goto(f"{stack.url}/admin/users/petra")
         page.get_by_label("Robot", exact=True).fill("sim2")
-        page.get_by_label("May").select_option("observe")
+        page.get_by_label("May", exact=True).select_option("observe")
         page.get_by_test_id("grant-submit").click()
         _done(page, "User petra may observe robot sim2.")
 
