@@ -20,12 +20,20 @@ SHELL_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 def add(
     tx: Transaction, source: Source, mac: str, name: str, *, allow_local_mac: bool = False
 ) -> Robot:
-    """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused."""
+    """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
+
+    A stranger that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
+    """
     locks.enrolment(tx)
-    robots.add(tx, macs.normalise(mac, allow_local=allow_local_mac), name)
-    added = robots.get(tx, name)
-    audit.record(tx, source, Event("robot_added", name, {"mac": added.mac}))
-    return added
+    normal = macs.normalise(mac, allow_local=allow_local_mac)
+    found = robots.find_by_mac(tx, normal)
+    if found is not None and found.is_stranger:
+        robots.rename(tx, found.id, name)
+        robots.announce(tx, found.id)
+    else:
+        robots.add(tx, normal, name)
+    audit.record(tx, source, Event("robot_added", name, {"mac": normal}))
+    return robots.get(tx, name)
 
 
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:

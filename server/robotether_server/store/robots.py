@@ -306,6 +306,11 @@ def rename(tx: Transaction, robot_id: int, name: str) -> None:
         ) from error
 
 
+def announce(tx: Transaction, robot_id: int) -> None:
+    """Note that an admin expects this robot, so that it does not expire."""
+    tx.change("UPDATE robots SET stranger = FALSE WHERE id = %s", (robot_id,))
+
+
 def set_mac(tx: Transaction, robot_id: int, mac: str) -> None:
     """Give the robot another MAC. Raises RecordExists or RecordRefused."""
     try:

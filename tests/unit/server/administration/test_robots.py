@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 
@@ -51,6 +52,16 @@ def test_added_robot_waits_for_its_key(site: Site) -> None:
         ("robot_added", "turtle", "192.0.2.9"),
         ("robot_added", "local", "192.0.2.9"),
     ]
+
+
+def test_stranger_does_not_keep_its_mac_from_being_announced(site: Site) -> None:
+    """Its key waits on under the admin's name, also where first keys get in unseen."""
+    first_key = dataclasses.replace(site, policy="first-key")
+    first_key.ask(OTHER_MAC, OTHER_KEY)
+    robot = do(site, deeds.add, OTHER_MAC, "turtle")
+    assert (robot.state, robot.key, robot.is_stranger) == ("pending", OTHER_KEY, False)
+    assert first_key.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
+    assert site.names() == ["sim1", "turtle"]
 
 
 def test_approved_is_the_key_that_was_compared(site: Site) -> None:
