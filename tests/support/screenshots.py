@@ -132,7 +132,11 @@ def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
         "hostname": "turtle",
         "agent_version": "0.1.0",
     }
-    request = urllib.request.Request(f"{site.url}/api/v1/join", data=json.dumps(body).encode())
+    request = urllib.request.Request(
+        f"{site.url}/api/v1/join",
+        data=json.dumps(body).encode(),
+        headers={"Content-Type": "application/json"},
+    )
     urllib.request.urlopen(request, timeout=10, context=insecure_tls()).close()
     try:
         yield
