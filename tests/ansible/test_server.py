@@ -28,13 +28,14 @@ class Server:
 
     host: RobotHost
     inventory: Path
+    sources: Path
 
     def play(self, *arguments: str) -> tuple[int, str]:
         """Run server.yml; how much it changed, and what it printed."""
         playbook = Path(sys.executable).with_name("ansible-playbook")
         done = subprocess.run(
             [playbook, "-i", str(self.inventory), "server.yml", *arguments],
-            cwd=ROOT / "ansible",
+            cwd=self.sources / "ansible",
             env={**os.environ, "ANSIBLE_NOCOLOR": "1"},
             check=False,
             capture_output=True,
@@ -80,7 +81,10 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
         f"[robotether_server]\n{host.inventory_line(robotether_server_settings=settings)}\n"
         f"[robotether_server:vars]\nrobotether_server_images={images}\n"
     )
-    yield Server(host, inventory)
+    # A commit made while the tests run would be an upgrade.
+    sources = folder / "sources"
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(sources)], check=True, timeout=60)
+    yield Server(host, inventory, sources)
     images.unlink()
 
 
