@@ -9,7 +9,9 @@ from web_visitor import Browser
 
 def test_large_request_is_refused(program: Browser) -> None:
     """Nobody fills the memory through a form or a join."""
-    answer = program.ask("POST", "/api/v1/join", data=b"x" * (LARGEST_REQUEST_BYTES + 1))
+    body = b"x" * (LARGEST_REQUEST_BYTES + 1)
+    kind = "application/json"
+    answer = program.ask("POST", "/api/v1/join", data=body, content_type=kind)
     assert answer.status_code == 413
 
 
