@@ -43,7 +43,7 @@ def get(tx: Transaction, token_id: int) -> Token:
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     """Delete a token and return it; what it opened ends. Raises RecordMissing."""
     token = tokens.get(tx, token_id)
-    tokens.delete_by_id(tx, token_id)
+    tokens.delete(tx, token_id)
     details: dict[str, object] = {"user": token.user, "token": token.name}
     audit.record(tx, source, Event("token_deleted", details=details))
     return token

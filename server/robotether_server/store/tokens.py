@@ -74,12 +74,6 @@ def get(tx: Transaction, token_id: int) -> Token:
     return Token(**row)
 
 
-def delete_by_id(tx: Transaction, token_id: int) -> None:
+def delete(tx: Transaction, token_id: int) -> None:
     """Delete a token."""
     tx.change("DELETE FROM api_tokens WHERE id = %s", (token_id,))
-
-
-def delete(tx: Transaction, user: User, name: str) -> None:
-    """Delete a token; raise RecordMissing when the user has none of that name."""
-    if not tx.change("DELETE FROM api_tokens WHERE user_id = %s AND name = %s", (user.id, name)):
-        raise RecordMissing(f"cannot delete token {name}: user {user.name} has no such token")

@@ -85,3 +85,28 @@ def test_events_of_one_actor_come_from_anywhere(database: Database) -> None:
             record(tx, kind, actor, address)
         assert len(audit.recent_of(tx, "login_failed", "ann", now - minute)) == 2
         assert audit.recent_of(tx, "login_failed", "ann", now + minute) == []
+
+
+def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
+    """The newest first, page by page; all conditions hold together."""
+    with database.transaction() as tx:
+        for actor, kind, robot in (
+            ("root", "robot_added", "a"),
+            ("root", "robot_renamed", "a"),
+            ("ann", "robot_added", "b"),
+        ):
+            event = audit.Event(kind, robot, {"was": "x"})
+            audit.record(tx, audit.Source(actor, "192.0.2.1"), event)
+        newest, middle, oldest = audit.find(tx)
+        assert (newest.actor, newest.kind, newest.robot, newest.address, newest.details) == (
+            "ann",
+            "robot_added",
+            "b",
+            "192.0.2.1",
+            {"was": "x"},
+        )
+        assert audit.find(tx, kind="robot_added") == [newest, oldest]
+        assert audit.find(tx, kind="robot_added", actor="root", robot="a") == [oldest]
+        assert audit.find(tx, kind="robot_added", actor="nobody") == []
+        assert audit.find(tx, limit=1) == [newest]
+        assert audit.find(tx, before=newest.id, limit=1) == [middle]

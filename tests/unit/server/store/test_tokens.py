@@ -26,10 +26,12 @@ def test_token_finds_its_user_until_deleted(database: Database) -> None:
         assert [(one.user, one.name, one.expires_at) for one in tokens.list_all(tx)] == [
             ("ann", "ci", None)
         ]
-        tokens.delete(tx, ann, "ci")
+        (token,) = tokens.list_of(tx, ann)
+        assert tokens.get(tx, token.id) == token
+        tokens.delete(tx, token.id)
         assert tokens.find_user(tx, text) is None
-        with pytest.raises(RecordMissing, match="cannot delete token ci"):
-            tokens.delete(tx, ann, "ci")
+        with pytest.raises(RecordMissing, match=f"cannot find token {token.id}"):
+            tokens.get(tx, token.id)
 
 
 def test_token_ends_in_time(database: Database) -> None:
