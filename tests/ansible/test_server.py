@@ -118,13 +118,16 @@ def test_bare_machine_becomes_the_server_once(server: Server) -> None:
 def test_firewall_lets_in_what_it_should(server: Server) -> None:
     """Only SSH and the stack's ports answer from outside; local accounts reach no container but by published ports."""
     host = server.host
-    address = host.run("hostname -I").split()[0]
+    host.container.reload()
+    (network,) = host.container.attrs["NetworkSettings"]["Networks"].values()
+    address = network["IPAddress"]
     host.run("systemd-run --unit open-port python3 -m http.server 9999")
     host.wait("port 9999", lambda: host.succeeds("curl -s -m 3 http://127.0.0.1:9999/"))
     assert _answers(f"https://{address}/login")
     assert not _answers(f"http://{address}:9999/")
 
-    sshd = server.compose("exec -T sshd hostname -i").split()
+    addresses = "{{range .NetworkSettings.Networks}}{{.IPAddress}} {{end}}"
+    sshd = host.run(f"docker inspect -f '{addresses}' robotether-sshd-1").split()
     assert sshd
     for ip in sshd:
         connects = f"timeout 3 bash -c '</dev/tcp/{ip}/2222'"
