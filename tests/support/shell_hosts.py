@@ -89,6 +89,8 @@ class ShellHost:
             StrictModes no
             PidFile none
             LogLevel VERBOSE
+            # Whoever runs the tests may have start-up files that take their time or print something.
+            SetEnv HOME={self.folder}
             """
         return textwrap.dedent(fixed) + self.rules + "\n"
 
