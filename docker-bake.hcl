@@ -6,6 +6,10 @@ variable "CA_BUNDLE" {
 variable "TAG" {
   default = "dev"
 }
+variable "ROBOT_SUITE" {
+  # The Debian release of the hosts that the playbooks' tests enrol.
+  default = "bookworm"
+}
 
 group "default" {
   targets = ["mysql", "sshd", "nginx", "server"]
@@ -48,7 +52,8 @@ target "agent" {
 target "robot_host" {
   context    = "."
   dockerfile = "images/robot_host/Dockerfile"
-  tags       = ["robotether/robot_host:${TAG}"]
+  args       = { SUITE = ROBOT_SUITE }
+  tags       = ["robotether/robot_host:${ROBOT_SUITE}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
 target "frontend_test" {

@@ -1,9 +1,15 @@
-"""What is wrong with an enrolment is said in a sentence with what to do, leaves nothing behind, and can be mended."""
+"""What is wrong with an enrolment is said in a sentence with what to do, leaves nothing behind, and can be mended.
+
+All cases are played at once, each on a machine of its own, as a site with many robots would meet them; then what was
+wrong is mended and all are played again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+import re
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,199 +17,176 @@ import pytest
 from playbooks import Played, Site
 from robot_hosts import RobotHost, RobotHosts
 
+SSHD_ALONE = "ssh-keygen -A && mkdir -p /run/sshd && exec /usr/sbin/sshd -D"
+OTHERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAI" + "F5O" * 14 + "F"
 # The server is there and its SSH is not.
 NO_WAY = {"robotether_agent_settings": {"ssh_ports": [1]}, "robotether_agent_connect_timeout": 5}
-OTHERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIF5OqWkLrTgxgaQxOsLkZq9mGzN1VYQ2b5sPaX3nJd8u"
+HIDE_PYTHON = "mv /usr/bin/python3 /usr/bin/python3.kept"
+SHOW_PYTHON = "mv -f /usr/bin/python3.kept /usr/bin/python3"
+# A command that says it is an older Python; Ansible's own modules are not reached with it.
+OLD_PYTHON = f"{HIDE_PYTHON}; printf '#!/bin/sh\\necho 3.9.2\\n' > /usr/bin/python3; chmod 755 /usr/bin/python3"
+NOTHING_CHANGED = "Nothing was changed"
+UNDONE = "is undone"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing that is wrong: variables, or the machine (`breaks` until `mends`), and what is said about it."""
+
+    says: tuple[str, ...]
+    variables: dict[str, Any] = field(default_factory=dict)
+    breaks: str = "true"
+    mends: str = "true"
+    options: dict[str, Any] = field(default_factory=dict)
+    ends: str = NOTHING_CHANGED
+
+
+def _wrong(variable: str, value: Any, *says: str, **more: Any) -> Case:
+    return Case(says, {f"robotether_agent_{variable}": value}, **more)
+
+
+# Found before anything is changed.
+LOOKED = {
+    "unreachable": _wrong("server", "127.0.0.1:1", "this robot cannot reach https://127.0.0.1:1", "check its network"),
+    "no-address": _wrong("server", "https://x/", "allowed is HOST or HOST:PORT, without https://"),
+    "no-server": _wrong("server", "", "robotether_agent_server is not set"),
+    "other-tls": _wrong("tls_fingerprint", "ab" * 32, "has the SHA-256", "compare both with the one"),
+    "no-tls": _wrong("tls_fingerprint", "rubbish", "64 hexadecimal digits"),
+    "no-token": _wrong("token", "", "there is no token; export ROBOTETHER_TOKEN"),
+    "wrong-token": _wrong("token", "rt_wrong", "set ROBOTETHER_TOKEN", "[token_invalid]"),
+    "no-docker": _wrong("runtime", "docker", "there is no Docker that runs", "use venv"),
+    "no-python": Case(("it has no python3; install it",), breaks=HIDE_PYTHON, mends=SHOW_PYTHON),
+    "old-python": Case(("its Python is 3.9.2 and the agent needs 3.10",), breaks=OLD_PYTHON, mends=SHOW_PYTHON),
+    "full-disk": Case(("20 MB free and the agent needs 150 MB", "make room"),
+                      breaks="mount -t tmpfs -o size=20m tmpfs /opt", mends="umount /opt"),
+    "read-only": Case(("is mounted read-only",), breaks="mount -t tmpfs -o size=1g,ro tmpfs /opt", mends="umount /opt"),
+    "no-rosbridge": Case(("rosbridge does not answer at ws://127.0.0.1:9090", "start it"),
+                         breaks="systemctl stop sim-robot", mends="systemctl start sim-robot"),
+    "no-systemd": Case(("it does not run systemd",), options={"command": ["bash", "-c", SSHD_ALONE]}),
+}  # fmt: skip
+
+# Known to the agent or the server alone, after the installation: all of that is taken back.
+UNDO = {
+    "wrong-join": _wrong("token", "rj_wrong", "[token_invalid]", "set ROBOTETHER_TOKEN", ends=UNDONE),
+    "expired": _wrong("token", "(made in the test)", "[token_expired]", "make a new token", ends=UNDONE),
+    "used-up": _wrong("token", "(made in the test)", "[token_used_up]", "with more uses", ends=UNDONE),
+    "no-mac": _wrong("mac", "rubbish", "is not a MAC address", ends=UNDONE),
+    "multicast": _wrong("mac", "01:00:5e:00:00:01", "multicast", ends=UNDONE),
+    "local-mac": _wrong("mac", "02:00:00:00:00:07", "locally administered", ends=UNDONE),
+    "no-interface": _wrong("interface", "wlan7", "it has no interface wlan7", ends=UNDONE),
+    "mac-in-use": Case(("[mac_in_use]", "robotether robot rekey"), ends=UNDONE),
+    "name-in-use": Case(("choose another robotether_agent_name",), ends=UNDONE),
+    "no-ssh": Case(("cannot reach",), NO_WAY, ends=UNDONE),
+}  # fmt: skip
+CASES = {**LOOKED, **UNDO}
+# Played again after mending, on behalf of all: the others failed at the very same place.
+MENDED = [*UNDO, "full-disk", "no-rosbridge", "old-python"]
+
+
+@dataclass
+class Bad:
+    """All cases after they were played."""
+
+    machines: dict[str, RobotHost]
+    left_behind: dict[str, set[str]]
+    rows: list[str]
+    played: Played
+
+    def said(self, name: str) -> str:
+        """The sentence about one machine."""
+        end = r"(?:Nothing was changed|run this again|PLAY RECAP|fatal:|TASK)"
+        found = re.findall(rf"cannot \w+ {name}: .*?{end}", self.played.text)
+        assert found, self.played.printed
+        return str(found[-1])
 
 
 @pytest.fixture(scope="module")
-def robot(site: Site, hosts: RobotHosts, wheelhouse: Path) -> RobotHost:
-    """A machine that every test of this module fails to enrol."""
+def bad(site: Site, hosts: RobotHosts, wheelhouse: Path) -> Bad:
+    """Every case on a machine of its own, and what it left there."""
     site.variables["agent_wheelhouse"] = str(wheelhouse)
-    return hosts.boot("unlucky")
+    machines = hosts.boot_all(*CASES, options={name: case.options for name, case in CASES.items()})
+    by_name = {machine.name: machine for machine in machines}
+    variables = {name: _variables(case) for name, case in CASES.items()}
+    variables |= _used_tokens(site)
+    with ExitStack() as mending:
+        _add_others(site, by_name, mending.callback)
+        for name, case in CASES.items():
+            by_name[name].run(case.breaks)
+            mending.callback(by_name[name].run, case.mends)
+        before = {name: machine.footprint() for name, machine in by_name.items()}
+        played = site.play("enroll.yml", *machines, per_robot=variables)
+        left = {name: machine.footprint() ^ before[name] for name, machine in by_name.items()}
+    rows = [row[0] for row in site.stack.sql("SELECT name FROM robots")]
+    return Bad(by_name, left, rows, played)
 
 
-@pytest.fixture(autouse=True)
-def _leaves_nothing(robot: RobotHost, site: Site) -> Iterator[None]:
-    """Whatever fails, robot and server are afterwards as they were before."""
-    files, rows = robot.footprint(), _rows(site)
-    yield
-    assert robot.footprint() ^ files == set()
-    assert _rows(site) == rows
+def _variables(case: Case) -> dict[str, Any]:
+    # The inventory names eth0 for all, which a MAC of its own excludes.
+    mac = {"robotether_agent_interface": ""} if "robotether_agent_mac" in case.variables else {}
+    return {**mac, **case.variables}
 
 
-def _rows(site: Site) -> list[list[str]]:
-    return site.stack.sql("SELECT name, mac, state, fingerprint FROM robots")
-
-
-def _refused(site: Site, robot: RobotHost, *, undone: bool = False, **variables: Any) -> Played:
-    """Play enroll.yml, which must fail with a sentence of ours; `undone`: after it had begun to change things."""
-    played = site.play("enroll.yml", robot, **variables)
-    assert played.code != 0, played.printed
-    assert played.recaps[robot.name].unreachable == 0, played.printed
-    said = (
-        f"What this run had changed on {robot.name} is undone" if undone else "Nothing was changed"
-    )
-    assert said in played.text, played.printed
-    return played
-
-
-# --- what is found before anything is changed ---
-
-
-@pytest.mark.parametrize(
-    ("variables", "sentence"),
-    [
-        ({"robotether_agent_server": "127.0.0.1:1"}, "this robot cannot reach https://127.0.0.1:1"),
-        ({"robotether_agent_server": "https://x/"}, "allowed is HOST or HOST:PORT, without https://"),
-        ({"robotether_agent_server": ""}, "robotether_agent_server is not set"),
-        ({"robotether_agent_tls_fingerprint": "ab" * 32}, "has the SHA-256"),
-        ({"robotether_agent_tls_fingerprint": "rubbish"}, "64 hexadecimal digits"),
-        ({"robotether_agent_tls_fingerprint": ""}, "is not trusted here"),
-        ({"token": ""}, "there is no token; export ROBOTETHER_TOKEN"),
-        ({"robotether_agent_mac": "00:1b:44:11:3a:b7"}, "leave one out"),
-    ],
-)  # fmt: skip
-def test_wrong_variable(
-    site: Site, robot: RobotHost, variables: dict[str, str], sentence: str
-) -> None:
-    """A variable that cannot work is named."""
-    assert sentence in _refused(site, robot, **variables).text
-
-
-def test_wrong_token(site: Site, robot: RobotHost) -> None:
-    """A token that the server does not know is refused before anything is changed, with what to do."""
-    played = site.play("enroll.yml", robot, token="rt_wrong")
-    assert "set ROBOTETHER_TOKEN (or robotether_agent_token)" in played.text
-    assert "[token_invalid]" in played.text
-
-
-@contextmanager
-def _broken(robot: RobotHost, breaking: str, mending: str) -> Iterator[None]:
-    robot.run(breaking)
-    try:
-        yield
-    finally:
-        robot.run(mending)
-
-
-# A command that says it is an older Python; Ansible's own modules are not reached with it.
-OLD_PYTHON = (
-    "mv /usr/bin/python3 /usr/bin/python3.kept; printf '#!/bin/sh\\necho 3.9.2\\n' > /usr/bin/python3; "
-    "chmod 755 /usr/bin/python3"
-)
-
-
-@pytest.mark.parametrize(
-    ("breaking", "mending", "sentence"),
-    [
-        ("mv /usr/bin/python3 /usr/bin/python3.kept", "mv /usr/bin/python3.kept /usr/bin/python3",
-         "it has no python3; install it"),
-        (OLD_PYTHON, "mv -f /usr/bin/python3.kept /usr/bin/python3",
-         "its Python is 3.9.2 and the agent needs 3.10"),
-        ("mount -t tmpfs -o size=20m tmpfs /opt", "umount /opt", "20 MB free and the agent needs 150 MB"),
-        ("mount -t tmpfs -o size=1g,ro tmpfs /opt", "umount /opt", "is mounted read-only"),
-        ("systemctl stop sim-robot", "systemctl start sim-robot", "rosbridge does not answer at ws://127.0.0.1:9090"),
-    ],
-)  # fmt: skip
-def test_unfit_machine(
-    site: Site, robot: RobotHost, breaking: str, mending: str, sentence: str
-) -> None:
-    """A machine that cannot run an agent, or has nothing to drive, is left alone and told why."""
-    with _broken(robot, breaking, mending):
-        assert sentence in _refused(site, robot).text
-
-
-def test_no_systemd(site: Site, hosts: RobotHosts) -> None:
-    """A machine with another init is refused."""
-    sshd = "ssh-keygen -A && mkdir -p /run/sshd && exec /usr/sbin/sshd -D"
-    plain = hosts.boot("plain", command=["bash", "-c", sshd])
-    plain.wait("SSH answers", plain.greets)
-    assert "it does not run systemd" in _refused(site, plain).text
-
-
-def test_no_docker(site: Site, robot: RobotHost) -> None:
-    """agent_runtime=docker on a machine without Docker says what to do."""
-    assert "there is no Docker that runs" in _refused(site, robot, agent_runtime="docker").text
-
-
-# --- what only the server, or the agent, can tell ---
-
-
-def test_join_token_wrong_expired_used_up(site: Site, robot: RobotHost) -> None:
-    """Each way in which a join token is no good has its own sentence, and what was installed is undone."""
+def _used_tokens(site: Site) -> dict[str, dict[str, Any]]:
+    """Two join tokens that were good once."""
     expired, used_up = site.join_token(uses=1), site.join_token(uses=1)
+    newest = "ORDER BY id DESC LIMIT 1"
+    site.stack.sql(f"UPDATE join_tokens SET used = uses {newest}")
     site.stack.sql(
-        "UPDATE join_tokens SET expires_at = NOW() - INTERVAL 1 DAY ORDER BY id DESC LIMIT 2"
+        "UPDATE join_tokens SET expires_at = NOW() - INTERVAL 1 DAY WHERE used < uses " + newest
     )
-    site.stack.sql(
-        "UPDATE join_tokens SET expires_at = NOW() + INTERVAL 1 DAY, used = uses ORDER BY id DESC LIMIT 1"
-    )
-    for token, code in (
-        ("rj_wrong", "token_invalid"),
-        (expired, "token_expired"),
-        (used_up, "token_used_up"),
-    ):
-        played = _refused(site, robot, undone=True, token=token)
-        assert f"[{code}]" in played.text
-        assert "make a new token" in played.text or code == "token_invalid"
+    return {
+        "expired": {"robotether_agent_token": expired},
+        "used-up": {"robotether_agent_token": used_up},
+    }
 
 
-@pytest.mark.parametrize(
-    ("variables", "sentence"),
-    [
-        ({"robotether_agent_mac": "rubbish"}, "is not a MAC address"),
-        ({"robotether_agent_mac": "01:00:5e:00:00:01"}, "multicast"),
-        ({"robotether_agent_mac": "02:00:00:00:00:07"}, "locally administered"),
-        ({"robotether_agent_interface": "wlan7"}, "it has no interface wlan7"),
-    ],
-)
-def test_mac_rubbish(
-    site: Site, robot: RobotHost, variables: dict[str, str], sentence: str
+def _add_others(
+    site: Site, machines: dict[str, RobotHost], at_the_end: Callable[..., object]
 ) -> None:
-    """An address that can name no robot is refused by the agent's own rule."""
-    variables = {"robotether_agent_interface": "", **variables}
-    assert sentence in _refused(site, robot, undone=True, **variables).text
-
-
-@contextmanager
-def _other_robot(site: Site, name: str, mac: str) -> Iterator[None]:
+    """Rows of other robots that have the MAC or the name of one of these; they go when that is mended."""
     bearer = {"Authorization": f"Bearer {site.token}"}
-    path = f"/api/v1/robots/{name}"
-    status, answer = site.stack.request("PUT", path, {"mac": mac, "public_key": OTHERS_KEY}, bearer)
-    assert status == 201, answer
-    try:
-        yield
-    finally:
-        site.stack.request("DELETE", path, headers=bearer)
+    others = {
+        "stranger": (machines["mac-in-use"].mac, OTHERS_KEY),
+        "name-in-use": ("00:1b:44:ff:ff:01", OTHERS_KEY[:-1] + "G"),
+    }
+    for name, (mac, key) in others.items():
+        path = f"/api/v1/robots/{name}"
+        body = {"mac": mac, "public_key": key}
+        status, answer = site.stack.request("PUT", path, body, bearer)
+        assert status == 201, answer
+        at_the_end(site.stack.request, "DELETE", path, headers=bearer)
 
 
-def test_mac_in_use(site: Site, robot: RobotHost) -> None:
-    """Another robot's key holds this MAC: it goes on, and this one is told both reasons there can be."""
-    with _other_robot(site, robot.name, robot.mac):
-        text = _refused(site, robot, undone=True).text
-    assert "[mac_in_use]" in text
-    assert "robotether robot rekey" in text
+@pytest.mark.parametrize("name", CASES)
+def test_says_what_is_wrong(bad: Bad, name: str) -> None:
+    """The sentence about this machine says what is wrong and what to do, and that nothing of it is left."""
+    said = bad.said(name)
+    for part in (*CASES[name].says, CASES[name].ends):
+        assert part in said, said
 
 
-def test_name_in_use(site: Site, robot: RobotHost) -> None:
-    """Another robot has the name already."""
-    with _other_robot(site, robot.name, "00:1b:44:ff:ff:01"):
-        text = _refused(site, robot, undone=True).text
-    assert "choose another robotether_agent_name" in text
+@pytest.mark.parametrize("name", CASES)
+def test_leaves_nothing_behind(bad: Bad, name: str) -> None:
+    """The machine is as it was before, and the server has no row of it."""
+    assert bad.left_behind[name] == set()
+    assert name not in bad.rows
 
 
-def test_no_way_to_ssh(site: Site, robot: RobotHost) -> None:
-    """A tunnel that does not come up takes service, row and key back."""
-    assert "cannot reach" in _refused(site, robot, undone=True, **NO_WAY).text
+def test_the_right_run_finishes(bad: Bad, site: Site) -> None:
+    """The same machines are robots after one more run with what was wrong mended."""
+    machines = [bad.machines[name] for name in MENDED]
+    played = site.play_well("enroll.yml", *machines)
+    assert {recap.failed for recap in played.recaps.values()} == {0}
+    for name in MENDED:
+        assert site.stack.online(name)
 
 
-def test_after_all_that_the_right_run_finishes(site: Site, robot: RobotHost) -> None:
-    """The same machine is enrolled at once when everything is right, and a failed change later keeps it as it was."""
-    with ExitStack() as at_the_end:
-        at_the_end.callback(lambda: site.play_well("retire.yml", robot, retire_confirm="true"))
-        site.play_well("enroll.yml", robot)
-        before = robot.footprint()
-        _refused(site, robot, undone=True, **NO_WAY)
-        assert robot.footprint() ^ before == set()
-        robot.wait("online again", lambda: site.stack.online(robot.name))
+def test_failed_change_keeps_a_robot_as_it_was(bad: Bad, site: Site) -> None:
+    """A setting that cuts an enrolled robot off is taken back, and the robot is online as before."""
+    robot = bad.machines["no-ssh"]
+    before = robot.footprint()
+    played = site.play("enroll.yml", robot, **NO_WAY)
+    assert played.code != 0
+    played.must_say("cannot reach", UNDONE)
+    assert robot.footprint() ^ before == set()
+    robot.wait("online again", lambda: site.stack.online(robot.name))

@@ -31,7 +31,7 @@ def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
     before = robot.footprint()
     docker = {"agent_runtime": "docker"}
     first = site.play_well("enroll.yml", robot, **docker)
-    assert "a message went to its rosbridge and back" in first.text
+    first.must_say("a message went to its rosbridge and back")
     assert "connected" in robot.run("robotether-agent status")
     second = site.play_well("enroll.yml", robot, **docker)
     assert second.recaps["boxed"].changed == 0

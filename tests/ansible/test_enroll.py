@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 from playbooks import Played, Site
 from programs import Program
-from robot_hosts import RobotHost, RobotHosts
+from robot_hosts import NEWER_IMAGE, ROOT, RobotHost, RobotHosts, newer_systemd_boots
 
 # The issue's aim is 3 s after the network is up; a busy machine gets some more before a test fails.
 POWER_ON_LIMIT_S = 10.0
@@ -74,7 +75,7 @@ def test_check_works_before_the_first_run(enrolled: Enrolled) -> None:
     """--check on a bare robot succeeds, says what it would do, and changes neither robot nor server."""
     assert enrolled.check.code == 0, enrolled.check.printed
     assert enrolled.check.recaps["turtle"].changed > 0
-    assert "would make the robot's key" in enrolled.check.text
+    enrolled.check.must_say("would make the robot's key")
     assert enrolled.changed_by_check == set()
     assert enrolled.rows_after_check == []
 
@@ -159,7 +160,7 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
         "robotether_agent_environment": {"PIP_INDEX_URL": "https://127.0.0.1:1/"},
     }
     first = site.play_well("enroll.yml", rover, token=token, **variables)
-    assert "its tunnel stands" in first.text
+    first.must_say("its tunnel stands")
     second = site.play_well("enroll.yml", rover, token=token, **variables)
     assert second.recaps["rover"].changed == 0
     assert site.stack.online("rover")
@@ -173,4 +174,15 @@ def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts, wheelhouse: 
         "enroll.yml", scout, agent_wheelhouse=str(wheelhouse), robotether_tuning_bbr="true"
     )
     assert site.stack.online("scout")
-    assert "scout keeps its kernel settings: they are read-only here" in played.text
+    played.must_say("scout keeps its kernel settings: they are read-only here")
+
+
+@pytest.mark.skipif(
+    not newer_systemd_boots(), reason="systemd 257 does not boot in a container on cgroup v1"
+)
+def test_on_debian_13(site: Site, hosts: RobotHosts) -> None:
+    """A robot with the next release's systemd and Python is enrolled the same way."""
+    subprocess.run([ROOT / "tools" / "ensure_robot_host_image", "trixie"], check=True, timeout=600)
+    modern = hosts.boot("modern", image=NEWER_IMAGE)
+    site.play_well("enroll.yml", modern)
+    assert site.play_well("enroll.yml", modern).recaps["modern"].changed == 0

@@ -31,7 +31,7 @@ def test_no_answer_changes_nothing(enrolled: Enrolled, site: Site) -> None:
     """Without a terminal and without retire_confirm nothing happens."""
     played = site.play("retire.yml", enrolled.robot)
     assert played.code != 0
-    assert "nothing changed: the answer was not yes" in played.text
+    played.must_say("nothing changed: the answer was not yes")
     assert site.stack.online("veteran")
 
 
@@ -39,7 +39,7 @@ def test_a_join_token_may_not(enrolled: Enrolled, site: Site) -> None:
     """A join token lets robots in and retires none."""
     token = site.join_token(uses=1)
     played = site.play("retire.yml", enrolled.robot, token=token, retire_confirm="true")
-    assert "that needs an admin's API token" in played.text
+    played.must_say("that needs an admin's API token")
     assert site.stack.online("veteran")
 
 

@@ -47,10 +47,10 @@ def test_broken_version_stops_at_the_first(
         "upgrade.yml",
         *robots,
         robotether_wheel_file=str(wheel),
-        robotether_agent_switch_timeout="8",
+        robotether_agent_switch_timeout=8,
     )
     assert played.code != 0
-    assert "first did not come up with version 0.9.0" in played.text
+    played.must_say("first did not come up with version 0.9.0")
     assert "second" not in played.recaps
     assert [_version(robot) for robot in robots] == before
     assert not robots[1].succeeds("ls -d /opt/robotether-agent/versions/0.9.0*")
@@ -77,7 +77,7 @@ def test_no_agent_to_upgrade(site: Site, hosts: RobotHosts) -> None:
     bare = hosts.boot("bare")
     before = bare.footprint()
     played = site.play("upgrade.yml", bare)
-    assert "no agent is installed there; enrol it first" in played.text
+    played.must_say("no agent is installed there; enrol it first")
     assert bare.footprint() == before
 
 

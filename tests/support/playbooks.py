@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,8 +74,13 @@ class Played:
 
     @property
     def text(self) -> str:
-        """What it printed with all white space as single blanks, so that a sentence is found across lines."""
-        return " ".join(self.printed.split())
+        """What it printed, with all white space as single blanks, so that a sentence is found across lines."""
+        return " ".join(self.printed.replace("\\\n", "\n").split())
+
+    def must_say(self, *sentences: str) -> None:
+        """Fail the test, with all that was printed, unless each of these stands in it."""
+        for sentence in sentences:
+            assert sentence in self.text, f"{sentence!r} is not in:\n{self.printed}"
 
 
 @dataclass
@@ -110,8 +115,10 @@ class Site:
         assert status == 201, answer
         return str(answer["token"])
 
-    def inventory(self, robots: Iterable[RobotHost]) -> Path:
-        """Write the inventory of these robots, as a site's robots.ini."""
+    def inventory(
+        self, robots: Iterable[RobotHost], per_robot: Mapping[str, Mapping[str, Any]]
+    ) -> Path:
+        """Write the inventory of these robots, as a site's robots.ini; `per_robot` are variables by name."""
         ours = {
             "robotether_agent_server": self.server,
             "robotether_agent_tls_fingerprint": self.fingerprint,
@@ -125,7 +132,7 @@ class Site:
         }
         lines = [
             "[robots]",
-            *(robot.inventory_line() for robot in robots),
+            *(robot.inventory_line(**per_robot.get(robot.name, {})) for robot in robots),
             "",
             "[robots:vars]",
             *(f"{name}={value}" for name, value in ours.items()),
@@ -140,6 +147,7 @@ class Site:
         *robots: RobotHost,
         check: bool = False,
         verbosity: int = 0,
+        per_robot: Mapping[str, Mapping[str, Any]] | None = None,
         **extra: Any,
     ) -> Played:
         """Run a playbook on these robots; `extra` are variables (-e), and `token` the one of this run."""
@@ -152,7 +160,7 @@ class Site:
         }
         command = [
             str(Path(sys.executable).with_name("ansible-playbook")),
-            "-i", str(self.inventory(robots)),
+            "-i", str(self.inventory(robots, per_robot or {})),
             *(["--check"] if check else []),
             "-e", json.dumps(extra),
             playbook,

@@ -18,7 +18,7 @@ import socket
 import subprocess
 import tarfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +31,7 @@ from local_network import free_port
 
 ROOT = Path(__file__).resolve().parents[2]
 PREFIX = f"robot-host-{os.getpid()}"
-IMAGE = "robotether/robot_host:dev"
+IMAGE = "robotether/robot_host:bookworm"
 USER = "pi"
 # In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
 CA_BUNDLE = "/etc/ssl/site-ca.pem"
@@ -44,11 +44,15 @@ SYSTEMD: dict[str, Any] = {
     "cgroupns": "host",
     "tty": True,
 }
+BOOTING_AT_ONCE = 4
 T = TypeVar("T")
 
 
 class CommandError(AssertionError):
     """A command on a host ended with an error; the text has what it printed."""
+
+
+NEWER_IMAGE = "robotether/robot_host:trixie"
 
 
 def newer_systemd_boots() -> bool:
@@ -146,7 +150,7 @@ class RobotHost:
             f"{USER}@127.0.0.1",
         ]
 
-    def inventory_line(self, **variables: str) -> str:
+    def inventory_line(self, **variables: Any) -> str:
         """Return this host's line of an Ansible inventory."""
         ours = {
             "ansible_host": "127.0.0.1",
@@ -158,7 +162,7 @@ class RobotHost:
             **variables,
         }
         return " ".join(
-            [self.name, *(f"{key}={shlex.quote(value)}" for key, value in ours.items())]
+            [self.name, *(f"{key}={shlex.quote(str(value))}" for key, value in ours.items())]
         )
 
     def greets(self) -> bool:
@@ -244,11 +248,16 @@ class RobotHosts:
             host.wait_booted()
         return host
 
-    def boot_all(self, *names: str) -> list[RobotHost]:
-        """Boot several hosts beside each other."""
+    def boot_all(
+        self, *names: str, options: Mapping[str, dict[str, Any]] | None = None
+    ) -> list[RobotHost]:
+        """Boot several hosts beside each other; `options` for `boot` by name."""
         macs = {name: self._mac(len(self.booted) + at) for at, name in enumerate(names)}
-        with ThreadPoolExecutor(len(names)) as pool:
-            return list(pool.map(lambda name: self.boot(name, mac=macs[name]), names))
+        given = options or {}
+        with ThreadPoolExecutor(BOOTING_AT_ONCE) as pool:
+            return list(
+                pool.map(lambda name: self.boot(name, mac=macs[name], **given.get(name, {})), names)
+            )
 
     def remove(self, host: RobotHost) -> None:
         """Throw a host away."""
