@@ -12,18 +12,21 @@ T = TypeVar("T", bound=str)
 Fields = dict[str, object]
 
 
-def json_object(request: Request, known: Collection[str] | None = None) -> Fields:
+def json_object(
+    request: Request, known: Collection[str] | None = None, *, any_type: bool = False
+) -> Fields:
     """Return the body of a request, which must be one JSON object; with no other members than `known`, if given.
 
-    Raises FieldInvalid, or HttpProblem with 415 for a body that is not sent as JSON.
+    Raises FieldInvalid, or HttpProblem with 415 for a body that is not sent as JSON. `any_type`: whatever it
+    calls itself, as `curl -d` sends it.
     """
-    if not request.is_json:
+    if not any_type and not request.is_json:
         raise HttpProblem(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
             "cannot read the body: send one JSON object, with Content-Type: application/json",
         )
     try:
-        body = request.get_json(silent=True)
+        body = request.get_json(force=True, silent=True)
     except RecursionError:
         body = None
     if not isinstance(body, dict):

@@ -25,7 +25,7 @@ LONGEST_FINGERPRINT = 64
 @blueprint.post("/join")
 def join() -> tuple[Response, int]:
     """Let a robot in, or note that it waits."""
-    asked = _asked(fields.json_object(request))
+    asked = _asked(fields.json_object(request, any_type=True))
     with parts().database.transaction() as tx:
         answer = joining.is_in(tx, asked)
     if answer is None:

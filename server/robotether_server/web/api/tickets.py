@@ -20,7 +20,7 @@ def create_ticket() -> tuple[Response, int]:
     """Sign a ticket for one WebSocket to one robot, if the user's grant includes the mode."""
     with parts().database.transaction() as tx:
         user = access.api_user(tx, request)
-        body = fields.json_object(request, MEMBERS)
+        body = fields.json_object(request, MEMBERS, any_type=True)
         name = fields.text(body, "robot", LONGEST_NAME)
         mode = fields.choice(body, "mode", MODES)
         seen = robots.find_seen(tx, user, name)

@@ -61,6 +61,14 @@ def test_body_that_is_not_sent_as_json_is_refused(kind: str | None) -> None:
     assert refused.value.status == 415
 
 
+def test_where_programs_are_simple_the_type_does_not_matter() -> None:
+    """`curl -d` calls everything a form."""
+    request = asked(
+        method="POST", data=b'{"a": 1}', content_type="application/x-www-form-urlencoded"
+    )
+    assert fields.json_object(request, any_type=True) == {"a": 1}
+
+
 @pytest.mark.parametrize(
     "data", [b"", b"{", b"[]", b"\xff\xfe", b"null", b"[" * 60000, b"1" * 5000]
 )
