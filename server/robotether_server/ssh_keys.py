@@ -18,15 +18,9 @@ ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
 ED25519 = "ssh-ed25519"
 SK_ED25519 = "sk-ssh-ed25519@openssh.com"
 SK_ECDSA = "sk-ecdsa-sha2-nistp256@openssh.com"
-# Robots make their keys themselves, so one good type is enough; people bring what they have.
-ROBOT_TYPES = (ED25519,)
-PERSON_TYPES = (
-    ED25519,
-    *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES),
-    "ssh-rsa",
-    SK_ED25519,
-    SK_ECDSA,
-)
+ROBOT_TYPES = (ED25519, *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES), "ssh-rsa")
+# A robot cannot touch a security key, a person can.
+PERSON_TYPES = (*ROBOT_TYPES, SK_ED25519, SK_ECDSA)
 ED25519_BYTES = 32
 
 
