@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +23,13 @@ def pytest_configure(config: pytest.Config) -> None:
     These tests kill the other side, which then never answers TLS's goodbye before the test's loop ends.
     """
     config.addinivalue_line("filterwarnings", "ignore:unclosed:ResourceWarning")
+
+
+def pytest_sessionfinish() -> None:
+    """Collect what the last test left so; at pytest's own collection, later, the filter above is gone."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "unclosed", ResourceWarning)
+        gc.collect()
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,168 @@
+"""What an admin does to a robot reaches its live tunnel within 2 s, and the audit log."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+
+import aiohttp
+import pytest
+from programs import Program, echo, open_echo
+from stack import Stack
+
+ROBOT = "sim3"
+AT_ONCE_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def program(stack: Stack) -> Program:
+    """A program with an API token of the admin."""
+    return Program(stack, stack.token("deeds"))
+
+
+@pytest.fixture(autouse=True)
+def online(stack: Stack) -> None:
+    """Each test begins with a robot that is online under its own name."""
+    stack.robotether("robot", "wait-online", ROBOT, "--timeout", "30")
+
+
+def robot(program: Program, name: str = ROBOT) -> dict[str, object]:
+    """The robot as the API shows it to an admin."""
+    status, body = program.stack.request("GET", f"/api/v1/robots/{name}", headers=program.headers)
+    assert status == 200, body
+    return dict(body)
+
+
+def change(program: Program, method: str, path: str, body: dict[str, object] | None = None) -> None:
+    """One deed over the API."""
+    status, answer = program.stack.request(method, path, body, program.headers)
+    assert status in (200, 204), answer
+
+
+def audited(stack: Stack, kind: str, name: str = ROBOT) -> str:
+    """Who did that to the robot last, by the audit log."""
+    found = stack.sql(
+        f"SELECT actor FROM audit_events WHERE kind = '{kind}' AND robot = '{name}' ORDER BY id DESC LIMIT 1"
+    )
+    return found[0][0] if found else "nobody"
+
+
+async def closed_within(socket: aiohttp.ClientWebSocketResponse, seconds: float) -> int | None:
+    """Wait for the connection's end; its close code."""
+    async with asyncio.timeout(seconds):
+        async for _ in socket:
+            pass
+    return socket.close_code
+
+
+async def until(what: str, condition: Callable[[], bool], seconds: float) -> float:
+    """Wait until it is so; the seconds it took."""
+    start = time.monotonic()
+    while not await asyncio.to_thread(condition):
+        assert time.monotonic() - start < seconds, f"after {seconds} s still not {what}"
+        await asyncio.sleep(0.05)
+    return time.monotonic() - start
+
+
+async def test_disabling_cuts_the_tunnel_and_enabling_lets_it_back(
+    program: Program, stack: Stack
+) -> None:
+    """An operator's connection to a robot that is disabled ends; enabled, the robot comes back by itself."""
+    path = f"/api/v1/robots/{ROBOT}"
+    async with program.connect(ROBOT) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(change, program, "PATCH", path, {"state": "disabled"})
+        assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
+    await until("offline", lambda: not robot(program)["online"], AT_ONCE_S)
+    await asyncio.to_thread(change, program, "PATCH", path, {"state": "active"})
+    # An agent that was told so asks again within 30 s.
+    await until("online", lambda: bool(robot(program)["online"]), 45)
+    assert audited(stack, "robot_disabled") == audited(stack, "robot_enabled") == "admin"
+
+
+async def test_renaming_keeps_the_drive(program: Program, stack: Stack) -> None:
+    """Who drives a robot that gets another name drives on; the new name opens it at once."""
+    path = "/api/v1/robots"
+    async with program.connect(ROBOT) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(change, program, "PATCH", f"{path}/{ROBOT}", {"name": "turtle"})
+        try:
+            await until(
+                "online as turtle", lambda: bool(robot(program, "turtle")["online"]), AT_ONCE_S
+            )
+            assert await echo(socket, "driving on") == "driving on"
+            started = time.monotonic()
+            while not await _opens(program, "turtle"):
+                assert time.monotonic() - started < AT_ONCE_S, "turtle does not open"
+            assert audited(stack, "robot_renamed", "turtle") == "admin"
+        finally:
+            await asyncio.to_thread(change, program, "PATCH", f"{path}/turtle", {"name": ROBOT})
+            await until("sim3 again", lambda: bool(robot(program)["online"]), AT_ONCE_S)
+
+
+async def _opens(program: Program, name: str) -> bool:
+    try:
+        async with program.connect(name) as socket:
+            await open_echo(socket)
+            return await echo(socket, "there") == "there"
+    except (aiohttp.ClientError, TypeError):
+        return False
+
+
+async def test_moved_ports_are_in_use_at_once(program: Program, stack: Stack) -> None:
+    """A robot that gets other ports connects again and is drivable on them."""
+    before = await asyncio.to_thread(robot, program)
+    async with program.connect(ROBOT) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(change, program, "POST", f"/api/v1/robots/{ROBOT}/move-ports")
+        assert await closed_within(socket, AT_ONCE_S) == 4505
+    after = await asyncio.to_thread(robot, program)
+    assert after["ros_port"] != before["ros_port"]
+    started = time.monotonic()
+    while not await _opens(program, ROBOT):
+        assert time.monotonic() - started < 10, "not drivable on its new ports"
+        await asyncio.sleep(0.05)
+    assert audited(stack, "robot_ports_moved") == "admin"
+
+
+async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) -> None:
+    """A robot makes itself a new key on request while it is driven; restarted, it comes in with that key."""
+    before = await asyncio.to_thread(robot, program)
+    async with program.connect(ROBOT) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(change, program, "POST", f"/api/v1/robots/{ROBOT}/rotate-key")
+        await until("a new key", lambda: robot(program)["fingerprint"] != before["fingerprint"], 15)
+        assert await echo(socket, "driving on") == "driving on"
+        # Longer than the relay needs to see the row change.
+        await asyncio.sleep(2)
+        assert await echo(socket, "and on") == "and on"
+    status = await asyncio.to_thread(
+        stack.exec, ROBOT, "sh", "-c", "cat /run/robotether-agent/status.json"
+    )
+    assert (await asyncio.to_thread(robot, program))["fingerprint"] == json.loads(status)[
+        "fingerprint"
+    ]
+    await asyncio.to_thread(stack.container(ROBOT).restart, timeout=5)
+    await asyncio.to_thread(stack.robotether, "robot", "wait-online", ROBOT, "--timeout", "30")
+    assert await _opens(program, ROBOT)
+
+
+async def test_a_removed_robot_is_gone_and_comes_back_as_a_stranger(
+    program: Program, stack: Stack
+) -> None:
+    """Removing a robot ends its tunnel; its agent asks again and waits for approval like any other."""
+    was = await asyncio.to_thread(robot, program)
+    async with program.connect(ROBOT) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(change, program, "DELETE", f"/api/v1/robots/{ROBOT}")
+        assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
+    assert audited(stack, "robot_removed") == "admin"
+    # Announced again, with the same MAC, its key waits and is approved as at the first time.
+    stack.robotether("robot", "add", ROBOT, "--mac", str(was["mac"]), "--allow-local-mac")
+    await asyncio.to_thread(
+        stack.robotether, "robot", "approve", ROBOT, "--wait-for-key", "45",
+        "--fingerprint", str(was["fingerprint"]),
+    )  # fmt: skip
+    await asyncio.to_thread(stack.robotether, "robot", "wait-online", ROBOT, "--timeout", "45")
