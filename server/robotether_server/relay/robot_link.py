@@ -173,7 +173,7 @@ class RobotLink:
             self._take_pong(lines.whole_field(message, "seq"))
         elif kind == "hello":
             lines.text_field(message, "hostname", 253)
-            self._registry.heard_hello(self, lines.text_field(message, "agent_version", 32))
+            self._registry.heard_hello(self, lines.printable_field(message, "agent_version", 32))
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
             self._registry.heard_health(self, ros, video)

@@ -75,6 +75,14 @@ def text_field(message: Mapping[str, Any], name: str, max_length: int) -> str:
     return value
 
 
+def printable_field(message: Mapping[str, Any], name: str, max_length: int) -> str:
+    """Read a text that people see and the database keeps, which cannot take every text that JSON can spell."""
+    value = text_field(message, name, max_length)
+    if not value.isprintable():
+        raise BrokenLineError(f"cannot read field {name}: it holds what is not printable")
+    return value
+
+
 def whole_field(message: Mapping[str, Any], name: str) -> int:
     """Read a whole number."""
     value = message.get(name)

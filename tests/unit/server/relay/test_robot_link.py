@@ -76,6 +76,13 @@ async def test_health_and_version_are_told(relay, sim1, connect):
     assert presence(relay, sim1).agent_version == "0.1.0"
 
 
+async def test_a_version_that_nothing_can_keep_ends_the_session(relay, sim1, connect):
+    """The database takes no half of a character, and would lose what stands in the same batch."""
+    session = await configured(await connect())
+    session.send(type="hello", hostname="turtle", agent_version="\ud800")
+    assert await ended(session) == "protocol_error"
+
+
 async def test_new_ports_end_a_live_session(relay, sim1, records, connect):
     """New ports need a new SSH login, so the session ends with ports_changed."""
     session = await configured(await connect())

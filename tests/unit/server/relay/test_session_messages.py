@@ -18,6 +18,7 @@ from robotether_server.relay.session_messages import (
     parse_line,
     parse_preface,
     pong_line,
+    printable_field,
 )
 from robotether_server.store.fleet import Robot
 
@@ -83,6 +84,14 @@ def test_a_wrong_field_is_named(field, value):
     """The problem says which field it is."""
     with pytest.raises(BrokenLineError, match=field):
         parse_preface(preface(**{field: value}), "the key")
+
+
+@pytest.mark.parametrize("text", ["1\ud800", "1\x1b[2J", "1\n", "1\u202e"])
+def test_what_people_see_is_printable(text):
+    """Half a character would spoil the write of a whole batch of records, others steer terminals."""
+    assert printable_field({"agent_version": "0.1.0"}, "agent_version", 32) == "0.1.0"
+    with pytest.raises(BrokenLineError, match="agent_version"):
+        printable_field({"agent_version": text}, "agent_version", 32)
 
 
 def test_a_pong_carries_the_agents_clock_back():
