@@ -42,15 +42,28 @@ def agree(deed: str, question: str, without_terminal: str) -> None:
         raise NotDone(f"did not {deed}: the answer was no")
 
 
+def harmless(text: str) -> str:
+    """Return a text with what is not printable spelt out.
+
+    Strangers choose the name that a failed login leaves in the audit log, and robots what they say of themselves:
+    neither may steer the terminal of the admin who looks at it, nor feign a line of its own.
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
 def print_fields(fields: Sequence[tuple[str, str]]) -> None:
     """Print one record, a field a line."""
     width = max(len(name) for name, _ in fields)
     for name, value in fields:
-        click.echo(f"{name.ljust(width)}  {value}")
+        click.echo(f"{name.ljust(width)}  {harmless(value)}")
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, err: bool = False) -> None:
     """Print rows under their heads in columns, perhaps on standard error."""
+    rows = [[harmless(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(heads, *rows, strict=True)]
     for row in (heads, *rows):
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))

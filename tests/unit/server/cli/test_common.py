@@ -16,6 +16,16 @@ def test_table_has_its_columns_in_line(capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().out == "NAME    X\na       1\nlonger  2\n"
 
 
+def test_nothing_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """What a stranger gave as a name is spelt out, in tables and records, and makes no line of its own."""
+    name = "\x1b[2Jroot\nann\u202e\x9b"
+    common.print_table(("WHO", "X"), [(name, "1")])
+    common.print_fields([("who", name)])
+    out = capsys.readouterr().out
+    spelt = r"\x1b[2Jroot\nann\u202e\x9b"
+    assert out == f"{'WHO'.ljust(len(spelt))}  X\n{spelt}  1\nwho  {spelt}\n"
+
+
 def test_wait_ends_with_what_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     """It asks until there is something."""
     monkeypatch.setattr(common, "POLL_S", 0)
