@@ -117,10 +117,16 @@ def rename(tx: Transaction, source: Source, name: str, new_name: str) -> Robot:
 def set_mac(
     tx: Transaction, source: Source, name: str, mac: str, *, allow_local_mac: bool = False
 ) -> Robot:
-    """Give a robot another MAC; raise FieldInvalid or RecordExists."""
+    """Give a robot another MAC; raise FieldInvalid or RecordExists.
+
+    A stranger that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
+    """
     found = _get(tx, name)
     normal = macs.normalise(mac, allow_local=allow_local_mac)
     if normal != found.mac:
+        waiting = robots.find_by_mac(tx, normal)
+        if waiting is not None and waiting.is_stranger:
+            robots.remove(tx, waiting.id)
         robots.set_mac(tx, found.id, normal)
         audit.record(tx, source, Event("robot_mac_set", name, {"was": found.mac, "mac": normal}))
     return robots.get(tx, name)

@@ -64,6 +64,14 @@ def test_stranger_does_not_keep_its_mac_from_being_announced(site: Site) -> None
     assert site.names() == ["sim1", "turtle"]
 
 
+def test_stranger_does_not_keep_its_mac_from_another_robot(site: Site) -> None:
+    """Anybody who knows the new card's MAC could; asking again, its key is a claim."""
+    assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
+    assert do(site, deeds.set_mac, "sim1", OTHER_MAC).mac == OTHER_MAC
+    assert site.names() == ["sim1"]
+    assert site.ask(OTHER_MAC, OTHER_KEY).code == "mac_in_use"
+
+
 def test_approved_is_the_key_that_was_compared(site: Site) -> None:
     """Whatever else waits there; approving it again changes nothing."""
     site.announce("turtle", OTHER_MAC)
