@@ -57,8 +57,13 @@ async def ensure_next_key(state_dir: Path) -> KeyPair:
 
 
 async def present_key(state_dir: Path) -> KeyPair | None:
-    """Return the robot's key, or None when there is none yet."""
-    return await _load(state_dir / NAME)
+    """Return the robot's key as it is, or None when there is none yet; changes nothing, not even its mode."""
+    return await _read(state_dir / NAME)
+
+
+def is_protected(key: Path) -> bool:
+    """Tell whether only the owner may read the file `key`, without which OpenSSH does not use it."""
+    return not key.stat().st_mode & 0o077
 
 
 async def next_key(state_dir: Path) -> KeyPair | None:
@@ -118,9 +123,14 @@ async def _ensure(path: Path, what: str) -> KeyPair:
 
 
 async def _load(path: Path) -> KeyPair | None:
+    if path.exists():
+        _protect(path)
+    return await _read(path)
+
+
+async def _read(path: Path) -> KeyPair | None:
     if read_text(path) is None:
         return None
-    _protect(path)
     public = read_text(_public(path)) or await _keygen("-y", "-f", str(path))
     found = PUBLIC.match(public)
     if found is None:
@@ -167,7 +177,7 @@ def _flush(path: Path) -> None:
 
 def _protect(path: Path) -> None:
     try:
-        if path.stat().st_mode & 0o077:
+        if not is_protected(path):
             path.chmod(0o600)
     except OSError as error:
         raise KeyUnusable(

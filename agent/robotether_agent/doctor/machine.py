@@ -70,6 +70,10 @@ async def check_key(settings: Settings) -> Finding:
         return fail(
             "key", "the robot has no key yet", "start the agent, or run: robotether-agent key"
         )
+    if not keys.is_protected(key.path):
+        return fail(
+            "key", f"others may read the private key {key.path}", f"sudo chmod 600 {key.path}"
+        )
     return ok("key", key.fingerprint)
 
 
@@ -88,15 +92,20 @@ async def check_rosbridge(settings: Settings) -> Finding:
 
 
 async def check_video(settings: Settings) -> Finding:
-    """Whether web_video_server answers."""
+    """Whether web_video_server answers; a robot without a camera has none."""
     url = settings.video_url
     try:
         status = await within(TIMEOUT_S, _get(url))
+    except aiohttp.ClientConnectorError as error:
+        reason = why(error, TIMEOUT_S)
+        return skipped(
+            "video", f"no web_video_server at {url} ({reason}); a robot without a camera needs none"
+        )
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         return fail(
             "video",
             f"no answer at {url}: {why(error, TIMEOUT_S)}",
-            "start web_video_server, or correct video_url; a robot without a camera works without it",
+            "see web_video_server's log, or correct video_url",
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")

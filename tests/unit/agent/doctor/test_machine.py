@@ -83,11 +83,16 @@ def test_a_mac_that_is_gone(settings, tmp_path):
 
 
 async def test_the_key(settings):
-    """Missing, whole and broken keys are told apart; none is made."""
+    """Missing, whole and broken keys are told apart; none is made, and none changed."""
     assert (await machine.check_key(settings)).state == FAIL
     assert list(settings.state_dir.iterdir()) == []
     key = await ensure_key(settings.state_dir)
     assert (await machine.check_key(settings)).detail == key.fingerprint
+    key.path.chmod(0o644)
+    found = await machine.check_key(settings)
+    assert (found.state, "others may read" in found.detail) == (FAIL, True)
+    assert key.path.stat().st_mode & 0o777 == 0o644
+    key.path.chmod(0o600)
     key.path.with_suffix(".pub").unlink()
     key.path.write_text("rubbish")
     assert (await machine.check_key(settings)).state == FAIL
@@ -98,7 +103,8 @@ async def test_the_robots_services(settings, services):
     assert (await machine.check_rosbridge(settings)).state == OK
     assert (await machine.check_video(settings)).state == OK
     services.video_status = 503
-    assert "HTTP status 503" in (await machine.check_video(settings)).detail
+    unwell = await machine.check_video(settings)
+    assert (unwell.state, "HTTP status 503" in unwell.detail) == (FAIL, True)
     services.refuse_sockets = True
     assert "not with a WebSocket" in (await machine.check_rosbridge(settings)).detail
     gone = f"127.0.0.1:{free_port()}"
@@ -106,7 +112,8 @@ async def test_the_robots_services(settings, services):
     rosbridge, video = await machine.check_rosbridge(away), await machine.check_video(away)
     assert "Connection refused" in rosbridge.detail
     assert "ros2 launch" in rosbridge.advice
-    assert video.state == FAIL
+    assert (rosbridge.state, video.state) == (FAIL, SKIPPED)
+    assert "a robot without a camera needs none" in video.detail
 
 
 async def test_the_robots_own_ssh_server(settings):

@@ -133,10 +133,12 @@ def test_the_connection(status, expected, told):
         (replace(UP, state="waiting"), SKIPPED),
         (replace(UP, end_to_end_video="unknown"), SKIPPED),
         (replace(UP, end_to_end_ros="down"), FAIL),
+        (replace(UP, video="ok", end_to_end_video="down"), FAIL),
+        (replace(UP, video="down", end_to_end_video="down"), OK),
         (replace(UP, shell_tunnel="open", end_to_end_shell="down"), FAIL),
         (replace(UP, end_to_end_shell="down"), OK),
     ],
 )
 def test_the_end_to_end_path(status, expected):
-    """The server's own view counts, and a shell only where one is wanted."""
+    """The server's own view counts; a shell only where one is wanted, video only where the robot has it."""
     assert tunnel.check_end_to_end(status).state == expected
