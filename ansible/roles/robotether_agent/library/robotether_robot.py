@@ -7,6 +7,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.robotether_rows import ForeignRowError, own_row
 from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
 
 DOCUMENTATION = r"""
@@ -14,8 +15,8 @@ module: robotether_robot
 short_description: Makes, or removes, a robot's row on a Robotether server
 description:
   - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
-  - C(absent) removes the row of that MAC, or of that name when no MAC is given, which ends the robot's tunnel.
-    It needs an API token of an admin.
+  - C(absent) removes the row of that MAC, or of that name when no MAC is given, which ends the robot's tunnel. A row
+    of that MAC with another name must have that key. It needs an API token of an admin.
   - C(known) only asks, so that a wrong token is found before anything is changed. A join token may not ask.
 options:
   server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
@@ -24,7 +25,7 @@ options:
   token: {description: A join token (rj_) or an API token of an admin (rt_), type: str, required: true}
   name: {description: The robot's name, type: str, required: true}
   mac: {description: The robot's MAC address, type: str}
-  public_key: {description: The robot's public key, one line; for C(present), type: str}
+  public_key: {description: The robot's public key, one line, type: str}
   hostname: {description: What the robot calls itself, type: str}
   agent_version: {description: The version of its agent, type: str}
   state: {description: Whether there is such a row, type: str, choices: [present, absent, known], default: present}
@@ -43,8 +44,7 @@ ADVICE = {
     "grant_missing": "use an API token of a user with role admin",
     "record_exists": "choose another robotether_agent_name, or retire the robot that has it",
     "mac_in_use": (
-        "if this robot got a new disk or is installed anew, let its key in on the server (robotether robot rekey NAME) "
-        "and run this again; if another robot has the same MAC, set robotether_agent_interface to another interface"
+        "if they are two robots with one MAC, set robotether_agent_interface to another interface of this one"
     ),
     "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
     "robot_disabled": "enable the robot on the server, then run this again",
@@ -96,7 +96,7 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
 
 
 def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
-    name = _name_now(server, params["mac"]) if params["mac"] else params["name"]
+    name = _name_now(server, params) if params["mac"] else params["name"]
     if name is None or _row(server, name) is None:
         return {"changed": False}
     if not check_mode:
@@ -127,12 +127,16 @@ def _row(server: Server, name: str) -> dict[str, Any] | None:
     return answer if status == OK else None
 
 
-def _name_now(server: Server, mac: str) -> str | None:
-    """Return the name of the robot with this MAC: an admin may have renamed it since."""
+def _name_now(server: Server, params: dict[str, Any]) -> str | None:
+    """Return the name of the robot that this machine is: an admin may have renamed it since."""
     status, answer = server.ask("GET", "/api/v1/robots")
     if status != OK:
         raise _refusal("list the robots", status, answer)
-    return next((row["name"] for row in answer["robots"] if row["mac"] == mac), None)
+    try:
+        row = own_row(answer["robots"], params["name"], params["mac"], params["public_key"])
+    except ForeignRowError as problem:
+        raise ServerError(str(problem), "record_foreign") from problem
+    return str(row["name"]) if row else None
 
 
 def _path(name: str) -> str:
@@ -142,8 +146,9 @@ def _path(name: str) -> str:
 def _refusal(deed: str, status: int, answer: dict[str, Any]) -> ServerError:
     code = str(answer.get("code", "answer_invalid"))
     detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
+    sentence = detail if detail.startswith("cannot ") else f"cannot {deed}: {detail}"
     advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
-    return ServerError(f"cannot {deed}: {detail}; {advice} [{code}]", code)
+    return ServerError(f"{sentence}; {advice} [{code}]", code)
 
 
 DEEDS = {"present": _present, "absent": _absent, "known": _known}
