@@ -94,7 +94,7 @@ class Bad:
 
     def said(self, name: str) -> str:
         """The sentence about one machine."""
-        end = r"(?:Nothing was changed|run this again|PLAY RECAP|fatal:|TASK)"
+        end = r"(?:PLAY RECAP|fatal:|failed: \[|TASK|$)"
         found = re.findall(rf"cannot \w+ {name}: .*?{end}", self.played.text)
         assert found, self.played.printed
         return str(found[-1])
