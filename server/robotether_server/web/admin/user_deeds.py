@@ -25,6 +25,7 @@ def set_role(name: str) -> AnyResponse:
         effects=(
             "An admin manages every robot and user, sees the audit log, and makes tokens that let robots in.",
             "A user sees and drives the robots that there are grants for.",
+            *_what_stays_good(user),
         ),
         undo=f"Set the role of {name} back to {user.role}.",
         button="Save",
@@ -42,12 +43,13 @@ def set_role(name: str) -> AnyResponse:
 @blueprint.route("/disable", methods=METHODS)
 def disable(name: str) -> AnyResponse:
     """Keep a user out."""
-    _get(name)
+    user = _get(name)
     deed = Deed(
         title=f"Disable user {name}?",
         effects=(
             f"{name} is logged out everywhere; what {name} drives stops within 2 seconds.",
             f"API tokens and SSH keys of {name} work no more. They and the grants stay for later.",
+            *_what_stays_good(user),
         ),
         undo=f"Enable {name} again.",
         button="Disable",
@@ -134,12 +136,13 @@ def log_out_everywhere(name: str) -> AnyResponse:
 @blueprint.route("/remove", methods=METHODS)
 def remove(name: str) -> AnyResponse:
     """Remove a user."""
-    _get(name)
+    user = _get(name)
     deed = Deed(
         title=f"Remove user {name}?",
         effects=(
             f"{name} goes, with grants, logins, API tokens and SSH keys; what {name} drives stops within 2 seconds.",
             "The audit log stays. To keep somebody out for a while, disable the user instead.",
+            *_what_stays_good(user),
         ),
         undo="A removed user cannot be brought back; add the user anew, with new grants, tokens and keys.",
         button="Remove",
@@ -148,6 +151,16 @@ def remove(name: str) -> AnyResponse:
         onward="/admin/users",
     )
     return deeds.run(deed, lambda tx, source: deeds_on_users.remove(tx, source, name))
+
+
+def _what_stays_good(user: User) -> tuple[str, ...]:
+    """Return what an admin may have written down, and nothing of this ends."""
+    if not user.is_admin:
+        return ()
+    return (
+        f"Join tokens that {user.name} made, and API tokens that {user.name} made for others, stay good: whoever has "
+        "their text uses them on. Look through both lists, and delete what should end.",
+    )
 
 
 def _get(name: str) -> User:

@@ -75,6 +75,14 @@ def test_a_removed_user_is_gone(admin: Browser, ann: Browser) -> None:
     assert not is_in(ann)
 
 
+@pytest.mark.parametrize("deed", ["role", "disable", "remove"])
+def test_what_an_admin_leaves_behind_is_said(admin: Browser, deed: str) -> None:
+    """Tokens that this admin made for robots and others do not end; a user has made none."""
+    said = "Join tokens that root made"
+    assert said in admin.ask("GET", f"/admin/users/root/{deed}").text
+    assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{deed}").text
+
+
 @pytest.mark.parametrize(
     ("deed", "form"), [("disable", {}), ("remove", {}), ("role", {"role": "user"})]
 )
