@@ -123,8 +123,7 @@ async def _ensure(path: Path, what: str) -> KeyPair:
 
 
 async def _load(path: Path) -> KeyPair | None:
-    if path.exists():
-        _protect(path)
+    _protect(path)
     return await _read(path)
 
 
@@ -179,6 +178,8 @@ def _protect(path: Path) -> None:
     try:
         if not is_protected(path):
             path.chmod(0o600)
+    except FileNotFoundError:
+        return
     except OSError as error:
         raise KeyUnusable(
             f"cannot protect the key {path}, which others may read: {error.strerror}",

@@ -13,6 +13,7 @@
  */
 #include <ctype.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -239,12 +240,26 @@ static time_t seconds_now(void)
     return now.tv_sec;
 }
 
+/*
+ * poll() calls a pipe writable that has one page free, and a larger write would then wait for the rest: a robot that
+ * reads nothing would stop this program for good.
+ */
+static void never_wait_in(int fd)
+{
+    int flags = fcntl(fd, F_GETFL);
+
+    if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
+        end_connection(1);
+}
+
 static void join(int relay)
 {
     static struct flow up, down;
     struct pollfd set[4];
     time_t taken_at = seconds_now();
 
+    never_wait_in(relay);
+    never_wait_in(STDOUT_FILENO);
     up.from = STDIN_FILENO, up.to = relay;
     down.from = relay, down.to = STDOUT_FILENO;
     for (;;) {

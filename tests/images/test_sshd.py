@@ -277,12 +277,15 @@ def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack)
         _session_line(running)
         assert running.stdin is not None
         # Answers of 4000 digits fill every buffer on the way back, which nobody reads; fewer than 200 lines a second,
-        # as the relay ends a robot that sends more for that alone.
+        # as the relay ends a robot that sends more for that alone; many at once, so that more has to be written
+        # than a pipe's free page takes.
         with contextlib.suppress(BrokenPipeError):
-            for seq in range(900):
-                running.stdin.write(f'{{"type": "ping", "seq": {seq}, "t_ms": {"9" * 4000}}}\n')
+            for first in range(0, 900, 15):
+                for seq in range(first, first + 15):
+                    ping = f'{{"type": "ping", "seq": {seq}, "t_ms": {"9" * 4000}}}'
+                    running.stdin.write(f"{ping}\n")
                 running.stdin.flush()
-                time.sleep(0.006)
+                time.sleep(0.09)
         sessions = "for p in /proc/[0-9]*; do [ $(stat -c %U $p) = tunnel ] && cat $p/cmdline | tr '\\0' ' '; done"
         [[robot_id]] = stack.sql("SELECT id FROM robots WHERE name = 'thief'")
         mine = f"session {robot_id} "
