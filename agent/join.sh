@@ -130,6 +130,7 @@ check_options() {
 }
 
 check_image_options() {
+  case $token in rt_*) fail 'cannot put an API token into an image: whoever has a card could do with it all that its user may. Use a join token (rj_...)' ;; esac
   if [ -n "$mac$name" ]; then fail 'cannot use --mac or --name with --image: every clone would be the same robot'; fi
   if [ -e "$STATE/id_ed25519" ]; then
     fail "cannot make an image of this machine: it has a robot's key, which every clone would have. As root, run:" \
