@@ -119,7 +119,7 @@ check_options() {
   case $server in *://* | */*) fail "cannot use --server $server: allowed is HOST or HOST:PORT, without https:// and path" ;; esac
   # What an earlier run pinned still holds for the same server.
   if [ -z "$fingerprint" ] && [ "$server" = "$before" ]; then fingerprint=$(configured tls_fingerprint); fi
-  printf '%s' "$fingerprint" | grep -qE '^([0-9a-f]{64})?$' ||
+  printf '%s\n' "$fingerprint" | grep -qE '^([0-9a-f]{64})?$' ||
     fail "cannot use --tls-fingerprint $fingerprint: allowed are 64 hexadecimal digits, as the server prints them"
   case $token in '' | rj_* | rt_*) ;; *) fail 'cannot use this --token: a join token begins with rj_; copy the whole line again' ;; esac
   case $rosbridge in '' | ws://*) ;; *) fail "cannot use --rosbridge-url $rosbridge: allowed is ws://HOST:PORT" ;; esac
