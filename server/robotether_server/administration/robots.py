@@ -127,6 +127,8 @@ def set_mac(
         waiting = robots.find_by_mac(tx, normal)
         if waiting is not None and waiting.is_stranger:
             robots.remove(tx, waiting.id)
+            released: dict[str, object] = {"mac": normal, "fingerprint": waiting.fingerprint}
+            audit.record(tx, source, Event("key_released", waiting.name, released))
         robots.set_mac(tx, found.id, normal)
         audit.record(tx, source, Event("robot_mac_set", name, {"was": found.mac, "mac": normal}))
     return robots.get(tx, name)

@@ -69,6 +69,7 @@ def test_stranger_does_not_keep_its_mac_from_another_robot(site: Site) -> None:
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
     assert do(site, deeds.set_mac, "sim1", OTHER_MAC).mac == OTHER_MAC
     assert site.names() == ["sim1"]
+    assert details(site, "key_released")["fingerprint"] == OTHER_KEY.fingerprint
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "mac_in_use"
 
 
