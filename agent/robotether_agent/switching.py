@@ -1,7 +1,8 @@
 """Puts another version of the agent in use and goes back by itself when that one does not come up.
 
 Run by `robotether-agent switch`, as root, by the version that is in use, outside of the boot service. Whoever
-asks may have come through the agent's own tunnel, so nothing here waits for them.
+asks may have come through the agent's own tunnel, so nothing here waits for them. A change that a power cut
+ended is done again at the next boot, by `robotether-agent finish-switch` of the old version.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from robotether_agent import systemd
 from robotether_agent.files import only_one, read_text
 from robotether_agent.problems import Problem, SwitchFailed
 from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
+from robotether_agent.unfinished import Unfinished
 from robotether_agent.versions import Layout, Report
 
 # A version that crashes and is started again shows a good state for a moment, too.
@@ -21,6 +23,8 @@ STANDS_S = 2.0
 POLL_S = 0.2
 # systemd's words for a service that nobody stopped.
 RUNS = frozenset({"active", "activating", "reloading", "deactivating"})
+# What stands in the place of an agent's state: a service that somebody stopped, and one that says nothing.
+STOPPED, SILENT = "stopped", "silent"
 # States that an agent can stay in; the others pass.
 LASTING = frozenset({CONNECTED, "pending", "waiting"})
 # How much each state is worth: a switch must not end in a worse one.
@@ -40,36 +44,51 @@ class Switch:
         self._run_dir = run_dir
         self._wait_s = wait_s
         self._stands_s = stands_s
+        self._unfinished = Unfinished(layout.unit.parent)
 
     def to(self, target: Path) -> Report:
         """Use `target`, or the old version again; return how it ended, which is written down as well."""
-        layout, began = self._layout, time.time()
-        was = layout.in_use()
-        layout.check(target)
+        was = self._layout.in_use()
+        self._layout.check(target)
+        report = self._reporter(was, target)
+        with only_one(self._layout.lock, "switch"):
+            if target == was:
+                return report("done", f"{target.name} is in use already")
+            return self._change(was, target, self._state(), report)
+
+    def finish(self, was: Path, target: Path, state: str) -> Report:
+        """Do again, after a boot, what began when the agent was in `state` and has no verdict yet."""
+        with only_one(self._layout.lock, "switch"):
+            return self._change(was, target, state, self._reporter(was, target))
+
+    def _reporter(self, was: Path, target: Path) -> Callable[[str, str], Report]:
+        began = time.time()
 
         def report(result: str, detail: str) -> Report:
             took_s = round(time.time() - began, 1)
             made = Report(result, was.name, target.name, detail, began, took_s)
-            layout.write(made)
+            self._layout.write(made)
             return made
 
-        with only_one(layout.lock, "switch"):
-            if target == was:
-                return report("done", f"{target.name} is in use already")
-            report("running", f"switching from {was.name} to {target.name}")
-            made = self._change(was, target, report)
-            layout.keep_only(was, target)
-            return made
+        return report
 
-    def _change(self, was: Path, target: Path, report: Callable[[str, str], Report]) -> Report:
-        before = self._alive()
+    def _change(
+        self, was: Path, target: Path, before: str, report: Callable[[str, str], Report]
+    ) -> Report:
+        if before != STOPPED:
+            self._unfinished.note(was, target, before, self._wait_s)
+        report("running", f"switching from {was.name} to {target.name}")
         try:
             self._use(target, before)
         except Problem as problem:
-            return report("rolled_back", self._go_back(was, before, problem))
-        return report("done", f"{target.name} is in use")
+            made = report("rolled_back", self._go_back(was, before, problem))
+        else:
+            made = report("done", f"{target.name} is in use")
+        self._unfinished.clear()
+        self._layout.keep_only(was, target)
+        return made
 
-    def _go_back(self, was: Path, before: Status | None, why: Problem) -> str:
+    def _go_back(self, was: Path, before: str, why: Problem) -> str:
         text = f"{why.message}; {was.name} is in use again"
         try:
             self._use(was, before)
@@ -77,16 +96,21 @@ class Switch:
             return f"{text}, but is not as before: {problem}"
         return f"{text}, as before"
 
-    def _use(self, version: Path, before: Status | None) -> None:
+    def _use(self, version: Path, before: str) -> None:
         """Put `version` in place and, unless somebody stopped the service, wait until it is up."""
-        runs = before is not None or systemd.state() in RUNS
         old = self._alive()
         if self._layout.use(version):
             systemd.reload_units()
-        if runs:
+        if before != STOPPED:
             systemd.restart()
-            wanted = NOT_WORSE.get(before.state, LASTING) if before else LASTING
-            self._wait(version, wanted, old.pid if old else 0)
+            self._wait(version, NOT_WORSE.get(before, LASTING), old.pid if old else 0)
+
+    def _state(self) -> str:
+        """Return how the agent is, in its own word or STOPPED or SILENT."""
+        status = self._alive()
+        if status is not None:
+            return status.state
+        return SILENT if systemd.state() in RUNS else STOPPED
 
     def _wait(self, version: Path, wanted: frozenset[str], old_pid: float) -> None:
         """Wait until an agent of another process stands in one of the `wanted` states."""

@@ -21,7 +21,7 @@ from robotether_agent.cli.join import join
 from robotether_agent.cli.key import key
 from robotether_agent.cli.run import run
 from robotether_agent.cli.status import status
-from robotether_agent.cli.switch import switch
+from robotether_agent.cli.switch import finish_switch, switch
 from robotether_agent.problems import Problem
 from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
 
@@ -61,6 +61,13 @@ COMMANDS: dict[str, Callable[[Call], int]] = {
     "key": lambda call: key(call.settings),
     "forget": lambda call: forget(call.settings, yes=call.options.yes),
     "switch": lambda call: switch(call.settings, call.options.directory, call.options.wait),
+    "finish-switch": lambda call: finish_switch(
+        call.settings,
+        call.options.was,
+        call.options.directory,
+        call.options.state,
+        call.options.wait,
+    ),
     "show-settings": lambda call: _show_settings(call.settings),
 }
 # What an installer asks before it knows the server.
@@ -90,5 +97,11 @@ def _parser() -> argparse.ArgumentParser:
     other = commands.add_parser("switch", help="put another version in place, or go back by itself")
     other.add_argument("directory", type=Path, help="such as /opt/robotether-agent/versions/NAME")
     other.add_argument("--wait", type=float, default=60.0, metavar="S", help="usually 60 s")
+    # Without a help text it is not listed: a unit starts it, no person.
+    again = commands.add_parser("finish-switch")
+    again.add_argument("was", type=Path)
+    again.add_argument("directory", type=Path)
+    again.add_argument("state")
+    again.add_argument("--wait", type=float, default=60.0, metavar="S")
     commands.add_parser("show-settings", help="print the settings in force, secrets hidden")
     return parser

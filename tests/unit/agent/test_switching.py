@@ -6,17 +6,27 @@ import asyncio
 import json
 import os
 from collections.abc import AsyncIterator
+from pathlib import Path
 
 import pytest
 from fake_cloud import eventually
-from installed_agent import DEAF, DIES, InstalledAgent
+from installed_agent import DEAF, DIES, GOOD, InstalledAgent
 from robotether_agent import systemd
 from robotether_agent.files import only_one
 from robotether_agent.problems import AlreadyRunning, SwitchFailed
 from robotether_agent.switching import Switch
+from robotether_agent.unfinished import NAME
 from robotether_agent.versions import Report
 
 WAIT_S = 12.0
+
+
+class PowerCut(BaseException):
+    """Ends a switch as a power cut does: nothing after it is done."""
+
+    @staticmethod
+    def now() -> None:
+        raise PowerCut
 
 
 class Robot(InstalledAgent):
@@ -139,6 +149,31 @@ async def test_nothing_is_touched_for_a_folder_that_is_no_version(robot):
         await robot.switch(robot.layout.base / "versions/empty")
     assert robot.in_use == "1"
     assert not (robot.layout.base / "last-switch.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "result", "in_use"), [(GOOD, "done", "2"), (DEAF, "rolled_back", "1")]
+)
+async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
+    robot, monkeypatch, command, result, in_use
+):
+    """The old version does it again as its unit says, and judges by how the robot was before."""
+    target = robot.add("2", command, unit="another unit file\n")
+    with monkeypatch.context() as cut:
+        cut.setattr(systemd, "reload_units", PowerCut.now)
+        with pytest.raises(PowerCut):
+            await robot.switch(target)
+    assert (robot.in_use, robot.written["result"]) == ("2", "running")
+    robot.stop()
+    at_boot = robot.layout.unit.parent / "multi-user.target.wants" / NAME
+    line = at_boot.read_text().partition("ExecStart=")[2]
+    assert line.startswith(f"{robot.layout.base}/versions/1/bin/robotether-agent finish-switch ")
+    *_, was, wanted, state = line.split()
+    change = Switch(robot.layout, robot.run_dir, 4, stands_s=0.3)
+    report = await asyncio.to_thread(change.finish, Path(was), Path(wanted), state)
+    assert (report.result, robot.in_use, robot.written["result"]) == (result, in_use, result)
+    assert robot.status().state == "connected"
+    assert not at_boot.is_symlink()
 
 
 async def test_one_switch_at_a_time(robot):

@@ -1,0 +1,53 @@
+"""The unit that finishes a change of version at the next boot."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from robotether_agent.problems import StateUnusable
+from robotether_agent.unfinished import BOOT, NAME, Unfinished
+
+WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
+
+
+def test_the_next_boot_starts_the_old_version(tmp_path):
+    """A later change takes the place of the one before; the new version is only named."""
+    unfinished = Unfinished(tmp_path)
+    unfinished.note(WAS, WAS, "pending", 1)
+    unfinished.note(WAS, TARGET, "connected", 60)
+    lines = (tmp_path / BOOT / NAME).read_text().splitlines()
+    command = "/opt/a/versions/1/bin/robotether-agent finish-switch"
+    start = f"ExecStart={command} --wait 60 {WAS} {TARGET} connected"
+    assert [line for line in lines if line.startswith("ExecStart")] == [start]
+
+
+def test_nothing_is_left_once_it_is_finished(tmp_path):
+    """Neither the unit nor its link, also when there was none."""
+    unfinished = Unfinished(tmp_path)
+    unfinished.clear()
+    unfinished.note(WAS, TARGET, "connected", 60)
+    unfinished.clear()
+    assert list(tmp_path.rglob("*.service")) == []
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path):
+    """What could not be removed would change versions at the next boot."""
+    (tmp_path / BOOT / NAME).mkdir(parents=True)
+    with pytest.raises(StateUnusable, match="cannot make"):
+        Unfinished(tmp_path).note(WAS, TARGET, "connected", 60)
+    with pytest.raises(StateUnusable, match="cannot remove"):
+        Unfinished(tmp_path).clear()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
+def test_systemd_reads_it(tmp_path):
+    """Not one of its lines is unknown to this machine's systemd."""
+    Unfinished(tmp_path).note(Path("/usr"), TARGET, "connected", 60)
+    unit = tmp_path / NAME
+    unit.write_text(unit.read_text().replace("/usr/bin/robotether-agent", "/bin/true"))
+    command = ["systemd-analyze", "verify", "--man=no", str(unit)]
+    told = subprocess.run(command, check=False, capture_output=True, text=True).stderr
+    assert NAME not in told
