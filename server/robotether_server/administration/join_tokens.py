@@ -42,3 +42,10 @@ def delete(tx: Transaction, source: Source, token_id: int) -> JoinToken:
     details: dict[str, object] = {"token": token.name, "used": token.used}
     audit.record(tx, source, Event("join_token_deleted", details=details))
     return token
+
+
+def delete_of(tx: Transaction, source: Source, maker: str) -> None:
+    """Delete all tokens that this admin made."""
+    for token in join_tokens.list_all(tx):
+        if token.created_by == maker:
+            delete(tx, source, token.id)

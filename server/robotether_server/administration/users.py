@@ -1,6 +1,10 @@
-"""Users: who may log in, and who administers. The last enabled admin stays one."""
+"""Users: who may log in, and who administers. The last enabled admin stays one.
+
+An admin who is one no more takes the join tokens along: they let robots in with that admin's rights.
+"""
 
 from robotether_server import passwords
+from robotether_server.administration import join_tokens
 from robotether_server.problems import LastAdmin
 from robotether_server.store import Transaction, audit, logins, users
 from robotether_server.store.audit import Event, Source
@@ -28,6 +32,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
         return found
     if role != "admin":
         _check_not_last(tx, name, f"cannot make {name} a user")
+        join_tokens.delete_of(tx, source, name)
     users.set_role(tx, found.id, role)
     details: dict[str, object] = {"user": name, "was": found.role, "role": role}
     audit.record(tx, source, Event("user_role_set", details=details))
@@ -41,6 +46,7 @@ def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) 
         return found
     if disabled:
         _check_not_last(tx, name, f"cannot disable user {name}")
+        join_tokens.delete_of(tx, source, name)
     users.set_disabled(tx, found.id, disabled=disabled)
     kind = "user_disabled" if disabled else "user_enabled"
     audit.record(tx, source, Event(kind, details={"user": name}))
@@ -58,6 +64,7 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
     """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdmin."""
     found = users.get(tx, name)
     _check_not_last(tx, name, f"cannot remove user {name}")
+    join_tokens.delete_of(tx, source, name)
     users.remove(tx, found.id)
     audit.record(tx, source, Event("user_removed", details={"user": name, "role": found.role}))
     return found

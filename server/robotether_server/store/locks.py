@@ -8,7 +8,8 @@ a deadlock; with this lock each finds what the one before it left. Who needs it 
 from robotether_server.problems import StoreUnavailable
 from robotether_server.store.database import Transaction
 
-WAIT_S = 10
+# A turn takes milliseconds. Who waits holds one of web's few threads, which the pages need too.
+WAIT_S = 3
 
 
 def enrolment(tx: Transaction) -> None:

@@ -25,7 +25,7 @@ def set_role(name: str) -> AnyResponse:
         effects=(
             "An admin manages every robot and user, sees the audit log, and makes tokens that let robots in.",
             "A user sees and drives the robots that there are grants for.",
-            *_what_stays_good(user),
+            *_what_else_ends(user),
         ),
         undo=f"Set the role of {name} back to {user.role}.",
         button="Save",
@@ -49,7 +49,7 @@ def disable(name: str) -> AnyResponse:
         effects=(
             f"{name} is logged out everywhere; what {name} drives stops within 2 seconds.",
             f"API tokens and SSH keys of {name} work no more. They and the grants stay for later.",
-            *_what_stays_good(user),
+            *_what_else_ends(user),
         ),
         undo=f"Enable {name} again.",
         button="Disable",
@@ -142,7 +142,7 @@ def remove(name: str) -> AnyResponse:
         effects=(
             f"{name} goes, with grants, logins, API tokens and SSH keys; what {name} drives stops within 2 seconds.",
             "The audit log stays. To keep somebody out for a while, disable the user instead.",
-            *_what_stays_good(user),
+            *_what_else_ends(user),
         ),
         undo="A removed user cannot be brought back; add the user anew, with new grants, tokens and keys.",
         button="Remove",
@@ -153,13 +153,13 @@ def remove(name: str) -> AnyResponse:
     return deeds.run(deed, lambda tx, source: deeds_on_users.remove(tx, source, name))
 
 
-def _what_stays_good(user: User) -> tuple[str, ...]:
-    """Return what an admin may have written down, and nothing of this ends."""
+def _what_else_ends(user: User) -> tuple[str, ...]:
+    """Return what an admin may have written down: what ends, and what does not."""
     if not user.is_admin:
         return ()
     return (
-        f"Join tokens that {user.name} made, and API tokens that {user.name} made for others, stay good: whoever has "
-        "their text uses them on. Look through both lists, and delete what should end.",
+        f"Join tokens that {user.name} made are deleted; the robots that they let in stay. API tokens that "
+        f"{user.name} made for others stay good: look through their list, and delete what should end.",
     )
 
 

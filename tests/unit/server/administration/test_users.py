@@ -7,10 +7,18 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from joins import Site
+from joins import OTHER_KEY, OTHER_MAC, Site
 from robotether_server import passwords
+from robotether_server.administration import join_tokens
 from robotether_server.administration import users as deeds
-from robotether_server.problems import FieldInvalid, LastAdmin, Problem, RecordExists, RecordMissing
+from robotether_server.problems import (
+    FieldInvalid,
+    LastAdmin,
+    Problem,
+    RecordExists,
+    RecordMissing,
+    TokenInvalid,
+)
 from robotether_server.store import Transaction, logins, users
 from robotether_server.store.audit import Source
 
@@ -102,3 +110,24 @@ def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None
     with site.database.transaction() as tx:
         assert len(users.list_all(tx)) == 1
     assert len(problems) == 1
+
+
+@pytest.mark.parametrize("end", ["role", "disabled", "removed"])
+def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end: str) -> None:
+    """Whoever wrote one down lets no more robots in with it; other admins' tokens stay."""
+    later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+    with site.database.transaction() as tx:
+        deeds.set_role(tx, ADMIN, "ann", "admin")
+        tokens = [
+            join_tokens.create(tx, Source(maker), maker, 10, later) for maker in ("ann", "root")
+        ]
+        if end == "role":
+            deeds.set_role(tx, ADMIN, "ann", "user")
+        elif end == "disabled":
+            deeds.set_disabled(tx, ADMIN, "ann", disabled=True)
+        else:
+            deeds.remove(tx, ADMIN, "ann")
+    with pytest.raises(TokenInvalid):
+        site.ask(OTHER_MAC, OTHER_KEY, token=tokens[0])
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=tokens[1]).code == "active"
+    assert len(site.events("join_token_deleted")) == 1
