@@ -7,7 +7,9 @@ from docker.types import Mount
 from playbooks import Site
 from robot_hosts import SYSTEMD, RobotHost, RobotHosts
 
-# A container's /proc/sys is read-only, and Docker inside it sets its bridges up there.
+# Its usual bridge would have the very address at which this machine's server is.
+SETTINGS = b'{"bridge": "none"}'
+# A container's /proc/sys is read-only, and Docker inside it sets its networks up there.
 DROP_IN = b"[Service]\nExecStartPre=/bin/mount -o remount,rw,bind /proc/sys\n"
 
 
@@ -20,6 +22,7 @@ def robot(hosts: RobotHosts) -> RobotHost:
         mounts=[Mount("/var/lib/docker", None, type="volume")],
         cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
     )
+    host.put(SETTINGS, "/etc/docker/daemon.json")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
     host.run("apt-get update -qq && apt-get install -y -qq --no-install-recommends docker.io")
     host.wait("Docker answers", lambda: host.succeeds("docker info"))
