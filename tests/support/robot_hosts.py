@@ -12,6 +12,7 @@ reaches the server that is published on this machine as `cloud`, and the interne
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import shlex
 import socket
@@ -45,6 +46,8 @@ SYSTEMD: dict[str, Any] = {
     "tty": True,
 }
 BOOTING_AT_ONCE = 4
+# All modules of a run share one server, which knows a robot by its MAC.
+NUMBERS = itertools.count()
 T = TypeVar("T")
 
 
@@ -224,7 +227,7 @@ class RobotHosts:
 
         With a `command` among the options that runs in place of systemd, and nobody waits for it.
         """
-        mac = mac or self._mac(len(self.booted))
+        mac = mac or _new_mac()
         ssh_port = free_port()
         container = self.engine.containers.create(
             image,
@@ -252,12 +255,9 @@ class RobotHosts:
         self, *names: str, options: Mapping[str, dict[str, Any]] | None = None
     ) -> list[RobotHost]:
         """Boot several hosts beside each other; `options` for `boot` by name."""
-        macs = {name: self._mac(len(self.booted) + at) for at, name in enumerate(names)}
         given = options or {}
         with ThreadPoolExecutor(BOOTING_AT_ONCE) as pool:
-            return list(
-                pool.map(lambda name: self.boot(name, mac=macs[name], **given.get(name, {})), names)
-            )
+            return list(pool.map(lambda name: self.boot(name, **given.get(name, {})), names))
 
     def remove(self, host: RobotHost) -> None:
         """Throw a host away."""
@@ -271,7 +271,8 @@ class RobotHosts:
         if Path(bundle).exists():
             host.put(Path(bundle).read_bytes(), CA_BUNDLE)
 
-    def _mac(self, number: int) -> str:
-        """A MAC as a network card's maker gives it, another one for each host of this run."""
-        tail = os.getpid() % 0x10000 * 0x100 + number
-        return f"00:1b:44:{tail >> 16 & 255:02x}:{tail >> 8 & 255:02x}:{tail & 255:02x}"
+
+def _new_mac() -> str:
+    """A MAC as a network card's maker gives it, another one for each host of this run."""
+    tail = os.getpid() % 0x10000 * 0x100 + next(NUMBERS)
+    return f"00:1b:44:{tail >> 16 & 255:02x}:{tail >> 8 & 255:02x}:{tail & 255:02x}"
