@@ -154,7 +154,8 @@ def disable(tx: Transaction, ann: users.User, text: str) -> None:
 
 
 def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
-    tokens.delete(tx, ann, "lab")
+    (token,) = tokens.list_of(tx, ann)
+    tokens.delete(tx, token.id)
 
 
 @pytest.mark.parametrize(
