@@ -110,6 +110,7 @@ class FakeCloud:
 
     def __init__(self, mode: str = "serves", *, pem: Path | None = None) -> None:
         self.mode = mode
+        self.timeout_s = TIMEOUT_S
         self.shell_port: int | None = None
         self.rotate_key = False
         self.checked = {"ros": "ok", "video": "down", "shell": "unknown"}
@@ -300,7 +301,7 @@ class FakeCloud:
             "ros_port": ports[0],
             "video_port": ports[1],
             "heartbeat_s": HEARTBEAT_S,
-            "timeout_s": TIMEOUT_S,
+            "timeout_s": self.timeout_s,
             "shell_port": self.shell_port,
             "rotate_key": self.rotate_key,
         }
