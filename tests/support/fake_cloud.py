@@ -26,6 +26,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 from aiohttp import web
 from local_network import free_port
 from openssh_server import OpenSshServer
@@ -317,6 +318,16 @@ def vouches(old_key: str, said: dict[str, Any]) -> bool:
         command = ["ssh-keygen", *words, "-s", str(signature)]
         text = f"{said['mac']} {said['public_key']}\n".encode()
         return subprocess.run(command, check=False, input=text, capture_output=True).returncode == 0
+
+
+async def echo(port: int, text: str) -> str:
+    """Send `text` through the server's `port` to the robot's WebSocket, and return what comes back."""
+    async with (
+        aiohttp.ClientSession() as http,
+        http.ws_connect(f"ws://127.0.0.1:{port}/", timeout=aiohttp.ClientWSTimeout(5, 5)) as socket,
+    ):
+        await socket.send_str(text)
+        return (await socket.receive(5)).data
 
 
 async def eventually(
