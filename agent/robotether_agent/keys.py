@@ -8,8 +8,6 @@ power then still gets in.
 from __future__ import annotations
 
 import asyncio
-import base64
-import hashlib
 import logging
 import os
 import re
@@ -18,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent.files import read_text
+from robotether_agent.known_hosts import fingerprint_of
 from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
 from robotether_agent.tasks import within
 
@@ -42,8 +41,7 @@ class KeyPair:
     @property
     def fingerprint(self) -> str:
         """The public key's SHA-256 as `ssh-keygen -l` prints it."""
-        digest = hashlib.sha256(base64.b64decode(self.public.split()[1])).digest()
-        return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
+        return fingerprint_of(self.public.split()[1])
 
 
 async def ensure_key(state_dir: Path) -> KeyPair:

@@ -23,6 +23,12 @@ FILE = "known_hosts"
 KEY_TYPE = re.compile(r"ssh-ed25519|ssh-rsa|ecdsa-sha2-nistp(256|384|521)")
 
 
+def fingerprint_of(blob: str) -> str:
+    """Return the SHA-256 of a public key, given in base64, as `ssh-keygen -l` prints it."""
+    digest = hashlib.sha256(base64.b64decode(blob)).digest()
+    return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
+
+
 @dataclass(frozen=True)
 class HostKey:
     """One public host key; `blob` is base64 as in known_hosts."""
@@ -33,8 +39,7 @@ class HostKey:
     @property
     def fingerprint(self) -> str:
         """As OpenSSH prints it: SHA256:..."""
-        digest = hashlib.sha256(base64.b64decode(self.blob)).digest()
-        return "SHA256:" + base64.b64encode(digest).decode().rstrip("=")
+        return fingerprint_of(self.blob)
 
 
 def parse_host_key(text: str) -> HostKey:
