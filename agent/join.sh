@@ -430,7 +430,7 @@ wait_connected() {
 tell_how_to_approve() {
   say "$answer"
   say "the key of this robot is $(ssh-keygen -lf "$STATE/id_ed25519.pub" | cut -d ' ' -f 2)"
-  say "done: an admin lets it in at https://$server/ under Pending, or with 'robotether robot approve', after comparing that key." \
+  say "done: an admin lets it in at https://$server/admin/pending, or with 'robotether robot approve', after comparing that key." \
     'The agent runs and asks by itself'
 }
 

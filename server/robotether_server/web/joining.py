@@ -154,7 +154,7 @@ class _Joining:
             next(enrolment.usual_names(shown.mac)),
             "mac_in_use",
             f"a robot with MAC {shown.mac} and another key is known and goes on with that one; an admin "
-            f"decides about this key, {shown.key.fingerprint}, in the page's list of pending robots",
+            f"decides about this key, {shown.key.fingerprint}, in the page of waiting robots",
         )
 
     def _check_room(self) -> None:
