@@ -4,72 +4,15 @@ from __future__ import annotations
 
 import socket
 import subprocess
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from jump_people import BANNER, JUMP, Person, ShellRobot, end, first_line
+from jump_people import BANNER, JUMP, Person, ShellRobot, end, ended, first_line, lives
 from local_network import free_port
 from robot_key import RobotKey
 from stack import Stack
 
 REGISTER = "/run/robotether/jump"
-ENDED_WITHIN_S = 2
-
-
-@pytest.fixture(scope="module")
-def robot(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
-    """A robot whose shell listens."""
-    made = ShellRobot(stack, tmp_path_factory.mktemp("robot"), "jumped", "00:00:5e:00:53:61")
-    with made.listening():
-        yield made
-    made.remove()
-
-
-@pytest.fixture(scope="module")
-def other(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
-    """A robot whose shell listens too, and that ann may only drive."""
-    made = ShellRobot(stack, tmp_path_factory.mktemp("other"), "foreign", "00:00:5e:00:53:62")
-    with made.listening():
-        yield made
-    made.remove()
-
-
-@pytest.fixture
-def ann(stack: Stack, tmp_path: Path, robot: ShellRobot, other: ShellRobot) -> Iterator[Person]:
-    """Somebody who manages one robot and drives the other."""
-    person = Person(stack, tmp_path, "jumping-ann")
-    person.grant(robot, "manage")
-    person.grant(other, "drive")
-    yield person
-    person.remove()
-
-
-@pytest.fixture
-def bob(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[Person]:
-    """Somebody else who manages the robot."""
-    person = Person(stack, tmp_path, "jumping-bob")
-    person.grant(robot, "manage")
-    yield person
-    person.remove()
-
-
-def ended(running: subprocess.Popen[str], seconds: float = ENDED_WITHIN_S) -> bool:
-    """Whether the client's connection ends in time."""
-    try:
-        running.wait(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
-
-
-def lives(running: subprocess.Popen[str], word: str) -> bool:
-    """Whether what is sent still comes back."""
-    assert running.stdin is not None
-    running.stdin.write(f"{word}\n")
-    running.stdin.flush()
-    return first_line(running) == f"{word}\n"
 
 
 def registered(stack: Stack) -> list[str]:
@@ -212,80 +155,6 @@ def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(ann: Person, robot: 
     assert "Permission denied" in done.stderr
 
 
-def take_grant(ann: Person, robot: ShellRobot) -> None:
-    ann.stack.sql(
-        f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE u.name = '{ann.name}'"
-    )
-
-
-def lower_grant(ann: Person, robot: ShellRobot) -> None:
-    ann.grant(robot, "drive")
-
-
-def disable_user(ann: Person, robot: ShellRobot) -> None:
-    ann.stack.sql(f"UPDATE users SET disabled = TRUE WHERE name = '{ann.name}'")
-
-
-def remove_user(ann: Person, robot: ShellRobot) -> None:
-    ann.remove()
-
-
-def remove_key(ann: Person, robot: ShellRobot) -> None:
-    ann.stack.sql(f"DELETE FROM user_ssh_keys WHERE fingerprint = '{ann.key.fingerprint}'")
-
-
-@pytest.mark.parametrize(
-    "revoke", [take_grant, lower_grant, disable_user, remove_user, remove_key],
-    ids=lambda revoke: revoke.__name__,
-)  # fmt: skip
-def test_connection_ends_with_its_persons_right(
-    ann: Person, bob: Person, robot: ShellRobot, revoke: Callable[[Person, ShellRobot], None]
-) -> None:
-    """Within 2 s, and nobody else's with it."""
-    with ann.connected(robot.shell_port) as hers, bob.connected(robot.shell_port) as his:
-        revoke(ann, robot)
-        assert ended(hers)
-        assert lives(his, "still here")
-    assert "Permission denied" in ann.reach(robot.shell_port).stderr
-
-
-@pytest.mark.parametrize(
-    "change",
-    ["shell = FALSE", "state = 'disabled'", "shell_port = NULL"],
-)
-def test_connection_ends_with_its_robots_port(
-    ann: Person, robot: ShellRobot, tmp_path: Path, change: str
-) -> None:
-    """Within 2 s after the shell is off, the robot disabled or its port moved (NULL: to a free one), used or not."""
-    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:63")
-    try:
-        ann.grant(extra, "manage")
-        with ann.connected(robot.shell_port) as running:
-            extra.change(change)
-            assert ended(running)
-        assert ann.reach(robot.shell_port).stdout != ""
-    finally:
-        extra.remove()
-
-
-def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path: Path) -> None:
-    """Within 2 s after the robot's row is gone."""
-    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:64")
-    ann.grant(extra, "manage")
-    with ann.connected(robot.shell_port) as running:
-        extra.remove()
-        assert ended(running)
-
-
-def test_more_rights_end_nothing(ann: Person, robot: ShellRobot, other: ShellRobot) -> None:
-    """A new grant, and a new name of the robot, leave a live connection alone; the new port needs a new login."""
-    with ann.connected(robot.shell_port) as running:
-        ann.grant(other, "manage")
-        assert not ended(running, 3)
-        assert lives(running, "still here")
-        assert ann.reach(other.shell_port).stdout != ""
-
-
 def test_stranger_with_a_public_key_gets_nothing(
     ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path
 ) -> None:
@@ -318,10 +187,10 @@ def test_key_that_signs_counts_and_not_one_that_is_shown(
     running = bob.key.start("-i", str(shown), *target)
     try:
         assert first_line(running).startswith("SSH-2.0")
-        take_grant(ann, robot)
+        ann.lose_grants()
         assert not ended(running, 3)
         assert lives(running, "still here")
-        take_grant(bob, robot)
+        bob.lose_grants()
         assert ended(running)
     finally:
         end(running)
@@ -334,32 +203,10 @@ def test_two_people_with_one_key(ann: Person, bob: Person, robot: ShellRobot) ->
         f"WHERE fingerprint = '{bob.key.fingerprint}'"
     )
     with ann.connected(robot.shell_port) as running:
-        take_grant(ann, robot)
+        ann.lose_grants()
         assert not ended(running, 3)
-        take_grant(bob, robot)
+        bob.lose_grants()
         assert ended(running)
-
-
-def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: ShellRobot) -> None:
-    """One person cannot fill the container; more connections than that end, and other people's do not."""
-    target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
-    many: list[subprocess.Popen[str]] = []
-    try:
-        with bob.connected(robot.shell_port) as his:
-            for _ in range(34):
-                many.append(ann.key.start(*target))
-                first_line(many[-1])
-            ann.stack.wait(
-                "two of 34 ended",
-                lambda: sum(each.poll() is not None for each in many) == 2,
-                "sshd",
-                seconds=10,
-            )
-            assert lives(his, "still here")
-    finally:
-        for each in many:
-            each.kill()
-            each.communicate()
 
 
 def test_robot_listens_on_no_shell_port_but_its_own(robot: ShellRobot, other: ShellRobot) -> None:
@@ -395,79 +242,3 @@ def _answer(key: RobotKey) -> str:
         return running.stdout.read()
     finally:
         end(running)
-
-
-def test_watch_that_hangs_lets_nobody_new_in(ann: Person, robot: ShellRobot, stack: Stack) -> None:
-    """Without a watch nobody gets in, the container is not healthy, and those who are in stay; then all goes on."""
-    with ann.connected(robot.shell_port) as running:
-        _signal_watch(stack, "STOP")
-        try:
-            stack.wait(
-                "nobody gets in",
-                lambda: "Permission denied" in ann.reach(robot.shell_port).stderr,
-                "sshd",
-                seconds=20,
-            )
-            healthy = ["/usr/lib/robotether/healthy"]
-            stack.wait(
-                "the container is not healthy",
-                lambda: stack.container("sshd").exec_run(healthy).exit_code != 0,
-                "sshd",
-            )
-            assert lives(running, "still here")
-        finally:
-            _signal_watch(stack, "CONT")
-        stack.wait("she gets in again", lambda: ann.reach(robot.shell_port).stdout, "sshd")
-        take_grant(ann, robot)
-        assert ended(running)
-
-
-def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack) -> None:
-    """It is started again, and knows the connections that were there before."""
-    with ann.connected(robot.shell_port) as running:
-        _signal_watch(stack, "KILL")
-        take_grant(ann, robot)
-        assert ended(running, 5)
-    assert "jump-watch ended with 137; starting it again" in stack.logs("sshd")
-
-
-def _signal_watch(stack: Stack, signal: str) -> None:
-    stack.exec(
-        "sshd",
-        "pkill",
-        f"-{signal}",
-        "-f",
-        "^/bin/bash /usr/lib/robotether/jump-watch",
-        user="jump",
-    )
-
-
-def test_watch_has_no_rights_beyond_its_account(stack: Stack) -> None:
-    """It runs without a capability, as an account that may signal its own processes only."""
-    find = "pgrep -f '^/bin/bash /usr/lib/robotether/jump-watch' | head -1"
-    status = stack.exec("sshd", "bash", "-c", f"cat /proc/$({find})/status")
-    rows = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)
-    assert rows["Uid"].split() == ["10024"] * 4
-    assert rows["Gid"].split() == ["10025"] * 4
-    assert rows["Groups"].strip() == ""
-    assert int(rows["CapEff"], 16) == int(rows["CapPrm"], 16) == int(rows["CapAmb"], 16) == 0
-
-
-def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(
-    ann: Person, robot: ShellRobot, stack: Stack
-) -> None:
-    """No cache knows people's keys; who is in stays, and what changed meanwhile counts once the database is back."""
-    mysql, port = stack.container("mysql"), robot.shell_port
-    with ann.connected(port) as running:
-        mysql.stop(timeout=20)
-        try:
-            assert "Permission denied" in ann.reach(port).stderr
-            assert not ended(running, 3)
-            assert lives(running, "still here")
-        finally:
-            mysql.start()
-            stack.wait_healthy("mysql")
-        stack.wait("she gets in again", lambda: ann.reach(port).stdout, "sshd")
-        begun = time.monotonic()
-        take_grant(ann, robot)
-        assert ended(running, 5), f"not ended after {time.monotonic() - begun:.1f} s"

@@ -21,6 +21,7 @@ from stack import Stack
 JUMP = "jump@127.0.0.1"
 TUNNEL = "tunnel@127.0.0.1"
 BANNER = b"SSH-2.0-the_robots_own\r\n"
+ENDED_WITHIN_S = 2
 
 
 class _Banner(BaseRequestHandler):
@@ -148,6 +149,11 @@ class Person:
             f"'{level}' FROM users u, robots r WHERE u.name = '{self.name}' AND r.name = '{robot.name}'"
         )
 
+    def lose_grants(self) -> None:
+        """Take all grants away."""
+        mine = f"u.name = '{self.name}'"
+        self.stack.sql(f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE {mine}")
+
     def remove(self) -> None:
         """DELETE the user, with keys and grants."""
         self.stack.sql(f"DELETE FROM users WHERE name = '{self.name}'")
@@ -182,3 +188,20 @@ def end(running: subprocess.Popen[str]) -> str:
     """End the client; return what it said on stderr."""
     running.terminate()
     return running.communicate(timeout=10)[1]
+
+
+def ended(running: subprocess.Popen[str], seconds: float = ENDED_WITHIN_S) -> bool:
+    """Whether the client's connection ends in time."""
+    try:
+        running.wait(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def lives(running: subprocess.Popen[str], word: str) -> bool:
+    """Whether what is sent still comes back."""
+    assert running.stdin is not None
+    running.stdin.write(f"{word}\n")
+    running.stdin.flush()
+    return first_line(running) == f"{word}\n"

@@ -1,0 +1,182 @@
+"""What ends connections of the account `jump`: a right, a port or a robot that is gone, and the watch that sees it."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from jump_people import JUMP, Person, ShellRobot, ended, first_line, lives
+from stack import Stack
+
+
+def take_grant(ann: Person, robot: ShellRobot) -> None:
+    ann.lose_grants()
+
+
+def lower_grant(ann: Person, robot: ShellRobot) -> None:
+    ann.grant(robot, "drive")
+
+
+def disable_user(ann: Person, robot: ShellRobot) -> None:
+    ann.stack.sql(f"UPDATE users SET disabled = TRUE WHERE name = '{ann.name}'")
+
+
+def remove_user(ann: Person, robot: ShellRobot) -> None:
+    ann.remove()
+
+
+def remove_key(ann: Person, robot: ShellRobot) -> None:
+    ann.stack.sql(f"DELETE FROM user_ssh_keys WHERE fingerprint = '{ann.key.fingerprint}'")
+
+
+@pytest.mark.parametrize(
+    "revoke", [take_grant, lower_grant, disable_user, remove_user, remove_key],
+    ids=lambda revoke: revoke.__name__,
+)  # fmt: skip
+def test_connection_ends_with_its_persons_right(
+    ann: Person, bob: Person, robot: ShellRobot, revoke: Callable[[Person, ShellRobot], None]
+) -> None:
+    """Within 2 s, and nobody else's with it."""
+    with ann.connected(robot.shell_port) as hers, bob.connected(robot.shell_port) as his:
+        revoke(ann, robot)
+        assert ended(hers)
+        assert lives(his, "still here")
+    assert "Permission denied" in ann.reach(robot.shell_port).stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["shell = FALSE", "state = 'disabled'", "shell_port = NULL"],
+)
+def test_connection_ends_with_its_robots_port(
+    ann: Person, robot: ShellRobot, tmp_path: Path, change: str
+) -> None:
+    """Within 2 s after the shell is off, the robot disabled or its port moved (NULL: to a free one), used or not."""
+    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:63")
+    try:
+        ann.grant(extra, "manage")
+        with ann.connected(robot.shell_port) as running:
+            extra.change(change)
+            assert ended(running)
+        assert ann.reach(robot.shell_port).stdout != ""
+    finally:
+        extra.remove()
+
+
+def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path: Path) -> None:
+    """Within 2 s after the robot's row is gone."""
+    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:64")
+    ann.grant(extra, "manage")
+    with ann.connected(robot.shell_port) as running:
+        extra.remove()
+        assert ended(running)
+
+
+def test_more_rights_end_nothing(ann: Person, robot: ShellRobot, other: ShellRobot) -> None:
+    """A new grant, and a new name of the robot, leave a live connection alone; the new port needs a new login."""
+    with ann.connected(robot.shell_port) as running:
+        ann.grant(other, "manage")
+        assert not ended(running, 3)
+        assert lives(running, "still here")
+        assert ann.reach(other.shell_port).stdout != ""
+
+
+def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: ShellRobot) -> None:
+    """One person cannot fill the container; more connections than that end, and other people's do not."""
+    target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
+    many: list[subprocess.Popen[str]] = []
+    try:
+        with bob.connected(robot.shell_port) as his:
+            for _ in range(34):
+                many.append(ann.key.start(*target))
+                first_line(many[-1])
+            ann.stack.wait(
+                "two of 34 ended",
+                lambda: sum(each.poll() is not None for each in many) == 2,
+                "sshd",
+                seconds=10,
+            )
+            assert lives(his, "still here")
+    finally:
+        for each in many:
+            each.kill()
+            each.communicate()
+
+
+def test_watch_that_hangs_lets_nobody_new_in(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+    """Without a watch nobody gets in, the container is not healthy, and those who are in stay; then all goes on."""
+    with ann.connected(robot.shell_port) as running:
+        _signal_watch(stack, "STOP")
+        try:
+            stack.wait(
+                "nobody gets in",
+                lambda: "Permission denied" in ann.reach(robot.shell_port).stderr,
+                "sshd",
+                seconds=20,
+            )
+            healthy = ["/usr/lib/robotether/healthy"]
+            stack.wait(
+                "the container is not healthy",
+                lambda: stack.container("sshd").exec_run(healthy).exit_code != 0,
+                "sshd",
+            )
+            assert lives(running, "still here")
+        finally:
+            _signal_watch(stack, "CONT")
+        stack.wait("she gets in again", lambda: ann.reach(robot.shell_port).stdout, "sshd")
+        take_grant(ann, robot)
+        assert ended(running)
+
+
+def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+    """It is started again, and knows the connections that were there before."""
+    with ann.connected(robot.shell_port) as running:
+        _signal_watch(stack, "KILL")
+        take_grant(ann, robot)
+        assert ended(running, 5)
+    assert "jump-watch ended with 137; starting it again" in stack.logs("sshd")
+
+
+def _signal_watch(stack: Stack, signal: str) -> None:
+    stack.exec(
+        "sshd",
+        "pkill",
+        f"-{signal}",
+        "-f",
+        "^/bin/bash /usr/lib/robotether/jump-watch",
+        user="jump",
+    )
+
+
+def test_watch_has_no_rights_beyond_its_account(stack: Stack) -> None:
+    """It runs without a capability, as an account that may signal its own processes only."""
+    find = "pgrep -f '^/bin/bash /usr/lib/robotether/jump-watch' | head -1"
+    status = stack.exec("sshd", "bash", "-c", f"cat /proc/$({find})/status")
+    rows = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)
+    assert rows["Uid"].split() == ["10024"] * 4
+    assert rows["Gid"].split() == ["10025"] * 4
+    assert rows["Groups"].strip() == ""
+    assert int(rows["CapEff"], 16) == int(rows["CapPrm"], 16) == int(rows["CapAmb"], 16) == 0
+
+
+def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(
+    ann: Person, robot: ShellRobot, stack: Stack
+) -> None:
+    """No cache knows people's keys; who is in stays, and what changed meanwhile counts once the database is back."""
+    mysql, port = stack.container("mysql"), robot.shell_port
+    with ann.connected(port) as running:
+        mysql.stop(timeout=20)
+        try:
+            assert "Permission denied" in ann.reach(port).stderr
+            assert not ended(running, 3)
+            assert lives(running, "still here")
+        finally:
+            mysql.start()
+            stack.wait_healthy("mysql")
+        stack.wait("she gets in again", lambda: ann.reach(port).stdout, "sshd")
+        begun = time.monotonic()
+        take_grant(ann, robot)
+        assert ended(running, 5), f"not ended after {time.monotonic() - begun:.1f} s"
