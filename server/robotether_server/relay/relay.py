@@ -25,6 +25,7 @@ from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.fleet import Fleet
 from robotether_server.relay.journal import Journal
 from robotether_server.relay.liveness import Limits
+from robotether_server.relay.means import Means
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records import Records
 from robotether_server.relay.reports import Reports
@@ -186,24 +187,20 @@ class Relay:
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
         )
-        rosbridge = RosbridgeHandler(
+        means = Means(
             access=access,
             credentials=self.credentials,
             registry=self.registry,
             connections=self.connections,
             client=self._client,
             tunnel_host=settings.tunnel_host,
+        )
+        rosbridge = RosbridgeHandler(
+            means,
             rules=BridgeRules(self._timing.limits, settings.message_limit_bytes, self.traffic),
             report=self.reports.connection,
         )
-        video = VideoHandler(
-            access=access,
-            credentials=self.credentials,
-            registry=self.registry,
-            connections=self.connections,
-            client=self._client,
-            tunnel_host=settings.tunnel_host,
-        )
+        video = VideoHandler(means)
         events = EventsHandler(
             access, self.credentials, self.board, lambda: self.connections.caps.per_user
         )

@@ -16,7 +16,6 @@ from typing import Literal, cast
 from aiohttp import (
     ClientConnectorError,
     ClientError,
-    ClientSession,
     ClientWSTimeout,
     WSServerHandshakeError,
     web,
@@ -24,12 +23,12 @@ from aiohttp import (
 
 from robotether_server.problems import HttpProblem
 from robotether_server.relay import endings
-from robotether_server.relay.access import Access, Permit, request_of
+from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.bridge import Bridge, BridgeRules, EndedError
-from robotether_server.relay.connections import Connection, Connections
-from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.connections import Connection
 from robotether_server.relay.endings import Ending
-from robotether_server.relay.sessions import Presence, SessionRegistry, utc_now
+from robotether_server.relay.means import Means
+from robotether_server.relay.sessions import Presence, utc_now
 from robotether_server.relay.sockets import (
     LIMIT_MARGIN,
     ROBOT_FAREWELL_S,
@@ -66,23 +65,9 @@ class RosbridgeHandler:
     """Answers /robots/NAME/ros."""
 
     def __init__(
-        self,
-        *,
-        access: Access,
-        credentials: Credentials,
-        registry: SessionRegistry,
-        connections: Connections,
-        client: ClientSession,
-        tunnel_host: str,
-        rules: BridgeRules,
-        report: Callable[[ConnectionReport], None],
+        self, means: Means, *, rules: BridgeRules, report: Callable[[ConnectionReport], None]
     ) -> None:
-        self._access = access
-        self._credentials = credentials
-        self._registry = registry
-        self._connections = connections
-        self._client = client
-        self._tunnel_host = tunnel_host
+        self._means = means
         self._rules = rules
         self._report = report
 
@@ -91,7 +76,7 @@ class RosbridgeHandler:
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
         asked = request_of(request.headers, request.cookies, request.query)
-        permit = self._access.for_rosbridge(asked, request.match_info["name"])
+        permit = self._means.access.for_rosbridge(asked, request.match_info["name"])
         observes = permit.use == "observe"
         operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
         await self._serve(operator, permit, request)
@@ -101,14 +86,14 @@ class RosbridgeHandler:
         robot = permit.robot
         bridge = Bridge(robot.name, _mode(permit), operator, self._rules)
         connection = Connection(permit.user.id, permit.user.name, robot, permit.use, bridge.end)
-        if (why := self._connections.no_room(connection)) is not None:
+        if (why := self._means.connections.no_room(connection)) is not None:
             bridge.end(endings.too_many_connections(why))
         gone = partial(bridge.end, endings.rights_ended(robot.name))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection.
             with (
-                self._connections.joined(connection),
-                self._credentials.held(permit.credential, gone),
+                self._means.connections.joined(connection),
+                self._means.credentials.held(permit.credential, gone),
             ):
                 await operator.open(request)
                 ending = await self._run(bridge, connection, request.headers.get("X-Forwarded-For"))
@@ -122,7 +107,7 @@ class RosbridgeHandler:
 
         async def reach() -> RobotSocket:
             socket = await self._reach(connection.robot)
-            self._connections.reached(connection)
+            self._means.connections.reached(connection)
             self._report(ConnectionReport(connection, address))
             return socket
 
@@ -139,7 +124,7 @@ class RosbridgeHandler:
         return ending
 
     async def _reach(self, robot: Robot) -> RobotSocket:
-        presence = self._registry.presence(robot.id)
+        presence = self._means.registry.presence(robot.id)
         if not presence.online:
             raise EndedError(endings.robot_offline(robot.name, presence.since, utc_now()))
         try:
@@ -170,8 +155,8 @@ class RosbridgeHandler:
             raise EndedError(endings.rosbridge_down(robot.name, _why(exc))) from exc
 
     async def _dial(self, robot: Robot) -> RobotSocket:
-        socket = await self._client.ws_connect(
-            f"ws://{self._tunnel_host}:{robot.ros_port}/",
+        socket = await self._means.client.ws_connect(
+            f"ws://{self._means.tunnel_host}:{robot.ros_port}/",
             compress=0,
             decode_text=False,
             max_msg_size=self._rules.message_limit + LIMIT_MARGIN,

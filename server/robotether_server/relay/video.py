@@ -13,17 +13,17 @@ import logging
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
-from aiohttp import ClientError, ClientResponse, ClientSession, ClientTimeout, web
+from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
 from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
 from robotether_server.relay import endings
-from robotether_server.relay.access import Access, Permit, request_of
-from robotether_server.relay.connections import Connection, Connections
-from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.access import Permit, request_of
+from robotether_server.relay.connections import Connection
 from robotether_server.relay.endings import Ending
+from robotether_server.relay.means import Means
 from robotether_server.relay.rosbridge import patience_s
-from robotether_server.relay.sessions import SessionRegistry, utc_now
+from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.video_headers import (
     check_destination,
     headers_for_robot,
@@ -43,22 +43,8 @@ ANSWERS = range(200, 600)
 class VideoHandler:
     """Answers /robots/NAME/video/..."""
 
-    def __init__(
-        self,
-        *,
-        access: Access,
-        credentials: Credentials,
-        registry: SessionRegistry,
-        connections: Connections,
-        client: ClientSession,
-        tunnel_host: str,
-    ) -> None:
-        self._access = access
-        self._credentials = credentials
-        self._registry = registry
-        self._connections = connections
-        self._client = client
-        self._tunnel_host = tunnel_host
+    def __init__(self, means: Means) -> None:
+        self._means = means
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Pass one request on, and stream the answer until either side ends."""
@@ -66,7 +52,7 @@ class VideoHandler:
             raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         asked = request_of(request.headers, request.cookies, request.query)
-        permit = await self._access.for_video(asked, request.match_info["name"])
+        permit = await self._means.access.for_video(asked, request.match_info["name"])
         with self._counted(request, permit):
             return await self._pass_on(request, permit.robot)
 
@@ -82,11 +68,11 @@ class VideoHandler:
         connection = Connection(
             permit.user.id, permit.user.name, permit.robot, "video", cut, reached=True
         )
-        if (why := self._connections.no_room(connection)) is not None:
+        if (why := self._means.connections.no_room(connection)) is not None:
             raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
         with (
-            self._connections.joined(connection),
-            self._credentials.held(permit.credential, cut),
+            self._means.connections.joined(connection),
+            self._means.credentials.held(permit.credential, cut),
         ):
             yield
 
@@ -104,15 +90,15 @@ class VideoHandler:
     async def _asked_robot(
         self, request: web.Request, robot: Robot
     ) -> AsyncIterator[ClientResponse]:
-        presence = self._registry.presence(robot.id)
+        presence = self._means.registry.presence(robot.id)
         if not presence.online:
             raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
-        url = URL(f"http://{self._tunnel_host}:{robot.video_port}{path}", encoded=True)
+        url = URL(f"http://{self._means.tunnel_host}:{robot.video_port}{path}", encoded=True)
         timeout = ClientTimeout(total=None, sock_connect=patience_s(presence), sock_read=None)
         try:
             async with asyncio.timeout(HEADERS_WITHIN_S):
-                answer = await self._client.request(
+                answer = await self._means.client.request(
                     request.method,
                     url,
                     headers=headers_for_robot(request.headers),
