@@ -33,7 +33,7 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 2 tests/unit
+	@$(PYTEST) -n 2 --timeout 120 --timeout-method thread tests/unit
 
 frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
