@@ -4,6 +4,7 @@
 #   curl -fsSk --pinnedpubkey 'sha256//...' https://HOST/join.sh | sudo sh -s -- --server HOST --token rj_...
 # It looks at everything before it changes anything. What fails later undoes what this run made, and the same line
 # may be run again: it finishes the work, upgrades the agent, or finds nothing to do.
+# It is long for one file, because one file is what a pipe carries.
 
 PROGRAM=join.sh
 ROOT=/opt/robotether-agent

@@ -54,6 +54,7 @@ LOOKED = {
     "no-tls": _wrong("tls_fingerprint", "rubbish", "64 hexadecimal digits"),
     "no-token": _wrong("token", "", "there is no token; export ROBOTETHER_TOKEN"),
     "wrong-token": _wrong("token", "rt_wrong", "set ROBOTETHER_TOKEN", "[token_invalid]"),
+    "open-token": _wrong("settings", {"token": "rt_wrong"}, "could read; export ROBOTETHER_TOKEN instead"),
     "no-docker": _wrong("runtime", "docker", "there is no Docker that runs", "use venv"),
     "no-python": Case(("it has no python3; install it",), breaks=HIDE_PYTHON, mends=SHOW_PYTHON),
     "old-python": Case(("its Python is 3.9.2 and the agent needs 3.10",), breaks=OLD_PYTHON, mends=SHOW_PYTHON),

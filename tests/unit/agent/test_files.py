@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from robotether_agent.files import ensure_directory, only_one, read_text, write_atomic
 from robotether_agent.problems import AlreadyRunning, StateUnusable
@@ -21,6 +23,13 @@ def test_missing_is_none_and_unreadable_is_a_problem(place):
     assert read_text(place / "none") is None
     with pytest.raises(StateUnusable, match="cannot read"):
         read_text(place)
+
+
+def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
+    """Root reads the agent's files too, and whoever replaced one must not hold root up."""
+    os.mkfifo(place / "status.json")
+    with pytest.raises(StateUnusable, match="no regular file"):
+        read_text(place / "status.json")
 
 
 def test_a_failed_write_leaves_nothing(place):
