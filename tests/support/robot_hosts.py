@@ -46,6 +46,7 @@ SYSTEMD: dict[str, Any] = {
     "tty": True,
 }
 BOOTING_AT_ONCE = 4
+EXEC_LIMIT_S = 600.0
 # All modules of a run share one server, which knows a robot by its MAC.
 NUMBERS = itertools.count()
 T = TypeVar("T")
@@ -75,16 +76,28 @@ class RobotHost:
 
     def run(self, command: str, *, check: bool = True, stdin: str | None = None) -> str:
         """Run a shell command as root and return what it printed; CommandError when it fails."""
-        script = command if stdin is None else f"{command} <<'END_OF_INPUT'\n{stdin}\nEND_OF_INPUT"
-        status, output = self.container.exec_run(["bash", "-c", script])
-        printed = output.decode(errors="replace")
-        if check and status != 0:
-            raise CommandError(f"{self.name}: {command!r} exited {status}\n{printed}")
-        return printed
+        done = self._exec(command, stdin)
+        if check and done.returncode != 0:
+            raise CommandError(f"{self.name}: {command!r} exited {done.returncode}\n{done.stdout}")
+        return done.stdout
 
     def succeeds(self, command: str) -> bool:
         """Tell whether a shell command, run as root, exits with 0."""
-        return bool(self.container.exec_run(["bash", "-c", command]).exit_code == 0)
+        return self._exec(command).returncode == 0
+
+    def _exec(self, command: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
+        # Not by the SDK: on a busy machine its exec_run leaves frame headers in a long output.
+        wanted = ["docker", "exec", "--interactive", str(self.container.id), "bash", "-c", command]
+        return subprocess.run(
+            wanted,
+            input=stdin or "",
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            timeout=EXEC_LIMIT_S,
+            check=False,
+        )
 
     def put(self, content: bytes, path: str, mode: int = 0o644) -> None:
         """Write a file of root's."""
