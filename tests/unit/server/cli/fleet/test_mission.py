@@ -61,9 +61,14 @@ def test_ctrl_c_ends_the_command_everywhere(network: ShellNetwork) -> None:
         signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
 
     presser = Thread(target=press)
-    presser.start()
-    outcomes = running.run()
-    presser.join()
+    # Whoever starts the tests in the background hands an ignored Ctrl-C down to them.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        presser.start()
+        outcomes = running.run()
+        presser.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert running.interrupted
     assert sorted((one.robot, one.status) for one in outcomes) == [
         ("sim1", None),
