@@ -62,4 +62,4 @@ screenshots: venv ## pictures of all pages into tests/artifacts; needs make demo
 	@$(VENV)/bin/python tests/support/screenshots.py
 
 clean: ## remove what tests and tools made here (not the stack's data)
-	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache tests/artifacts
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache tests/artifacts ansible/build
