@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playbooks import Site, build_wheel
+from playbooks import Site, build_wheel, pip_environment
 from robot_hosts import ROOT, RobotHosts
 from stack import Stack
 
@@ -56,5 +56,5 @@ def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
         sys.executable, "-m", "pip", "download", "--quiet", "--only-binary", ":all:", "--require-hashes",
         "--python-version", "3.11", "--dest", str(folder), "-r", str(ROOT / "agent" / "requirements.txt"),
     ]  # fmt: skip
-    subprocess.run(command, check=True, timeout=180)
+    subprocess.run(command, check=True, timeout=180, env=pip_environment())
     return folder

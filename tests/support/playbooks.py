@@ -30,6 +30,12 @@ RECAP = re.compile(
 )
 
 
+def pip_environment() -> dict[str, str]:
+    """This process's environment, in which pip trusts what SSL_CERT_FILE names, as tools/common.sh has it."""
+    bundle = os.environ.get("SSL_CERT_FILE")
+    return {**os.environ, **({"PIP_CERT": bundle} if bundle else {})}
+
+
 def build_wheel(agent: Path, folder: Path) -> Path:
     """Build a wheel of an agent's sources, with its requirements beside it, as robotether_wheel_file wants it."""
     sources = folder / "agent"
@@ -37,7 +43,8 @@ def build_wheel(agent: Path, folder: Path) -> Path:
         agent, sources, ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
     )
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
-    subprocess.run([*command, "--wheel-dir", str(folder), str(sources)], check=True, timeout=120)
+    command += ["--wheel-dir", str(folder), str(sources)]
+    subprocess.run(command, check=True, timeout=120, env=pip_environment())
     shutil.copy(sources / "requirements.txt", folder)
     return next(folder.glob("*.whl"))
 
