@@ -26,7 +26,7 @@ venv: $(VENV)/.complete ## the Python tools that tests and checks need
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-test: lint test-unit frontend-test test-images test-e2e test-ansible ## everything: checks, unit, images, end to end, playbooks (under 35 minutes on two cores)
+test: lint test-unit frontend-test test-images test-e2e test-ansible ## everything: checks, unit, images, end to end, playbooks (some 35 minutes on two cores)
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint

@@ -26,7 +26,8 @@ def rename(name: str) -> AnyResponse:
     deed = Deed(
         title=f"Rename robot {name}",
         effects=(
-            "Its tunnel stays. Links, programs and SSH configurations that have the old name do not find it any more.",
+            "Its tunnel stays; who drives it has to open it by its new name.",
+            "Links, programs and SSH configurations that have the old name do not find it any more.",
             "Key, ports and grants stay.",
         ),
         undo=f"Rename it back to {name}, as long as no other robot takes that name.",
