@@ -36,10 +36,17 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
 def site(
     stack: Stack, hosts: RobotHosts, wheel: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Site:
-    """An administrator with an API token, who runs the playbooks."""
+    """An administrator with an API token, who runs the playbooks, of a server that has no robots yet."""
+    forget_robots(stack)
     token = stack.token(f"ansible-{time.monotonic_ns()}")
     variables = {"robotether_wheel_file": str(wheel)}
     return Site(tmp_path_factory.mktemp("site"), stack, hosts, token, variables)
+
+
+def forget_robots(stack: Stack) -> None:
+    """Remove what the modules before left: their hosts are gone, and their names and MACs come again."""
+    stack.sql("DELETE FROM robots")
+    stack.sql("DELETE FROM key_claims")
 
 
 @pytest.fixture(scope="session")

@@ -91,7 +91,8 @@ def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
 
 @pytest.fixture(scope="module")
 def admin(stack: Stack) -> dict[str, str]:
-    """Headers of an admin's program, that reaches the server where the hosts do."""
+    """Headers of an admin's program, that reaches the server where the hosts do; it has no robots yet."""
+    stack.sql("DELETE FROM robots")
     token = stack.token("join-line")
     return {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
 
