@@ -1,4 +1,4 @@
-"""Brings the database to this version's schema, then to the ranges of ports that are set.
+"""Brings the database to this version's schema, then to the ranges of ports and the retention that are set.
 
 Started by `robotether migrate` as account migrate, once at each start of the stack. Safe to run
 again, to run twice at once, and after a run that was cut short. Must never drop records.
@@ -18,7 +18,7 @@ from yoyo.migrations import default_migration_table
 
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import Database, ports
+from robotether_server.store import Database, ports, retention
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +37,7 @@ def migrate(settings: MigrateSettings) -> list[str]:
         with database.transaction() as tx:
             ports.set_range(tx, settings.port_range_first, settings.port_range_last)
             ports.set_shell_range(tx, settings.shell_port_first, settings.shell_port_last)
+            retention.set_days(tx, settings.audit_days)
     return applied
 
 

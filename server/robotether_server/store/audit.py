@@ -1,4 +1,4 @@
-"""The audit log: who changed what, who was refused. Only ever added to, but for what is very old.
+"""The audit log: who changed what, who was refused. Only ever added to; the database prunes what is old (retention.py).
 
 Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
 """
@@ -12,7 +12,6 @@ from robotether_server.networks import Network
 from robotether_server.store.database import Transaction
 
 LONGEST_ACTOR = 63
-REMOVED_AT_ONCE = 5000
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,17 @@ class AuditEvent:
 
 
 @dataclass(frozen=True)
+class Search:
+    """What is looked for: events that fit all that is given."""
+
+    robot: str | None = None
+    actor: str | None = None
+    kind: str | None = None
+    since: dt.datetime | None = None
+    until: dt.datetime | None = None
+
+
+@dataclass(frozen=True)
 class Occurrence:
     """One event that was found: what, whose, when."""
 
@@ -71,15 +81,20 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
 
 def find(
     tx: Transaction,
+    search: Search = Search(),
     *,
-    robot: str | None = None,
-    actor: str | None = None,
-    kind: str | None = None,
     before: int | None = None,
     limit: int = 100,
 ) -> list[AuditEvent]:
     """Return the events that fit all that is given, the newest first; `before` is the id to go on from."""
-    given = {"robot = %s": robot, "actor = %s": actor, "kind = %s": kind, "id < %s": before}
+    given = {
+        "robot = %s": search.robot,
+        "actor = %s": search.actor,
+        "kind = %s": search.kind,
+        "at >= %s": search.since,
+        "at < %s": search.until,
+        "id < %s": before,
+    }
     asked = {condition: value for condition, value in given.items() if value is not None}
     rows = tx.rows(
         "SELECT id, at, actor, kind, robot, address, details FROM audit_events WHERE "  # noqa: S608 - the conditions are the module's own
@@ -88,13 +103,6 @@ def find(
         (*asked.values(), limit),
     )
     return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
-
-
-def remove_some(tx: Transaction, before: dt.datetime) -> int:
-    """Remove some of the events from before that moment; return how many. Only account migrate may."""
-    return tx.change(
-        "DELETE FROM audit_events WHERE at < %s ORDER BY id LIMIT %s", (before, REMOVED_AT_ONCE)
-    )
 
 
 def recent_from(

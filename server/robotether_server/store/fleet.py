@@ -1,20 +1,31 @@
-"""What the relay reads (robots, rights, credentials) and writes (sessions, audit lines).
+"""What the relay reads (robots, rights, credentials) and writes (sessions, audit lines, and what `control` has).
 
-Used by the relay alone, with account relay: it reads views and writes two tables. Moments are
-aware datetimes in UTC. Nothing here decides who may do what.
+Used by the relay alone, with account relay: it reads views and writes tables that nobody else writes.
+Moments are aware datetimes in UTC. Nothing here decides who may do what.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 
+from robotether_server import robot_settings
+from robotether_server.problems import FieldInvalid
+from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
+from robotether_server.store import control
+from robotether_server.store.control import DriveEntry, LeaseEnd, StopEntry
 from robotether_server.store.database import Row, Transaction
 from robotether_server.store.grants import Level
 from robotether_server.tickets import CredentialKind
+
+log = logging.getLogger(__name__)
+
+# For a robot whose settings cannot be read: nobody sends it anything that moves it.
+LOCKED = RobotSettings(policy=Policy(drive=LevelPolicy(), manage=LevelPolicy()))
 
 # Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says
 # about itself must not be able to refuse the row.
@@ -40,6 +51,8 @@ class Robot:
     previous_fingerprint: str | None = None
     # The agent is asked for a new key.
     rotate_key: bool = False
+    settings: RobotSettings = robot_settings.DEFAULTS
+    site: str | None = None
 
 
 @dataclass(frozen=True)
@@ -117,12 +130,12 @@ class AuditEntry:
 
 @dataclass(frozen=True)
 class FormerSessions:
-    """All sessions that a relay before this one left open."""
+    """All sessions, drives and leases that a relay before this one left open."""
 
     before: datetime
 
 
-Entry = SessionEntry | AuditEntry | FormerSessions
+Entry = SessionEntry | AuditEntry | FormerSessions | DriveEntry | LeaseEnd | StopEntry
 
 _CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
 
@@ -141,7 +154,7 @@ def load(tx: Transaction) -> Snapshot:
     rights = changes(tx).rights
     robots = tx.rows(
         "SELECT id, name, state, ros_port, video_port, agent_version, shell_port,"
-        " fingerprint, previous_fingerprint, rotate_key FROM relay_robots"
+        " fingerprint, previous_fingerprint, rotate_key, settings, site FROM relay_robots"
     )
     grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")
     return Snapshot(
@@ -153,7 +166,17 @@ def load(tx: Transaction) -> Snapshot:
 
 def _robot_of(row: Row) -> Robot:
     # MariaDB has no truth values of its own.
-    return Robot(**{**row, "rotate_key": bool(row["rotate_key"])})
+    rotate_key, settings = bool(row["rotate_key"]), _settings_of(row)
+    return Robot(**{**row, "rotate_key": rotate_key, "settings": settings})
+
+
+def _settings_of(row: Row) -> RobotSettings:
+    try:
+        return robot_settings.parse(json.loads(row["settings"]))
+    except (FieldInvalid, ValueError, RecursionError) as problem:
+        # Somebody wrote the row past the page; what it was to limit is not known.
+        log.warning("robot %s: its settings are locked until mended: %s", row["name"], problem)
+        return LOCKED
 
 
 def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
@@ -192,15 +215,29 @@ def write(tx: Transaction, entries: Iterable[Entry]) -> dict[int, int]:
     """
     new_rows: dict[int, int] = {}
     for place, entry in enumerate(entries):
-        if isinstance(entry, FormerSessions):
-            _end_former_sessions(tx, entry)
-        elif isinstance(entry, AuditEntry):
-            _add_audit(tx, entry)
-        elif entry.row_id is None:
-            new_rows[place] = _add_session(tx, entry)
-        else:
-            _update_session(tx, entry)
+        row_id = _write_one(tx, entry)
+        if row_id is not None:
+            new_rows[place] = row_id
     return new_rows
+
+
+def _write_one(tx: Transaction, entry: Entry) -> int | None:
+    """Write one entry; return the id of a new row that will be written again."""
+    match entry:
+        case SessionEntry():
+            return _write_session(tx, entry)
+        case DriveEntry():
+            return control.write_drive(tx, entry)
+        case AuditEntry():
+            _add_audit(tx, entry)
+        case FormerSessions():
+            _end_former_sessions(tx, entry)
+            control.end_former(tx, entry.before)
+        case LeaseEnd():
+            control.end_lease(tx, entry)
+        case StopEntry():
+            control.write_stop(tx, entry)
+    return None
 
 
 def _end_former_sessions(tx: Transaction, entry: FormerSessions) -> None:
@@ -209,6 +246,13 @@ def _end_former_sessions(tx: Transaction, entry: FormerSessions) -> None:
         " WHERE ended_at IS NULL AND started_at < %s",
         (entry.before,),
     )
+
+
+def _write_session(tx: Transaction, entry: SessionEntry) -> int | None:
+    if entry.row_id is None:
+        return _add_session(tx, entry)
+    _update_session(tx, entry)
+    return None
 
 
 def _add_session(tx: Transaction, entry: SessionEntry) -> int:

@@ -19,7 +19,8 @@ State = Literal["pending", "active", "disabled"]
 COLUMNS = (
     "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
     "r.hostname, r.agent_version, r.join_address, r.joined_at, r.public_key, r.stranger, r.had_key, "
-    "r.shell, r.shell_port, r.rotate_requested_at"
+    "r.shell, r.shell_port, r.rotate_requested_at, "
+    "(SELECT name FROM sites WHERE id = r.site_id) AS site"
 )
 SELECT = f"SELECT {COLUMNS} FROM robots r "  # noqa: S608 - the module's own text
 # The newest session tells presence: one that has not ended is a robot that is online.
@@ -33,7 +34,8 @@ SELECT_SEEN = (
     "FROM robots r "
     "LEFT JOIN robot_sessions s "
     "ON s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id) "
-    "LEFT JOIN grants g ON g.robot_id = r.id AND g.user_id = %(user_id)s "
+    "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
+    "ON g.robot_id = r.id "
     "WHERE (%(admin)s OR g.level IS NOT NULL) "
 )
 
@@ -71,6 +73,7 @@ class Robot:
     shell: bool = False
     shell_port: int | None = None
     rotate_requested_at: dt.datetime | None = None
+    site: str | None = None
 
     @property
     def key(self) -> PublicKey | None:
@@ -114,6 +117,7 @@ def _robot(row: Row) -> Robot:
         shell=bool(row["shell"]),
         shell_port=row["shell_port"],
         rotate_requested_at=row["rotate_requested_at"],
+        site=row["site"],
     )
 
 
@@ -151,6 +155,12 @@ def list_all(tx: Transaction) -> list[SeenRobot]:
     """Return every robot, by name, as an admin sees it."""
     values = {"admin": True, "user_id": 0}
     return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
+
+
+def count_seen(tx: Transaction) -> dict[int, int]:
+    """Return how many robots each user may see, by the user's id; nothing for who sees none."""
+    rows = tx.rows("SELECT user_id, COUNT(*) AS robots FROM relay_grants GROUP BY user_id")
+    return {row["user_id"]: row["robots"] for row in rows}
 
 
 def get_seen(tx: Transaction, name: str) -> SeenRobot:
@@ -217,7 +227,7 @@ def remove_strangers(tx: Transaction, before: dt.datetime) -> None:
     # Asked first without locks: mostly there is none, and a join must not wait for all other joins.
     expired = tx.rows(
         "SELECT id FROM robots WHERE state = 'pending' AND stranger AND joined_at < %s "
-        "AND id NOT IN (SELECT robot_id FROM grants) ORDER BY id",
+        "AND NOT EXISTS (SELECT 1 FROM grants g WHERE g.robot_id = robots.id) ORDER BY id",
         (before,),
     )
     for row in expired:

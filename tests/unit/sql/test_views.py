@@ -5,12 +5,12 @@ from __future__ import annotations
 import datetime as dt
 
 import pytest
+from granted import give
 from mariadb_server import MariaDb
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import (
     Database,
     Transaction,
-    grants,
     logins,
     robots,
     tokens,
@@ -95,7 +95,7 @@ def test_jump_leads_to_the_shells_of_robots_that_one_manages(
             user_id = users.add(tx, name, "x", "user")
             level = "drive" if name == "bob" else "manage"
             for robot_id in (first, closed, disabled):
-                grants.give(tx, user_id, robot_id, level)
+                give(tx, user_id, robot_id, level)
         users.set_disabled(tx, users.get(tx, "gone").id, disabled=True)
         users.add(tx, "root", "x", "admin")
         for name in ("ann", "bob", "gone", "root"):
@@ -118,9 +118,9 @@ def test_rights_that_hold_include_the_admins(database: Database, relay: Database
         ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "bob")}
         ids["root"] = users.add(tx, "root", "x", "admin")
         first, second = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2))
-        grants.give(tx, ids["ann"], first, "drive")
-        grants.give(tx, ids["bob"], first, "drive")
-        grants.give(tx, ids["root"], first, "observe")
+        give(tx, ids["ann"], first, "drive")
+        give(tx, ids["bob"], first, "drive")
+        give(tx, ids["root"], first, "observe")
         users.set_disabled(tx, ids["bob"], disabled=True)
     with relay.transaction() as tx:
         rows = tx.rows("SELECT * FROM relay_grants")
@@ -203,7 +203,7 @@ def test_every_change_of_rights_changes_the_version(
     with database.transaction() as tx:
         user_id = users.add(tx, "ann", "x", "user")
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
-        grants.give(tx, user_id, robot_id, "drive")
+        give(tx, user_id, robot_id, "drive")
         tokens.create(tx, users.get(tx, "ann"), "t", None)
         logins.create(tx, users.get(tx, "ann"), "", HOUR)
     before = version(relay)

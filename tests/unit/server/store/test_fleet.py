@@ -6,10 +6,12 @@ import datetime as dt
 
 import pymysql
 import pytest
+from granted import give
 from mariadb_server import MariaDb
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.credentials import credential_of
-from robotether_server.store import Database, fleet, grants, logins, robots, tokens, users
+from robotether_server.robot_settings import DEFAULTS
+from robotether_server.store import Database, fleet, logins, robots, tokens, users
 from robotether_server.store.fleet import AuditEntry, FormerSessions, SessionEntry, User
 
 HOUR = dt.timedelta(hours=1)
@@ -31,7 +33,7 @@ def sim1(database: Database) -> int:
         robots.set_state(tx, robot_id, "active")
         ann = users.add(tx, "ann", "x", "user")
         users.add(tx, "root", "x", "admin")
-        grants.give(tx, ann, robot_id, "drive")
+        give(tx, ann, robot_id, "drive")
     return robot_id
 
 
@@ -197,3 +199,30 @@ def test_the_relay_may_not_read_more(relay_database, sim1):
     for sql in ("SELECT * FROM users", "SELECT public_key FROM robots", "DELETE FROM grants"):
         with pytest.raises(pymysql.MySQLError), relay_database.transaction() as tx:
             tx.rows(sql)
+
+
+def test_a_robot_has_its_settings_and_site(database, relay_database, sim1):
+    """What is given differs from the defaults; the rest is theirs."""
+    with database.transaction() as tx:
+        site = tx.insert("INSERT INTO sites (name) VALUES ('lab')")
+        tx.change(
+            "UPDATE robots SET site_id = %s, settings = %s",
+            (site, '{"guard": {"deadman_ms": 300}}'),
+        )
+    with relay_database.transaction() as tx:
+        robot = fleet.load(tx).robots[sim1]
+    assert (robot.site, robot.settings.guard.deadman_ms) == ("lab", 300)
+    assert robot.settings.policy == DEFAULTS.policy
+
+
+def test_settings_that_cannot_be_read_let_nobody_move_the_robot(
+    database, relay_database, sim1, caplog
+):
+    """Somebody wrote a member that there is not; the other robots are read as ever."""
+    with database.transaction() as tx:
+        tx.change("""UPDATE robots SET settings = '{"guard": {"max_sped": 1}}'""")
+    with relay_database.transaction() as tx:
+        settings = fleet.load(tx).robots[sim1].settings
+    assert not settings.policy.drive.drives
+    assert not settings.policy.manage.publish.match("/cmd_vel")
+    assert "robot sim1: its settings are locked" in caplog.text

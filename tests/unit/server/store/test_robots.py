@@ -6,6 +6,7 @@ import datetime as dt
 
 import pytest
 from allotment import mac, pair_owners
+from granted import give
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robotether_server import macs
@@ -16,7 +17,7 @@ from robotether_server.problems import (
     RecordRefused,
 )
 from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Database, Transaction, grants, robots, users
+from robotether_server.store import Database, Transaction, robots, users
 from robotether_server.store.robots import Report
 
 MAC = "00:1b:44:11:3a:b7"
@@ -54,6 +55,10 @@ def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> Non
         robots.add(tx, text, "a")
 
 
+# The column's; a trigger never sees a longer text, which only a space in front of a whole MAC makes.
+LONGEST_IN_SQL = 17
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.one_of(
@@ -67,6 +72,8 @@ def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
     try:
         expected = macs.normalise(text)
     except FieldInvalid:
+        expected = None
+    if len(text.rstrip()) > LONGEST_IN_SQL:
         expected = None
     written = None
     try:
@@ -180,7 +187,7 @@ def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
         users.add(tx, "root", "x", "admin")
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
         granted, _ = robots.add(tx, mac(1), "granted"), robots.add(tx, mac(2), "other")
-        grants.give(tx, ann.id, granted, "observe")
+        give(tx, ann.id, granted, "observe")
         assert [(s.robot.name, s.level) for s in robots.list_seen(tx, ann)] == [
             ("granted", "observe")
         ]
@@ -340,7 +347,7 @@ def test_only_old_strangers_are_removed(database: Database, admin_database: Data
         }
         robots.set_state(tx, ids["known"], "active")
         robots.set_state(tx, ids["known"], "pending")
-        grants.give(tx, users.add(tx, "ann", "x", "user"), ids["granted"], "drive")
+        give(tx, users.add(tx, "ann", "x", "user"), ids["granted"], "drive")
         tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 25 HOUR")
         add_stranger(tx, 9, "new")
         robots.remove_strangers(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
@@ -355,7 +362,7 @@ def test_removed_robot_takes_its_grants_and_frees_its_ports(
     """Its MAC and its name may be given again."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
-        grants.give(tx, users.add(tx, "ann", "x", "user"), robot_id, "drive")
+        give(tx, users.add(tx, "ann", "x", "user"), robot_id, "drive")
         robots.remove(tx, robot_id)
         assert tx.rows("SELECT * FROM grants") == []
         assert robots.find_by_mac(tx, MAC) is None

@@ -1,0 +1,79 @@
+"""Drives as web shows them: who drove which robot, and how. Only the relay writes them (store/control.py)."""
+
+import datetime as dt
+import json
+from dataclasses import dataclass
+
+from robotether_server.store.database import Row, Transaction
+from robotether_server.store.users import User
+
+COLUMNS = (
+    "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "
+    "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address"
+)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive; without `ended_at` it goes on.
+
+    Distance, turn and speeds are what was commanded. `dropped_old` counts the commands that came too late,
+    `refused` the operations that the policy refused, by their kind.
+    """
+
+    id: int
+    robot: str
+    user: str
+    fence: int
+    started_at: dt.datetime
+    ended_at: dt.datetime | None
+    end_code: str | None
+    distance_m: float
+    turned_rad: float
+    top_speed_m_s: float
+    top_turn_rad_s: float
+    messages: int
+    dropped_old: int
+    refused: dict[str, int]
+    stops: int
+    address: str | None
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for: drives that fit all that is given, by the moment at which they began."""
+
+    robot: str | None = None
+    user: str | None = None
+    since: dt.datetime | None = None
+    until: dt.datetime | None = None
+
+
+def find(
+    tx: Transaction, viewer: User, search: Search, *, before: int | None = None, limit: int = 100
+) -> list[Drive]:
+    """Return the drives that fit and that the viewer may know of, the newest first.
+
+    Admins know of all; others of their own, and of all drives of the robots that they manage now.
+    """
+    given = {
+        "robot = %s": search.robot,
+        "user_name = %s": search.user,
+        "started_at >= %s": search.since,
+        "started_at < %s": search.until,
+        "id < %s": before,
+    }
+    asked = {condition: value for condition, value in given.items() if value is not None}
+    rows = tx.rows(
+        f"SELECT {COLUMNS} FROM drives WHERE "  # noqa: S608 - the texts are the module's own
+        "(%s OR user_name = %s OR robot_id IN "
+        "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
+        + " AND ".join(("TRUE", *asked))
+        + " ORDER BY id DESC LIMIT %s",
+        (viewer.is_admin, viewer.name, viewer.id, *asked.values(), limit),
+    )
+    return [_drive(row) for row in rows]
+
+
+def _drive(row: Row) -> Drive:
+    return Drive(**row | {"refused": json.loads(row["refused"])})

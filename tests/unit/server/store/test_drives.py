@@ -1,0 +1,79 @@
+"""Drives as they are shown, and to whom."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from drive_records import add_drive
+from granted import give
+from robotether_server.store import Database, drives, robots, users
+from robotether_server.store.drives import Search
+
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+
+
+@pytest.fixture(autouse=True)
+def _people(database: Database) -> None:
+    """Ann manages a and drives b; ben drives both."""
+    with database.transaction() as tx:
+        ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
+        users.add(tx, "root", "x", "admin")
+        for number, name in enumerate("ab"):
+            robot_id = robots.add(tx, f"02:00:00:00:00:0{number}", name)
+            give(tx, ids["ann"], robot_id, "manage" if name == "a" else "drive")
+            give(tx, ids["ben"], robot_id, "drive")
+
+
+def seen_by(database: Database, name: str, search: Search = Search()) -> list[tuple[str, str]]:  # noqa: B008 - frozen
+    """Robot and driver of what a user is shown."""
+    with database.transaction() as tx:
+        found = drives.find(tx, users.get(tx, name), search)
+    return [(one.robot, one.user) for one in found]
+
+
+def test_own_drives_and_those_of_managed_robots_are_shown(
+    database: Database, admin_database: Database
+) -> None:
+    """Admins see all, also of robots that are gone; the newest stands first."""
+    for robot, user in (("gone", "ben"), ("a", "ben"), ("b", "ben"), ("b", "ann")):
+        add_drive(admin_database, robot, user, fence=len(robot + user) + ord(user[0]))
+    assert seen_by(database, "ann") == [("b", "ann"), ("a", "ben")]
+    assert seen_by(database, "ben") == [("b", "ben"), ("a", "ben"), ("gone", "ben")]
+    assert len(seen_by(database, "root")) == 4
+
+
+@pytest.mark.parametrize(
+    ("search", "found"),
+    [
+        (Search(robot="a"), 1),
+        (Search(user="ann"), 1),
+        (Search(robot="b", user="ben"), 0),
+        (Search(since=NOON), 2),
+        (Search(since=NOON + dt.timedelta(seconds=1)), 0),
+        (Search(until=NOON), 0),
+        (Search(until=NOON + dt.timedelta(seconds=1)), 2),
+    ],
+)
+def test_drives_are_found(
+    database: Database, admin_database: Database, search: Search, found: int
+) -> None:
+    """By robot, user and the moment at which they began."""
+    add_drive(admin_database, "a", "ben")
+    add_drive(admin_database, "b", "ann")
+    assert len(seen_by(database, "root", search)) == found
+
+
+def test_list_goes_on_before_a_drive(database: Database, admin_database: Database) -> None:
+    """And a drive has all that the relay wrote."""
+    first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
+    with database.transaction() as tx:
+        root = users.get(tx, "root")
+        assert [one.id for one in drives.find(tx, root, Search(), limit=1)] == [second]
+        (one,) = drives.find(tx, root, Search(), before=second)
+    assert (one.id, one.refused, one.distance_m, one.started_at) == (
+        first,
+        {"topic": 3},
+        12.34,
+        NOON,
+    )

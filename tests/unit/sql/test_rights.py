@@ -1,0 +1,220 @@
+"""The rights that hold, by users and groups, robots, sites and all, with and without an end."""
+
+from __future__ import annotations
+
+import datetime as dt
+import itertools
+
+import pytest
+from mariadb_server import MariaDb
+from robotether_server.problems import RecordRefused
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import (
+    Database,
+    Transaction,
+    fleet,
+    grants,
+    groups,
+    robots,
+    sites,
+    user_keys,
+    users,
+)
+from robotether_server.store.grants import Level, Pair
+from robotether_server.store.robots import Report
+
+HOUR = dt.timedelta(hours=1)
+LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")
+
+
+@pytest.fixture
+def relay(mariadb: MariaDb) -> Database:
+    """The database as the relay sees it."""
+    return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
+def ids(database: Database) -> dict[str, int]:
+    """Ann in the group crew, ben in none; robots a and b at the site lab, c at none."""
+    with database.transaction() as tx:
+        found = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
+        found |= {"crew": groups.add(tx, "crew"), "lab": sites.add(tx, "lab")}
+        groups.add_member(tx, found["crew"], found["ann"])
+        for number, name in enumerate("abc"):
+            found[name] = robots.add(tx, f"02:00:00:00:00:0{number}", name)
+        for name in "ab":
+            sites.place(tx, found[name], found["lab"])
+    return found
+
+
+def now() -> dt.datetime:
+    return dt.datetime.now(dt.UTC)
+
+
+def held(database: Database) -> dict[tuple[str, str], str]:
+    """What holds, by the names of user and robot."""
+    with database.transaction() as tx:
+        rows = tx.rows(
+            "SELECT u.name AS user, r.name AS robot, g.level FROM relay_grants g "
+            "JOIN users u ON u.id = g.user_id JOIN robots r ON r.id = g.robot_id"
+        )
+    found = {(row["user"], row["robot"]): row["level"] for row in rows}
+    assert len(found) == len(rows)
+    return found
+
+
+def test_each_way_of_giving_reaches_what_it_says(database: Database, ids: dict[str, int]) -> None:
+    """A group's grant is its members'; a site's is for its robots now; one for all is for all."""
+    with database.transaction() as tx:
+        grants.put(tx, Pair(group_id=ids["crew"], site_id=ids["lab"]), "drive")
+        grants.put(tx, Pair(user_id=ids["ben"], all_robots=True), "observe")
+    assert held(database) == {
+        ("ann", "a"): "drive",
+        ("ann", "b"): "drive",
+        ("ben", "a"): "observe",
+        ("ben", "b"): "observe",
+        ("ben", "c"): "observe",
+    }
+    with database.transaction() as tx:
+        sites.place(tx, ids["a"], None)
+        sites.place(tx, ids["c"], ids["lab"])
+    assert {robot for user, robot in held(database) if user == "ann"} == {"b", "c"}
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(LEVELS, 2)))
+def test_highest_level_holds(
+    database: Database, ids: dict[str, int], first: Level, second: Level
+) -> None:
+    """Whatever it comes by, and in whatever order."""
+    with database.transaction() as tx:
+        grants.put(tx, Pair(user_id=ids["ann"], robot_id=ids["a"]), first)
+        grants.put(tx, Pair(group_id=ids["crew"], all_robots=True), second)
+    assert held(database)["ann", "a"] == max(first, second, key=LEVELS.index)
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        assert [one.level for one in robots.list_seen(tx, ann) if one.robot.name == "a"] == [
+            max(first, second, key=LEVELS.index)
+        ]
+
+
+def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> None:
+    """One that has ended leaves the lower one that has not."""
+    pair = Pair(user_id=ids["ann"], robot_id=ids["a"])
+    with database.transaction() as tx:
+        grants.put(tx, pair, "manage", now() + HOUR)
+        grants.put(tx, Pair(group_id=ids["crew"], site_id=ids["lab"]), "observe")
+    assert held(database)["ann", "a"] == "manage"
+    with database.transaction() as tx:
+        grants.put(tx, pair, "manage", now() - HOUR)
+    assert held(database)["ann", "a"] == "observe"
+
+
+def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[str, int]) -> None:
+    """And none comes to mean more than it did."""
+    with database.transaction() as tx:
+        for pair in (
+            Pair(group_id=ids["crew"], all_robots=True),
+            Pair(user_id=ids["ben"], site_id=ids["lab"]),
+            Pair(user_id=ids["ben"], robot_id=ids["c"]),
+        ):
+            grants.put(tx, pair, "manage")
+        groups.remove(tx, ids["crew"])
+        sites.remove(tx, ids["lab"])
+        robots.remove(tx, ids["c"])
+        assert grants.list_all(tx) == []
+        assert robots.get(tx, "a").site is None
+    assert held(database) == {}
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {},
+        {"user_id": "ann"},
+        {"user_id": "ann", "group_id": "crew", "robot_id": "a"},
+        {"user_id": "ann", "robot_id": "a", "site_id": "lab"},
+        {"robot_id": "a"},
+    ],
+)
+def test_grant_of_nobody_or_for_nothing_is_refused(
+    database: Database, ids: dict[str, int], columns: dict[str, str]
+) -> None:
+    """The database itself keeps a row from meaning all robots by mistake."""
+    pair = Pair(**{column: ids[name] for column, name in columns.items()})
+    with database.transaction() as tx, pytest.raises(RecordRefused):
+        grants.put(tx, pair, "observe")
+
+
+def test_each_change_of_rights_is_a_new_version(
+    database: Database, relay: Database, ids: dict[str, int]
+) -> None:
+    """Also the passing of an end, which no statement makes."""
+    crew, lab, ann = ids["crew"], ids["lab"], ids["ann"]
+
+    def later(tx: Transaction) -> None:
+        # As time does: without a change to updated_at.
+        tx.change(
+            "UPDATE grants SET expires_at = CURRENT_TIMESTAMP(6) - INTERVAL 1 SECOND, "
+            "updated_at = updated_at WHERE expires_at IS NOT NULL"
+        )
+
+    changes = (
+        lambda tx: groups.remove_member(tx, crew, ann),
+        lambda tx: groups.add_member(tx, crew, ann),
+        lambda tx: sites.place(tx, ids["c"], lab),
+        lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + HOUR),
+        lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + 2 * HOUR),
+        later,
+        lambda tx: sites.remove(tx, lab),
+        lambda tx: sites.add(tx, "lab"),
+        lambda tx: groups.remove(tx, crew),
+    )
+    seen = []
+    for change in changes:
+        with database.transaction() as tx:
+            change(tx)
+        with relay.transaction() as tx:
+            seen.append(fleet.changes(tx).rights)
+    assert len(set(seen)) == len(changes)
+
+
+def test_robots_site_is_told_to_the_relay(relay: Database, ids: dict[str, int]) -> None:
+    """By its name."""
+    with relay.transaction() as tx:
+        rows = tx.rows("SELECT id, site FROM relay_robots")
+    assert {row["id"]: row["site"] for row in rows} == {
+        ids["a"]: "lab",
+        ids["b"]: "lab",
+        ids["c"]: None,
+    }
+
+
+def test_shells_are_of_those_who_manage(
+    mariadb: MariaDb, database: Database, ids: dict[str, int]
+) -> None:
+    """jump_keys asks the grants anew, and finds exactly what relay_grants says."""
+    with database.transaction() as tx:
+        ids["root"] = users.add(tx, "root", "x", "admin")
+        for name in ("ann", "ben", "root"):
+            user_keys.add(
+                tx, users.get(tx, name), "k", PublicKey("ssh-ed25519 A", f"SHA256:{name}")
+            )
+        for name in "abc":
+            key = PublicKey(f"ssh-ed25519 {name}", f"SHA256:{name}")
+            robots.set_key(tx, ids[name], key, Report("turtle", "0.1.0", "192.0.2.1"))
+            robots.set_state(tx, ids[name], "active")
+            robots.set_shell(tx, ids[name], on=True)
+    ends = (None, now() + HOUR, now() - HOUR)
+    holders = ({"user_id": ids["ben"]}, {"group_id": ids["crew"]})
+    scopes = ({"robot_id": ids["c"]}, {"site_id": ids["lab"]}, {"all_robots": True})
+    for holder, scope, level, end in itertools.product(holders, scopes, ("drive", "manage"), ends):
+        with database.transaction() as tx:
+            tx.change("DELETE FROM grants")
+            grants.put(tx, Pair(**holder, **scope), level, end)
+            grants.put(tx, Pair(group_id=ids["crew"], robot_id=ids["a"]), "manage")
+        expected = {pair for pair, level in held(database).items() if level == "manage"}
+        with Database(mariadb.settings("keylookup")).transaction() as tx:
+            rows = tx.rows("SELECT user_name, robot, fingerprint FROM jump_keys")
+        assert {(row["user_name"], row["robot"]) for row in rows} == expected
+        assert len(rows) == len(expected)
+        assert all(row["fingerprint"] == f"SHA256:{row['user_name']}" for row in rows)
