@@ -38,12 +38,17 @@ Problem                       status  code
 ├── KeyInUse                  409     key_in_use
 ├── MacElsewhere              409     mac_elsewhere
 ├── NotPossible               409     not_possible
+├── LeaseFree                 409     lease_free
+├── LeaseNotYours             409     lease_not_yours
+├── NobodyAsks                409     nobody_asks
+├── AlreadyAsked              409     already_asked
 ├── LastAdmin                 409     last_admin
 ├── Throttled                 429     throttled
 ├── TooManyPending            429     too_many_pending
 ├── TooManyConnections        429     too_many_connections
 ├── FrontUnavailable          503     front_unavailable
 ├── RobotOffline              503     robot_offline
+├── GuardSilent               504     guard_silent
 ├── VideoDown                 502     video_down
 └── HttpProblem               any     from the status: not_found, method_not_allowed, ...
 """
@@ -288,6 +293,34 @@ class NotPossible(Problem):
     status = HTTPStatus.CONFLICT
 
 
+class LeaseFree(Problem):
+    """Nobody drives the robot, so there is nobody to ask."""
+
+    code = "lease_free"
+    status = HTTPStatus.CONFLICT
+
+
+class LeaseNotYours(Problem):
+    """Only the driver may answer who asks."""
+
+    code = "lease_not_yours"
+    status = HTTPStatus.CONFLICT
+
+
+class NobodyAsks(Problem):
+    """There is no question to answer or to take back."""
+
+    code = "nobody_asks"
+    status = HTTPStatus.CONFLICT
+
+
+class AlreadyAsked(Problem):
+    """Somebody else waits for the control already."""
+
+    code = "already_asked"
+    status = HTTPStatus.CONFLICT
+
+
 class LastAdmin(Problem):
     """Nobody could administer this site any more."""
 
@@ -332,6 +365,13 @@ class RobotOffline(Problem):
 
     code = "robot_offline"
     status = HTTPStatus.SERVICE_UNAVAILABLE
+
+
+class GuardSilent(Problem):
+    """The robot is online, and its guard does not confirm."""
+
+    code = "guard_silent"
+    status = HTTPStatus.GATEWAY_TIMEOUT
 
 
 class VideoDown(Problem):

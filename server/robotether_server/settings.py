@@ -81,6 +81,8 @@ class RelaySettings:
     allowed_origins: tuple[str, ...]
     message_limit_bytes: int
     log_level: str
+    # Robots' ports are published too (compose/direct.yaml): their guards take connections without a key.
+    direct: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class MigrateSettings:
     port_range_last: int
     shell_port_first: int
     shell_port_last: int
+    audit_days: int = 365
 
 
 def load_database(environ: Mapping[str, str]) -> DatabaseSettings:
@@ -157,6 +160,7 @@ def load_relay(environ: Mapping[str, str]) -> RelaySettings:
         allowed_origins=v.ALLOWED_ORIGINS.read(environ),
         message_limit_bytes=v.MESSAGE_LIMIT_MB.read(environ) * BYTES_PER_MB,
         log_level=v.LOG_LEVEL.read(environ),
+        direct=v.DIRECT_PORTS.read(environ),
     )
 
 
@@ -169,6 +173,7 @@ def load_migrate(environ: Mapping[str, str]) -> MigrateSettings:
         port_range_last=v.PORT_RANGE_LAST.read(environ),
         shell_port_first=v.SHELL_PORT_FIRST.read(environ),
         shell_port_last=v.SHELL_PORT_LAST.read(environ),
+        audit_days=v.AUDIT_DAYS.read(environ),
     )
     _check_ranges(settings)
     return settings

@@ -218,6 +218,13 @@ ALLOWED_ORIGINS = Variable(
     parse_origins,
     "",
 )
+DIRECT_PORTS = Variable(
+    "DIRECT_PORTS",
+    "whether robots take connections that come to their published ports past the relay",
+    "no or yes",
+    parse_yes,
+    "no",
+)
 MAX_PENDING = Variable(
     "MAX_PENDING",
     "how many unknown robots may wait for approval",
@@ -267,6 +274,13 @@ SHELL_PORT_LAST = Variable(
     number(LOWEST_FREE_PORT, HIGHEST_PORT),
     "25999",
 )
+AUDIT_DAYS = Variable(
+    "AUDIT_DAYS",
+    "for how many days audit log, drives and sessions are kept; 0: for ever",
+    "0 to 36500",
+    number(0, 36500),
+    "365",
+)
 MIGRATIONS_DIR = Variable(
     "MIGRATIONS_DIR", "folder of the migrations", "a path", Path, "/usr/share/robotether/sql"
 )
@@ -298,6 +312,7 @@ VARIABLES: tuple[Variable[object], ...] = (
     TUNNEL_HOST,
     MESSAGE_LIMIT_MB,
     ALLOWED_ORIGINS,
+    DIRECT_PORTS,
     MAX_PENDING,
     JOIN_POLICY,
     ALLOW_LOCAL_MACS,
@@ -305,6 +320,7 @@ VARIABLES: tuple[Variable[object], ...] = (
     PORT_RANGE_LAST,
     SHELL_PORT_FIRST,
     SHELL_PORT_LAST,
+    AUDIT_DAYS,
     MIGRATIONS_DIR,
     LOG_LEVEL,
 )

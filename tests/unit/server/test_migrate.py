@@ -9,11 +9,21 @@ from pathlib import Path
 import mariadb_server
 import pytest
 import sqlparse
+from granted import give
 from mariadb_server import MariaDb
 from robotether_server.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import Database, audit, ports, robots
+from robotether_server.store import (
+    Database,
+    Transaction,
+    audit,
+    grants,
+    ports,
+    retention,
+    robots,
+    users,
+)
 from robotether_server.store.audit import Event, Source
 
 
@@ -50,14 +60,15 @@ def test_interrupted_run_is_finished_by_the_next(
     assert applied == sorted(file.stem for file in sql_dir.glob("*.sql"))
 
 
-def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path) -> None:
-    """Make a database of the release before join tokens and shells, with its range of ports."""
+def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path, files: str) -> None:
+    """Make a database of an older release, whose migrations `files` are, and whose range of ports nobody has set."""
     folder.mkdir()
-    for file in sorted(sql_dir.glob("000[1-4]_*.sql")):
+    for file in sorted(sql_dir.glob(files)):
         shutil.copy(file, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ports, "set_range", lambda *_: None)
         patch.setattr(ports, "set_shell_range", lambda *_: None)
+        patch.setattr(retention, "set_days", lambda *_: None)
         migrate(settings(server, folder))
     with Database(server.settings("migrate")).transaction() as tx:
         tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
@@ -68,7 +79,8 @@ def test_rows_of_an_older_release_are_kept(
 ) -> None:
     """Even what the newer one would refuse to add: such a robot can still be changed."""
     with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
-        migrate_to_older(server, tmp_path / "sql", sql_dir)
+        # Before join tokens and shells.
+        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-4]_*.sql")
         with Database(server.settings("web")).transaction() as tx:
             tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x')")
             tx.insert(
@@ -91,6 +103,52 @@ def test_rows_of_an_older_release_are_kept(
         # The ports that it had by hand are nobody's shell port.
         assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
         assert (changed.ros_port, changed.video_port) == (20004, 20005)
+
+
+def rights(tx: Transaction) -> set[tuple[str, str, str]]:
+    """What holds, by names."""
+    rows = tx.rows(
+        "SELECT u.name AS user, r.name AS robot, g.level FROM relay_grants g "
+        "JOIN users u ON u.id = g.user_id JOIN robots r ON r.id = g.robot_id"
+    )
+    return {(row["user"], row["robot"], row["level"]) for row in rows}
+
+
+def test_grants_of_an_older_release_hold_as_before(
+    sql_dir: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Also when the migration that widens their table runs twice; then groups and ends can be given, too."""
+    old = {("ann", "a", "drive"), ("ann", "b", "observe"), ("ben", "b", "manage")}
+    with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
+        # Before groups and sites.
+        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-7]_*.sql")
+        web, admin = Database(server.settings("web")), Database(server.settings("migrate"))
+        with web.transaction() as tx:
+            for name in ("ann", "ben"):
+                tx.insert("INSERT INTO users (name, password_hash) VALUES (%s, 'x')", (name,))
+            for number, name in enumerate(("a", "b")):
+                tx.insert(
+                    "INSERT INTO robots (mac, name) VALUES (%s, %s)",
+                    (f"00:1b:44:11:3a:b{number}", name),
+                )
+            for given in sorted(old):
+                tx.change(
+                    "INSERT INTO grants (user_id, robot_id, level) SELECT u.id, r.id, %s "
+                    "FROM users u JOIN robots r WHERE u.name = %s AND r.name = %s",
+                    (given[2], given[0], given[1]),
+                )
+        for _ in range(2):
+            migrate(settings(server, sql_dir))
+            with web.transaction() as tx:
+                assert rights(tx) == old
+                found = grants.list_all(tx)
+            assert {(one.user, one.robot, one.level) for one in found} == old
+            assert all(one.ends_at is None and not one.is_for_all for one in found)
+            with admin.transaction() as tx:
+                tx.change("DELETE FROM _yoyo_migration")
+        with web.transaction() as tx:
+            give(tx, users.get(tx, "ann").id, robots.get(tx, "a").id, "manage")
+            assert rights(tx) == old - {("ann", "a", "drive")} | {("ann", "a", "manage")}
 
 
 @pytest.mark.usefixtures("admin_database")

@@ -90,6 +90,12 @@ def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -
         settings.load_migrate(DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
 
 
+def test_history_is_kept_for_days() -> None:
+    """A year when nothing is said; 0 is for ever."""
+    assert settings.load_migrate(DATABASE).audit_days == 365
+    assert settings.load_migrate(DATABASE | {"AUDIT_DAYS": "0"}).audit_days == 0
+
+
 @pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
 def test_policy_is_one_of_three(policy: str) -> None:
     """A misspelt one stops the start, and so does a yes that is none."""

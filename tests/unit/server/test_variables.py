@@ -44,6 +44,8 @@ BY_NAME = {variable.name: variable for variable in VARIABLES}
         ("ALLOW_LOCAL_MACS", "true"),
         ("SHELL_PORT_FIRST", "80"),
         ("SHELL_PORT_LAST", "65536"),
+        ("AUDIT_DAYS", "-1"),
+        ("AUDIT_DAYS", "36501"),
         ("PORT_RANGE_FIRST", "80"),
         ("PORT_RANGE_LAST", "65536"),
         ("LOG_LEVEL", "loud"),

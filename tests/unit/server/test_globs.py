@@ -1,0 +1,91 @@
+"""Which names match a pattern, and that a look never takes long."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.globs import LONGEST_GLOB, Globs, is_glob
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "matches"),
+    [
+        ("*", "/a", True),
+        ("*", "/", True),
+        ("/a", "/a", True),
+        ("/a", "/a/b", False),
+        ("/a", "/A", False),
+        ("/a/*", "/a/b/c", True),
+        ("/a/*", "/a/", True),
+        ("/a/*", "/a", False),
+        ("*/cmd_vel", "/left/cmd_vel", True),
+        ("*/cmd_vel", "/cmd_vel", True),
+        ("*/cmd_vel", "/cmd_vel/x", False),
+        ("*/cmd_vel", "/xcmd_vel", False),
+        ("/a*b*c", "/a_b_b_c", True),
+        ("/a*b*c", "/a_c_b", False),
+        ("/ab*ba", "/aba", False),
+        ("/ab*ba", "/abba", True),
+        ("/a**b", "/ab", True),
+        ("/x*y*y*", "/xyy", True),
+        ("/x*y*y*", "/xy", False),
+    ],
+)
+def test_a_star_stands_for_any_text(pattern, name, matches):
+    """The whole name must fit, slashes are text like any other."""
+    assert Globs([pattern]).match(name) is matches
+
+
+def test_one_pattern_of_several_is_enough():
+    """Without a pattern nothing matches."""
+    globs = Globs(["/a", "/b/*", "/c"])
+    assert [name for name in ("/a", "/b/x", "/c", "/d") if globs.match(name)] == [
+        "/a",
+        "/b/x",
+        "/c",
+    ]
+    assert not Globs().match("/a")
+
+
+def test_the_same_patterns_are_equal():
+    """Settings that hold patterns can be compared and be keys."""
+    assert Globs(["/a"]) == Globs(["/a"])
+    assert hash(Globs(["/a"])) == hash(Globs(("/a",)))
+    assert Globs(["/a"]) != Globs(["/b"])
+    assert list(Globs(["/b", "/a*"])) == ["/b", "/a*"]
+
+
+@pytest.mark.parametrize("text", ["/a", "*", "*/cmd_vel", "/a/*/b_1", "/", "/" + "a" * 255])
+def test_full_names_and_stars_are_patterns(text):
+    """What may match a name is a pattern."""
+    assert is_glob(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "cmd_vel", "/a b", "~/a", "/a//b", "/ä", "/a?", "/[a]", "/a\n", "/" + "a" * LONGEST_GLOB],
+)
+def test_what_can_match_nothing_is_no_pattern(text):
+    """A pattern that no name has is a mistake of who wrote it."""
+    assert not is_glob(text)
+
+
+@given(
+    st.lists(st.text("ab/*", max_size=8), max_size=4),
+    st.text("ab/", max_size=12),
+)
+def test_it_matches_as_the_textbook_says(patterns, name):
+    """Every pattern means what it would as a regular expression."""
+    wanted = any(
+        re.fullmatch(".*".join(map(re.escape, pattern.split("*"))), name) for pattern in patterns
+    )
+    assert Globs(patterns).match(name) is wanted
+
+
+def test_no_pattern_makes_a_look_long():
+    """What would make a regular expression try for years is answered at once."""
+    pattern = "/" + "a*" * (LONGEST_GLOB // 2 - 1) + "b"
+    assert not Globs([pattern]).match("/" + "a" * 255)

@@ -1,0 +1,166 @@
+"""What a robot's settings may hold, what they mean, and what is kept of them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.globs import Globs
+from robotether_server.problems import FieldInvalid
+from robotether_server.robot_settings import DEFAULTS, MOST_GLOBS, parse
+
+# As docs/protocols.md shows them.
+DOCUMENTED_POLICY = """
+{"observe": {"subscribe": ["*"]},
+ "drive":   {"subscribe": ["*"], "publish": [], "call": []},
+ "manage":  {"subscribe": ["*"], "publish": ["*"], "call": ["*"], "serve": ["*"]},
+ "limits":  {"subscriptions": 100, "messages_per_s": 2000, "message_kb": 1024}}
+"""
+DOCUMENTED_GUARD = """
+{"drive_topics": ["/cmd_vel", "*/cmd_vel"], "deadman_ms": 500, "max_age_ms": 500, "max_speed_m_s": null,
+ "max_turn_rad_s": null, "max_acceleration_m_s2": null, "max_turn_acceleration_rad_s2": null,
+ "max_steering_rad": null}
+"""
+
+
+def test_the_defaults_are_the_documented_ones():
+    """A robot without settings has what the page on protocols says."""
+    assert parse({}) == DEFAULTS
+    assert DEFAULTS.policy.as_dict() == json.loads(DOCUMENTED_POLICY)
+    assert DEFAULTS.guard.as_dict() == json.loads(DOCUMENTED_GUARD)
+    assert DEFAULTS.as_given() == {}
+
+
+def test_settings_name_only_what_differs():
+    """A member that is missing has its default, at every depth."""
+    given_members = {
+        "shell_user": "ubuntu",
+        "guard": {"max_speed_m_s": 1.5},
+        "policy": {"drive": {"publish": ["/arm/*"]}, "limits": {"subscriptions": 5}},
+    }
+    settings = parse(given_members)
+    assert settings.as_given() == given_members
+    assert settings.guard.deadman_ms == 500
+    assert settings.policy.drive.publish == Globs(["/arm/*"])
+    assert settings.policy.drive.subscribe == Globs(["*"])
+    assert settings.policy.limits.messages_per_s == 2000
+
+
+def test_what_equals_the_default_is_not_kept():
+    """A form that sends everything leaves nothing behind."""
+    assert parse(DEFAULTS.as_dict()).as_given() == {}
+
+
+def test_settings_can_be_compared_and_be_keys():
+    """The relay sees by it whether anything changed."""
+    one, other = parse({"guard": {"deadman_ms": 400}}), parse({"guard": {"deadman_ms": 400.0}})
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != DEFAULTS
+
+
+def test_only_drivers_have_the_drive_topics():
+    """An observer's level never includes them, whatever the settings."""
+    policy = DEFAULTS.policy
+    assert [policy.of(level).drives for level in ("observe", "drive", "manage")] == [
+        False,
+        True,
+        True,
+    ]
+    assert parse({"policy": {"drive": {"publish": []}}}).policy.drive.drives
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("shell_user", "Root"),
+        ("shell_user", None),
+        ("guard", None),
+        ("guard", []),
+        ("guard.deadman_ms", 199),
+        ("guard.deadman_ms", 2001),
+        ("guard.deadman_ms", None),
+        ("guard.deadman_ms", True),
+        ("guard.deadman_ms", 500.5),
+        ("guard.deadman_ms", "500"),
+        ("guard.max_age_ms", 10**400),
+        ("guard.max_age_ms", float("nan")),
+        ("guard.max_speed_m_s", 0),
+        ("guard.max_speed_m_s", -1),
+        ("guard.max_speed_m_s", 101),
+        ("guard.max_speed_m_s", float("inf")),
+        ("guard.max_speed_m_s", float("nan")),
+        ("guard.max_speed_m_s", "fast"),
+        ("guard.max_speed_m_s", True),
+        ("guard.max_steering_rad", 4),
+        ("guard.drive_topics", []),
+        ("guard.drive_topics", None),
+        ("guard.drive_topics", "/cmd_vel"),
+        ("guard.drive_topics", ["cmd_vel"]),
+        ("guard.drive_topics", ["/a"] * (MOST_GLOBS + 1)),
+        ("policy.observe.subscribe", [7]),
+        ("policy.observe.subscribe", ["/" + "a" * 256]),
+        ("policy.manage.serve", {"a": 1}),
+        ("policy.limits.subscriptions", 0),
+        ("policy.limits.message_kb", 10_241),
+        ("policy.limits.messages_per_s", None),
+    ],
+)
+def test_a_wrong_value_is_named(path, value):
+    """Who gave it reads which member it was."""
+    *parents, last = path.split(".")
+    settings: dict[str, object] = {last: value}
+    for parent in reversed(parents):
+        settings = {parent: settings}
+    with pytest.raises(FieldInvalid, match=f"cannot use {path}: "):
+        parse(settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "path", "member"),
+    [
+        ({"max_speed": 1}, "settings", "max_speed"),
+        ({"guard": {"max_speed": 1}}, "guard", "max_speed"),
+        ({"guard": {"key": "x"}}, "guard", "key"),
+        ({"policy": {"admin": {}}}, "policy", "admin"),
+        ({"policy": {"observe": {"publish": ["*"]}}}, "policy.observe", "publish"),
+        ({"policy": {"observe": {"call": ["*"]}}}, "policy.observe", "call"),
+        ({"policy": {"drive": {"serve": ["*"]}}}, "policy.drive", "serve"),
+        ({"policy": {"drive": {"drives": False}}}, "policy.drive", "drives"),
+        ({"policy": {"limits": {"rate": 1}}}, "policy.limits", "rate"),
+    ],
+)
+def test_an_unknown_member_is_refused(settings, path, member):
+    """A limit with a typing error would be no limit, and no observer can be made a driver here."""
+    with pytest.raises(FieldInvalid, match=f"cannot use {path}: '{member}' is no setting"):
+        parse(settings)
+
+
+@pytest.mark.parametrize("given_value", [None, [], "x", 7])
+def test_settings_are_an_object(given_value):
+    """Anything else is refused as a whole."""
+    with pytest.raises(FieldInvalid, match="cannot use settings"):
+        parse(given_value)
+
+
+NAMES = ["guard", "policy", "shell_user", "drive", "limits", "deadman_ms", "publish", "x"]
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(NAMES) | st.text(), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+
+
+@given(VALUES)
+def test_whatever_is_given_is_refused_or_kept(value):
+    """What passes means the same when it is read again from what is kept."""
+    try:
+        settings = parse(value)
+    except FieldInvalid:
+        return
+    assert parse(json.loads(json.dumps(settings.as_given()))) == settings

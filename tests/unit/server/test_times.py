@@ -1,0 +1,94 @@
+"""Moments and days as people write them."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from robotether_server import times
+from robotether_server.problems import FieldInvalid
+
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "2026-01-31T12:00:00Z",
+        "2026-01-31t12:00:00z",
+        "2026-01-31 12:00Z",
+        "2026-01-31T14:00:00+02:00",
+        "2026-01-31T12:00:00.000000Z",
+    ],
+)
+def test_moment_is_taken_with_its_offset(text: str) -> None:
+    """And comes out in UTC."""
+    found = times.moment("until", text)
+    assert (found, found.utcoffset()) == (NOON, dt.timedelta())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "soon",
+        "2026-01-31",
+        "2026-01-31T12:00:00",
+        "2026-02-30T12:00:00Z",
+        "2026-01-31T25:00:00Z",
+        "0001-01-01T00:00:00+02:00",
+        "2026-W05-6T12:00:00Z",
+        "٢٠٢٦-01-31T12:00:00Z",
+        "1769860800",
+    ],
+)
+def test_what_is_no_moment_is_refused_with_its_field(text: str) -> None:
+    """The sentence shows how to write one."""
+    with pytest.raises(FieldInvalid, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
+        times.moment("until", text)
+
+
+def test_day_begins_and_ends_in_utc() -> None:
+    """Its last second is still in it."""
+    first = times.day_or_moment("d", "2026-01-31", is_end=False)
+    last = times.day_or_moment("d", "2026-01-31", is_end=True)
+    assert (first, last) == (NOON.replace(hour=0), NOON.replace(hour=23, minute=59, second=59))
+    assert times.day_or_moment("d", "2026-01-31T12:00:00Z", is_end=True) == NOON
+
+
+@pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
+def test_what_is_no_day_is_refused(text: str) -> None:
+    """The sentence shows both ways."""
+    with pytest.raises(FieldInvalid, match=r"a day in UTC, such as 2026-01-31, or a moment"):
+        times.day_or_moment("Until", text, is_end=True)
+
+
+@pytest.mark.parametrize(
+    ("wait", "why"),
+    [(dt.timedelta(seconds=-1), "has passed"), (dt.timedelta(days=3661), "ten years")],
+)
+def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> None:
+    """What lies between is taken."""
+    now = dt.datetime.now(dt.UTC)
+    times.check_end("ends_at", now + dt.timedelta(minutes=1))
+    times.check_end("ends_at", now + dt.timedelta(days=3659))
+    with pytest.raises(FieldInvalid, match=f"cannot use ends_at: .*{why}"):
+        times.check_end("ends_at", now + wait)
+
+
+@pytest.mark.parametrize(
+    ("moment", "written"),
+    [
+        (None, None),
+        (dt.datetime(2026, 1, 1, 12, 3, 0, 999_999, dt.UTC), "2026-01-01T12:03:00Z"),
+        (
+            dt.datetime(2026, 1, 1, 14, 3, tzinfo=dt.timezone(dt.timedelta(hours=2))),
+            "2026-01-01T12:03:00Z",
+        ),
+    ],
+)
+def test_moments_are_written_in_utc_and_whole_seconds(
+    moment: dt.datetime | None, written: str | None
+) -> None:
+    """As the contract writes them, whatever zone they come in."""
+    assert times.rfc3339(moment) == written
