@@ -1,26 +1,111 @@
-"""Grants: which user may observe, drive or manage which robot."""
+"""Grants: which user or group may observe, drive or manage which robot, site or all, and until when."""
 
+import datetime as dt
+from typing import Literal, NamedTuple
+
+from robotether_server import times
 from robotether_server.problems import RecordMissing
-from robotether_server.store import Transaction, audit, grants, robots, users
+from robotether_server.store import Transaction, audit, grants, groups, robots, sites, users
 from robotether_server.store.audit import Event, Source
-from robotether_server.store.grants import Grant, Level
+from robotether_server.store.grants import Grant, Level, Pair
+
+
+class Holder(NamedTuple):
+    """Who a grant is for."""
+
+    kind: Literal["user", "group"]
+    name: str
+
+
+class Scope(NamedTuple):
+    """What a grant is for; the name of `all` is empty."""
+
+    kind: Literal["robot", "site", "all"]
+    name: str = ""
+
+
+ALL = Scope("all")
+
+
+def give(
+    tx: Transaction,
+    source: Source,
+    holder: Holder,
+    scope: Scope,
+    level: Level,
+    *,
+    ends_at: dt.datetime | None = None,
+) -> tuple[Grant, bool]:
+    """Give a grant, in place of an earlier one of the same two; tell whether there was none before.
+
+    Raises RecordMissing, or FieldInvalid for an end that is no good.
+    """
+    if ends_at is not None:
+        times.check_end("ends_at", ends_at)
+    pair = _pair(tx, holder, scope)
+    before = grants.find(tx, pair)
+    given = grants.get(tx, grants.put(tx, pair, level, ends_at))
+    details = _about(given)
+    if before is not None:
+        details["was"] = {"level": before.level, "ends_at": _text(before.ends_at)}
+    audit.record(tx, source, Event("grant_given", given.robot, details))
+    return given, before is None
+
+
+def take(tx: Transaction, source: Source, grant_id: int) -> Grant:
+    """Take a grant away; return it as it was. Raises RecordMissing."""
+    found = grants.get(tx, grant_id)
+    grants.remove(tx, found.id)
+    audit.record(tx, source, Event("grant_taken", found.robot, _about(found)))
+    return found
+
+
+def take_from(tx: Transaction, source: Source, holder: Holder, scope: Scope) -> Grant:
+    """Take the grant of these two away; raise RecordMissing when there is none."""
+    found = grants.find(tx, _pair(tx, holder, scope))
+    if found is None:
+        what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
+        raise RecordMissing(f"cannot revoke: {holder.kind} {holder.name} has no grant for {what}")
+    return take(tx, source, found.id)
 
 
 def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
-    """Let a user do this with a robot, in place of an earlier grant; raise RecordMissing."""
-    robot_id = robots.get(tx, robot).id
-    grants.give(tx, users.get(tx, user).id, robot_id, level)
-    audit.record(tx, source, Event("grant_given", robot, {"user": user, "level": level}))
+    """Let a user do this with a robot, without an end, in place of an earlier grant; raise RecordMissing."""
+    give(tx, source, Holder("user", user), Scope("robot", robot), level)
 
 
 def revoke(tx: Transaction, source: Source, user: str, robot: str) -> None:
-    """Take a user's grant for a robot away; raise RecordMissing when there is none."""
-    robot_id = robots.get(tx, robot).id
-    if not grants.take(tx, users.get(tx, user).id, robot_id):
-        raise RecordMissing(f"cannot revoke: user {user} has no grant for robot {robot}")
-    audit.record(tx, source, Event("grant_taken", robot, {"user": user}))
+    """Take a user's own grant for a robot away; raise RecordMissing when there is none."""
+    take_from(tx, source, Holder("user", user), Scope("robot", robot))
 
 
 def list_all(tx: Transaction) -> list[Grant]:
-    """Return every grant, by user and robot; admins need none."""
+    """Return every grant, ended ones too; admins need none."""
     return grants.list_all(tx)
+
+
+def _pair(tx: Transaction, holder: Holder, scope: Scope) -> Pair:
+    is_user = holder.kind == "user"
+    return Pair(
+        robot_id=robots.get(tx, scope.name).id if scope.kind == "robot" else None,
+        site_id=sites.get(tx, scope.name).id if scope.kind == "site" else None,
+        all_robots=scope.kind == "all",
+        user_id=users.get(tx, holder.name).id if is_user else None,
+        group_id=None if is_user else groups.get(tx, holder.name).id,
+    )
+
+
+def _about(given: Grant) -> dict[str, object]:
+    """Return what the audit log tells of a grant; the robot has a column of its own there."""
+    known = {"user": given.user, "group": given.group, "site": given.site}
+    about: dict[str, object] = {name: value for name, value in known.items() if value is not None}
+    if given.is_for_all:
+        about["all"] = True
+    about["level"] = given.level
+    if given.ends_at is not None:
+        about["ends_at"] = _text(given.ends_at)
+    return about
+
+
+def _text(moment: dt.datetime | None) -> str | None:
+    return moment.isoformat(timespec="seconds") if moment else None

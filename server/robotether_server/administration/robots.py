@@ -3,18 +3,14 @@
 Every deed takes the enrolment lock first: joins and other deeds wait for the end of its transaction.
 """
 
-import re
-
-from robotether_server import macs
+from robotether_server import macs, robot_settings
 from robotether_server.administration import enrolment
 from robotether_server.administration.enrolment import Registration
-from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.problems import NotPossible
 from robotether_server.store import Transaction, audit, claims, locks, robots
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.claims import Claim
 from robotether_server.store.robots import Robot, State
-
-SHELL_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 
 
 def add(
@@ -166,12 +162,15 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
 
 
 def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str, object]) -> Robot:
-    """Replace a robot's settings; {} clears them. Raises FieldInvalid."""
+    """Replace a robot's settings; {} means the defaults, and only what differs from them is kept. Raises FieldInvalid.
+
+    Relay and guard follow by themselves.
+    """
     found = _get(tx, name)
-    _check_settings(settings)
-    if settings != found.settings:
-        robots.set_settings(tx, found.id, settings)
-        details: dict[str, object] = {"was": found.settings, "settings": settings}
+    given = robot_settings.parse(settings).as_given()
+    if given != found.settings:
+        robots.set_settings(tx, found.id, given)
+        details: dict[str, object] = {"was": found.settings, "settings": given}
         audit.record(tx, source, Event("robot_settings_set", name, details))
     return robots.get(tx, name)
 
@@ -213,16 +212,6 @@ def remove(tx: Transaction, source: Source, name: str) -> Robot:
     }
     audit.record(tx, source, Event("robot_removed", name, details))
     return found
-
-
-def check_shell_user(name: object) -> str:
-    """Return a name that an account on a robot may have; raise FieldInvalid."""
-    if not isinstance(name, str) or not SHELL_USER.fullmatch(name):
-        raise FieldInvalid(
-            "cannot use shell_user: it must be the name of an account on the robot, of at most 32 "
-            "characters a-z, 0-9, _ and -"
-        )
-    return name
 
 
 def _get(tx: Transaction, name: str) -> Robot:
@@ -274,13 +263,3 @@ def _change_state(tx: Transaction, source: Source, found: Robot, state: State, k
     robots.set_state(tx, found.id, state)
     details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
     audit.record(tx, source, Event(kind, found.name, details))
-
-
-def _check_settings(settings: dict[str, object]) -> None:
-    unknown = sorted(set(settings) - {"shell_user"})
-    if unknown:
-        raise FieldInvalid(
-            f"cannot use settings: {unknown[0][:40]!r} is no setting; there is shell_user"
-        )
-    if "shell_user" in settings:
-        check_shell_user(settings["shell_user"])

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robotether_server.administration.robots import SHELL_USER
+from robotether_server.robot_settings import SHELL_USER
 from robotether_server.store import Transaction, robots
 from robotether_server.store.grants import includes
 from robotether_server.store.robots import Robot

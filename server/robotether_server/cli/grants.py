@@ -1,16 +1,28 @@
-"""robotether grant and revoke: what users may do with which robots."""
+"""robotether grant and revoke: what users and groups may do with which robots, and until when."""
+
+from collections.abc import Callable, Sequence
 
 import click
 
+from robotether_server import times
 from robotether_server.administration import grants
-from robotether_server.cli.common import JSON, SOURCE, open_database, print_json, print_table
-from robotether_server.store.grants import LEVELS, Level
+from robotether_server.administration.grants import ALL, Holder, Scope
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    moment,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store.grants import LEVELS, Grant, Level
 
 GIVE = "give"
+Command = Callable[..., None]
 
 
 class GiveOrList(click.Group):
-    """`grant list` lists; anything else is USER ROBOT LEVEL, as it was before there was a list."""
+    """`grant list` lists; anything else is who, what and LEVEL, as it was before there was a list."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -20,46 +32,111 @@ class GiveOrList(click.Group):
         return super().resolve_command(ctx, args if asks_for_list else [GIVE, *args])
 
 
+def _who_and_what(command: Command) -> Command:
+    """Add the words, and the options that stand in for USER and ROBOT."""
+    for option in (
+        click.option("--all", "everything", is_flag=True, help="All robots, instead of ROBOT."),
+        click.option("--site", metavar="SITE", help="A site's robots, instead of ROBOT."),
+        click.option("--group", metavar="GROUP", help="A group of users, instead of USER."),
+        click.argument("words", metavar="[USER] [ROBOT] [LEVEL]", nargs=-1),
+    ):
+        command = option(command)
+    return command
+
+
 @click.group(
     cls=GiveOrList,
-    subcommand_metavar="USER ROBOT LEVEL | list",
-    short_help="Let a user do something with a robot; list grants.",
+    # So that an option may stand first: it is one of the hidden command's.
+    context_settings={"ignore_unknown_options": True},
+    subcommand_metavar="USER ROBOT LEVEL [--until END] | list",
+    short_help="Let a user or a group do something with a robot; list grants.",
 )
 def grant() -> None:
     """Let USER observe, drive or manage ROBOT, in place of an earlier grant; or list the grants.
 
-    LEVEL is observe, drive or manage; each includes the ones before it. Admins may do everything without.
+    LEVEL is observe, drive or manage; each includes the ones before it. Admins may do everything without. Instead of
+    USER: --group GROUP. Instead of ROBOT: --site SITE or --all. --until is a moment such as 2026-01-31T12:00:00Z, or
+    a day, at whose end in UTC the grant ends. Who has several grants for a robot has the highest.
     """
 
 
 @grant.command(GIVE, hidden=True)
-@click.argument("user_name", metavar="USER")
-@click.argument("robot_name", metavar="ROBOT")
-@click.argument("level", type=click.Choice(LEVELS))
-def give(user_name: str, robot_name: str, level: Level) -> None:
-    """Let USER observe, drive or manage ROBOT."""
+@_who_and_what
+@click.option("--until", metavar="END", help="When it ends: a moment, or a day in UTC.")
+def give(
+    words: tuple[str, ...], group: str | None, site: str | None, everything: bool, until: str | None
+) -> None:
+    """Let somebody observe, drive or manage something."""
+    holder, scope, rest = _pair(words, group, site, everything)
+    level = _level(_next(rest, "LEVEL"))
+    _check_end(rest)
+    ends_at = times.day_or_moment("--until", until, is_end=True) if until else None
     with open_database().transaction() as tx:
-        grants.grant(tx, SOURCE, user_name, robot_name, level)
-    click.echo(f"user {user_name} may {level} robot {robot_name}")
+        given, _ = grants.give(tx, SOURCE, holder, scope, level, ends_at=ends_at)
+    end = f" until {moment(given.ends_at, '')} UTC" if given.ends_at else ""
+    click.echo(f"{given.holder_words} may {level} {given.scope_words}{end}")
 
 
 @grant.command("list")
 @JSON
 def list_grants(as_json: bool) -> None:
-    """List the grants, by user and robot."""
+    """List the grants, by user or group and robot or site."""
     with open_database().transaction() as tx:
         found = grants.list_all(tx)
     if as_json:
-        print_json([{"user": one.user, "robot": one.robot, "level": one.level} for one in found])
+        print_json([vars(one) | {"all": one.is_for_all} for one in found])
         return
-    print_table(("USER", "ROBOT", "LEVEL"), [(one.user, one.robot, one.level) for one in found])
+    print_table(("WHO", "WHAT", "LEVEL", "UNTIL"), [_as_row(one) for one in found])
 
 
 @click.command()
-@click.argument("user_name", metavar="USER")
-@click.argument("robot_name", metavar="ROBOT")
-def revoke(user_name: str, robot_name: str) -> None:
-    """Take USER's grant for ROBOT away; what it opened ends."""
+@_who_and_what
+def revoke(words: tuple[str, ...], group: str | None, site: str | None, everything: bool) -> None:
+    """Take USER's grant for ROBOT away; what it opened ends, unless another grant is for it.
+
+    Instead of USER: --group GROUP. Instead of ROBOT: --site SITE or --all.
+    """
+    holder, scope, rest = _pair(words, group, site, everything)
+    _check_end(rest)
     with open_database().transaction() as tx:
-        grants.revoke(tx, SOURCE, user_name, robot_name)
-    click.echo(f"user {user_name} has no grant for robot {robot_name} any more")
+        taken = grants.take_from(tx, SOURCE, holder, scope)
+    click.echo(f"{taken.holder_words} has no grant for {taken.scope_words} any more")
+
+
+def _pair(
+    words: Sequence[str], group: str | None, site: str | None, everything: bool
+) -> tuple[Holder, Scope, list[str]]:
+    """Return who and what, of the words in their order and of the options that stand in for one; and what is left."""
+    if site is not None and everything:
+        raise click.UsageError("--site and --all exclude each other.")
+    rest = list(words)
+    holder = Holder("group", group) if group is not None else Holder("user", _next(rest, "USER"))
+    if everything:
+        return holder, ALL, rest
+    if site is not None:
+        return holder, Scope("site", site), rest
+    return holder, Scope("robot", _next(rest, "ROBOT")), rest
+
+
+def _next(names: list[str], what: str) -> str:
+    if not names:
+        raise click.UsageError(f"Missing argument '{what}'.")
+    return names.pop(0)
+
+
+def _check_end(rest: list[str]) -> None:
+    if rest:
+        raise click.UsageError(f"Got unexpected extra argument ({rest[0]})")
+
+
+def _level(word: str) -> Level:
+    for level in LEVELS:
+        if word == level:
+            return level
+    known = ", ".join(map(repr, LEVELS))
+    raise click.UsageError(f"Invalid value for 'LEVEL': {word!r} is not one of {known}.")
+
+
+def _as_row(one: Grant) -> tuple[str, str, str, str]:
+    end = moment(one.ends_at, "-") + (" (ended)" if one.has_ended else "")
+    return one.holder_words, one.scope_words, one.level, end

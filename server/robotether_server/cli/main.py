@@ -10,9 +10,11 @@ from robotether_server import __version__, migrate, settings
 from robotether_server.cli.audit_log import audit_log
 from robotether_server.cli.fleet.commands import fleet
 from robotether_server.cli.grants import grant, revoke
+from robotether_server.cli.groups import group
 from robotether_server.cli.invites import join_token
 from robotether_server.cli.rejected import rejected
 from robotether_server.cli.robots import robot
+from robotether_server.cli.sites import site
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import token
 from robotether_server.cli.users import user
@@ -68,11 +70,13 @@ for command in (
     audit_log,
     fleet,
     grant,
+    group,
     join_token,
     print_ssh_config,
     rejected,
     revoke,
     robot,
+    site,
     ssh_key,
     token,
     user,

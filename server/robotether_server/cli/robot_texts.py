@@ -1,5 +1,8 @@
 """How the commands show a robot: as a record, a row or JSON."""
 
+import json
+from collections.abc import Mapping
+
 from robotether_server.administration.pending import Waiting
 from robotether_server.cli.common import moment
 from robotether_server.store.robots import Robot, SeenRobot
@@ -52,6 +55,8 @@ def everything(seen: SeenRobot) -> Fields:
         ("last address", seen.address or "none yet"),
         ("agent", seen.agent_version or "unknown"),
         ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
+        ("site", robot.site or "none"),
+        ("guard and policy", _policy_words(robot.settings)),
         ("shell", f"on, port {robot.shell_port}" if robot.shell else "off"),
         ("shell user", str(robot.settings.get("shell_user", "not set"))),
         ("new key", "asked for" if robot.rotate_requested_at else "not asked for"),
@@ -106,9 +111,16 @@ def as_dict(seen: SeenRobot) -> dict[str, object]:
         "video_port": robot.video_port,
         "shell_port": robot.shell_port,
         "settings": robot.settings,
+        "site": robot.site,
         "fingerprint": robot.fingerprint,
         "joined_at": robot.joined_at,
         "address": seen.address,
         "agent_version": seen.agent_version,
         "rotate_key": robot.rotate_requested_at is not None,
     }
+
+
+def _policy_words(settings: Mapping[str, object]) -> str:
+    """Return what differs from the defaults, as JSON that the API takes."""
+    given = {name: settings[name] for name in ("guard", "policy") if name in settings}
+    return json.dumps(given) if given else "the defaults"

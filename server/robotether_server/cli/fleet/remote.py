@@ -41,6 +41,17 @@ class Runner(Remote):  # type: ignore[misc] # fabric has no types
     def __init__(self, connection: fabric.Connection, password: str | None) -> None:
         super().__init__(connection, inline_env=True)
         self._password = password
+        self._is_out_of_time = False
+
+    def kill(self) -> None:
+        """Close the channel, because the time is over: the only reason for which the timer of invoke calls this."""
+        self._is_out_of_time = True
+        super().kill()
+
+    @property
+    def timed_out(self) -> bool:
+        """Say whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
+        return self._is_out_of_time
 
     def send_start_message(self, command: str) -> None:
         """Start the command; the first line is for sudo, or else for the watcher, which takes no notice."""

@@ -218,7 +218,7 @@ def test_admin_who_approves_while_others_join_is_heard(database: Database) -> No
     assert (site.robot("sim1").state, site.robot("sim1").key) == ("active", KEY)
     assert claims_of(site) == 7
     with site.database.transaction() as tx:
-        assert len(audit.find(tx, kind="robot_approved")) == 1
+        assert len(audit.find(tx, audit.Search(kind="robot_approved"))) == 1
         assert len(robots.list_all(tx)) == 1
 
 

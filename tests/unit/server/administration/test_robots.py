@@ -31,7 +31,7 @@ def do(site: Site, deed: Callable[..., Robot], *args: object, **options: object)
 def logged(site: Site) -> list[tuple[str, str | None, str | None]]:
     """Kind, robot and address of what admins did, the oldest first."""
     with site.database.transaction() as tx:
-        found = audit.find(tx, actor="root")
+        found = audit.find(tx, audit.Search(actor="root"))
     return [(event.kind, event.robot, event.address) for event in reversed(found)]
 
 

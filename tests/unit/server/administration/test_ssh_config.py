@@ -6,10 +6,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from granted import give
 from joins import OTHER_MAC, Site
 from robotether_server.administration import ssh_config
 from robotether_server.administration.ssh_config import ShellEntry
-from robotether_server.store import grants, robots, users
+from robotether_server.store import robots, users
 
 ENTRY = ShellEntry("sim1", 24000, None)
 
@@ -24,9 +25,9 @@ def test_entries_are_the_shells_that_one_manages(site: Site) -> None:
         robots.set_shell(tx, sim1, on=True)
         robots.set_shell(tx, robots.get(tx, "waits").id, on=True)
         assert ssh_config.entries(tx, root) == [ENTRY]
-        grants.give(tx, ann.id, sim1, "drive")
+        give(tx, ann.id, sim1, "drive")
         assert ssh_config.entries(tx, ann) == []
-        grants.give(tx, ann.id, sim1, "manage")
+        give(tx, ann.id, sim1, "manage")
         robots.set_settings(tx, sim1, {"shell_user": "pi"})
         assert ssh_config.entries(tx, ann) == [ShellEntry("sim1", 24000, "pi")]
         for wrong in ("pi\n    ProxyCommand sh", 5, None):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 from collections.abc import Callable
 from typing import Any
@@ -36,10 +37,16 @@ def test_grant_is_given_and_taken(run: Run, database: Database) -> None:
 def test_grants_are_listed(run: Run) -> None:
     """For people and for programs."""
     run("grant", "ann", "sim1", "manage")
-    assert run("grant", "list").out.splitlines()[1].split() == ["ann", "sim1", "manage"]
-    assert json.loads(run("grant", "list", "--json").out) == [
-        {"user": "ann", "robot": "sim1", "level": "manage"}
-    ]
+    line = run("grant", "list").out.splitlines()[1]
+    assert line.split() == ["user", "ann", "robot", "sim1", "manage", "-"]
+    (found,) = json.loads(run("grant", "list", "--json").out)
+    assert (found["user"], found["robot"], found["level"]) == ("ann", "sim1", "manage")
+    assert (found["group"], found["site"], found["all"], found["ends_at"]) == (
+        None,
+        None,
+        False,
+        None,
+    )
 
 
 @pytest.mark.parametrize("name", ["list", "give"])
@@ -77,4 +84,51 @@ def test_mistake_in_the_arguments(run: Run, arguments: tuple[str, ...], says: st
 def test_help_shows_both_ways(run: Run) -> None:
     """What to write, and the list."""
     done = run("grant", "--help")
-    assert "robotether grant [OPTIONS] USER ROBOT LEVEL | list" in done.out
+    assert "robotether grant [OPTIONS] USER ROBOT LEVEL [--until END] | list" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--group", "crew", "sim1", "drive"), "group crew may drive robot sim1"),
+        (("ann", "--site", "lab", "manage"), "user ann may manage site lab"),
+        (("ann", "manage", "--site=lab"), "user ann may manage site lab"),
+        (("--group", "crew", "--all", "observe"), "group crew may observe all robots"),
+    ],
+)
+def test_options_stand_in_for_user_and_robot(run: Run, words: tuple[str, ...], says: str) -> None:
+    """Wherever they stand; revoke takes the same."""
+    run("group", "add", "crew")
+    run("site", "add", "lab")
+    assert run("grant", *words).out == says + "\n"
+    who, what = says.split(" may ")
+    what = what.split(" ", 1)[1]
+    rest = [word for word in words if word not in {"drive", "manage", "observe"}]
+    assert run("revoke", *rest).out == f"{who} has no grant for {what} any more\n"
+
+
+def test_grant_has_an_end(run: Run) -> None:
+    """A day is meant with its last second in UTC; one that has passed is refused."""
+    day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=2)).date()
+    done = run("grant", "ann", "sim1", "drive", "--until", str(day))
+    assert done.out == f"user ann may drive robot sim1 until {day} 23:59:59 UTC\n"
+    assert f"{day} 23:59:59" in run("grant", "list").out
+    for wrong in ("2020-01-01", "soon", "2999-01-01"):
+        assert run("grant", "ann", "sim1", "manage", "--until", wrong).status == 1
+    assert "drive" in run("grant", "list").out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("ann", "sim1", "sim2", "drive"),
+        ("--group", "crew", "ann", "sim1", "drive"),
+        ("ann", "--all", "--site", "lab", "drive"),
+        ("ann", "--all", "sim1", "drive"),
+        ("--all",),
+    ],
+)
+def test_too_much_or_too_little_is_a_mistake(run: Run, words: tuple[str, ...]) -> None:
+    """Exit status 2, and nothing is given."""
+    assert run("grant", *words).status == 2
+    assert len(run("grant", "list").out.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime as dt
 
 from robotether_server.cli import robot_texts
@@ -34,3 +35,13 @@ def test_presence_is_told_with_its_time() -> None:
     for online, text in ((True, "yes"), (False, "no")):
         fields = dict(robot_texts.everything(SeenRobot(ROBOT, online, AT, "manage")))
         assert fields["online"] == f"{text}, since 2026-01-02 03:04:05 UTC"
+
+
+def test_site_guard_and_policy_are_told() -> None:
+    """What differs from the defaults, as the API takes it."""
+    fields = dict(robot_texts.everything(SeenRobot(ROBOT, False, None, "manage")))
+    assert (fields["site"], fields["guard and policy"]) == ("none", "the defaults")
+    settings = {"shell_user": "pi", "guard": {"deadman_ms": 300}}
+    robot = dataclasses.replace(ROBOT, site="lab", settings=settings)
+    fields = dict(robot_texts.everything(SeenRobot(robot, False, None, "manage")))
+    assert (fields["site"], fields["guard and policy"]) == ("lab", '{"guard": {"deadman_ms": 300}}')

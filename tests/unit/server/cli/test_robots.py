@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from admin_records import ADD, MAC, activate, claim, details_of, events, show_key
-from robotether_server.store import Database, grants, robots, users
+from granted import give
+from robotether_server.store import Database, robots, users
 
 Run = Callable[..., Any]
 
@@ -40,6 +41,7 @@ def test_added_robot_is_listed(run: Run, database: Database) -> None:
             "video_port": 20001,
             "shell_port": None,
             "settings": {},
+            "site": None,
             "fingerprint": None,
             "joined_at": None,
             "address": None,
@@ -104,7 +106,7 @@ def test_removed_robot_is_gone_with_its_grants(run: Run, database: Database) -> 
     show_key(database)
     with database.transaction() as tx:
         ann = users.add(tx, "ann", "x", "user")
-        grants.give(tx, ann, robots.get(tx, "sim1").id, "drive")
+        give(tx, ann, robots.get(tx, "sim1").id, "drive")
     assert "no terminal to ask on; say --yes" in run("robot", "remove", "sim1").err
     refused = run("robot", "remove", "sim1", terminal="n\n")
     assert MAC in refused.out

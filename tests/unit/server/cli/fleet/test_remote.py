@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -87,6 +88,25 @@ def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
         do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
     pid = pid_written(path)
     wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
+
+
+def test_time_out_is_named_though_its_thread_still_runs(
+    do: Do, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lost link would be another problem, with other things to do."""
+    released = threading.Event()
+    kill = remote.Runner.kill
+
+    def slow_kill(runner: remote.Runner) -> None:
+        kill(runner)
+        released.wait(20)
+
+    monkeypatch.setattr(remote.Runner, "kill", slow_kill)
+    try:
+        with pytest.raises(CommandCut, match=r"timed out after 0\.5 s"):
+            do("sleep 60", timeout_s=0.5)
+    finally:
+        released.set()
 
 
 def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:

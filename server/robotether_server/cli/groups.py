@@ -1,0 +1,79 @@
+"""robotether group ...: groups of users, whose grants every member has."""
+
+import click
+
+from robotether_server.administration import groups
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    agree,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store import groups as records
+
+
+@click.group()
+def group() -> None:
+    """Add, list, fill and remove groups of users."""
+
+
+@group.command()
+@click.argument("name")
+def add(name: str) -> None:
+    """Add a group without members. Give it grants with: grant --group NAME ROBOT LEVEL."""
+    with open_database().transaction() as tx:
+        groups.add(tx, SOURCE, name)
+    click.echo(f"added group {name}")
+
+
+@group.command("list")
+@JSON
+def list_groups(as_json: bool) -> None:
+    """List the groups with their members."""
+    with open_database().transaction() as tx:
+        found = records.list_all(tx)
+    if as_json:
+        print_json([{"name": one.name, "members": list(one.members)} for one in found])
+        return
+    print_table(("NAME", "MEMBERS"), [(one.name, " ".join(one.members) or "-") for one in found])
+
+
+@group.command()
+@click.argument("name")
+@click.argument("user")
+def join(name: str, user: str) -> None:
+    """Make USER a member of group NAME."""
+    with open_database().transaction() as tx:
+        groups.add_member(tx, SOURCE, name, user)
+    click.echo(f"user {user} is a member of group {name}")
+
+
+@group.command()
+@click.argument("name")
+@click.argument("user")
+def leave(name: str, user: str) -> None:
+    """End USER's membership in group NAME; what only its grants opened ends."""
+    with open_database().transaction() as tx:
+        groups.remove_member(tx, SOURCE, name, user)
+    click.echo(f"user {user} is no member of group {name} any more")
+
+
+@group.command()
+@click.argument("name")
+@click.option("--yes", is_flag=True, help="Remove the group without asking.")
+def remove(name: str, yes: bool) -> None:
+    """Remove a group with its grants. Its members stay users."""
+    database = open_database()
+    with database.transaction() as tx:
+        records.get(tx, name)
+    if not yes:
+        agree(
+            f"remove group {name}",
+            f"Remove group {name}, with its grants?",
+            "say --yes to remove the group",
+        )
+    with database.transaction() as tx:
+        groups.remove(tx, SOURCE, name)
+    click.echo(f"removed group {name}")

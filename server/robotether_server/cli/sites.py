@@ -1,0 +1,69 @@
+"""robotether site ...: sites of robots, so that a grant can be for all robots of one."""
+
+import click
+
+from robotether_server.administration import sites
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    agree,
+    open_database,
+    print_json,
+    print_table,
+)
+from robotether_server.store import sites as records
+
+
+@click.group()
+def site() -> None:
+    """Add, list, fill and remove sites of robots."""
+
+
+@site.command()
+@click.argument("name")
+def add(name: str) -> None:
+    """Add a site without robots. Give grants for it with: grant USER --site NAME LEVEL."""
+    with open_database().transaction() as tx:
+        sites.add(tx, SOURCE, name)
+    click.echo(f"added site {name}")
+
+
+@site.command("list")
+@JSON
+def list_sites(as_json: bool) -> None:
+    """List the sites with their robots."""
+    with open_database().transaction() as tx:
+        found = records.list_all(tx)
+    if as_json:
+        print_json([{"name": one.name, "robots": list(one.robots)} for one in found])
+        return
+    print_table(("NAME", "ROBOTS"), [(one.name, " ".join(one.robots) or "-") for one in found])
+
+
+@site.command()
+@click.argument("robot")
+@click.argument("name", required=False)
+def place(robot: str, name: str | None) -> None:
+    """Put ROBOT at site NAME; without NAME at none. It leaves the site where it was."""
+    with open_database().transaction() as tx:
+        sites.place(tx, SOURCE, robot, name)
+    click.echo(f"robot {robot} is at {'no site' if name is None else f'site {name}'}")
+
+
+@site.command()
+@click.argument("name")
+@click.option("--yes", is_flag=True, help="Remove the site without asking.")
+def remove(name: str, yes: bool) -> None:
+    """Remove a site with its grants. Its robots stay, at no site."""
+    database = open_database()
+    with database.transaction() as tx:
+        records.get(tx, name)
+    if not yes:
+        agree(
+            f"remove site {name}",
+            f"Remove site {name}, with its grants?",
+            "say --yes to remove the site",
+        )
+    with database.transaction() as tx:
+        sites.remove(tx, SOURCE, name)
+    click.echo(f"removed site {name}")

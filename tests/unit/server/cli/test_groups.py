@@ -1,0 +1,39 @@
+"""robotether group ..."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from admin_records import kinds
+from robotether_server.store import Database
+
+Run = Callable[..., Any]
+
+
+def test_group_is_added_filled_listed_and_removed(run: Run, database: Database) -> None:
+    """Each with its line in the log."""
+    run("user", "add", "ann")
+    assert run("group", "add", "crew").out == "added group crew\n"
+    assert run("group", "join", "crew", "ann").out == "user ann is a member of group crew\n"
+    assert run("group", "list").out.splitlines()[1].split() == ["crew", "ann"]
+    assert json.loads(run("group", "list", "--json").out) == [{"name": "crew", "members": ["ann"]}]
+    assert "no member of group crew any more" in run("group", "leave", "crew", "ann").out
+    assert run("group", "leave", "crew", "ann").status == 1
+    assert "say --yes" in run("group", "remove", "crew").err
+    assert run("group", "remove", "crew", terminal="y\n").status == 0
+    assert kinds(database)[1:] == [
+        "group_added",
+        "group_member_added",
+        "group_member_removed",
+        "group_removed",
+    ]
+
+
+def test_unknown_names_are_said(run: Run) -> None:
+    """In one sentence."""
+    assert "cannot find group ghost" in run("group", "remove", "ghost", "--yes").err
+    run("group", "add", "crew")
+    assert "cannot find user ghost" in run("group", "join", "crew", "ghost").err
+    assert "cannot use name" in run("group", "add", "The Crew").err
