@@ -14,6 +14,7 @@ from datetime import datetime, timedelta
 from urllib.parse import urlsplit
 
 from robotether_server.problems import (
+    CsrfRefused,
     GrantMissing,
     LoginMissing,
     OriginRefused,
@@ -27,6 +28,7 @@ from robotether_server.problems import (
 from robotether_server.relay.connections import Use, permits
 from robotether_server.relay.credentials import Credentials, credential_of
 from robotether_server.store.fleet import Credential, Robot, Snapshot, User
+from robotether_server.store.grants import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "robotether_login"
@@ -64,6 +66,8 @@ class Permit:
     robot: Robot
     use: Use
     credential: Credential
+    # What the connection may do: a manager's observing connection only observes.
+    level: Level = "observe"
 
 
 class UsedTickets:
@@ -141,7 +145,7 @@ class Access:
             ticket, _ = self._verified(request.ticket)
             return self._permit_of_ticket(ticket, name, "video")
         asker = await self.asker(request)
-        robot = self._visible_robot(asker.user, name)
+        robot = self.visible_robot(asker.user, name)
         return Permit(asker.user, robot, "video", asker.credential)
 
     async def for_events(self, request: Request) -> Asker:
@@ -149,6 +153,18 @@ class Access:
         self.check_origin(request)
         self._snapshot()
         return await self.asker(request)
+
+    async def for_change(self, request: Request, csrf_header: str) -> Asker:
+        """Let a token change something, or a login that a page of this site uses.
+
+        A page of another site can send neither an Origin of ours nor a header of its own choice.
+        """
+        self.check_origin(request)
+        self._snapshot()
+        asker = await self.asker(request)
+        if asker.credential.kind == "login" and request.origin is None and not csrf_header:
+            raise CsrfRefused("cannot change anything: send the header X-CSRFToken with a login")
+        return asker
 
     async def asker(self, request: Request) -> Asker:
         """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known."""
@@ -193,15 +209,18 @@ class Access:
 
     def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
         user = User(ticket.user_id, ticket.user)
-        robot = self._visible_robot(user, name)
+        robot = self.visible_robot(user, name)
         if robot.id != ticket.robot_id:
             raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
-        if not permits(self._snapshot().level(user.id, robot.id), use):
+        granted = self._snapshot().level(user.id, robot.id)
+        if granted is None or not permits(granted, use):
             raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
         credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
-        return Permit(user, robot, use, credential)
+        return Permit(user, robot, use, credential, granted if use == "drive" else "observe")
 
-    def _visible_robot(self, user: User, name: str) -> Robot:
+    def visible_robot(self, user: User, name: str) -> Robot:
+        """Return the robot; RobotUnknown when there is none for this user."""
+        _check_name(name)
         snapshot = self._snapshot()
         robot = snapshot.by_name.get(name)
         if robot is None or snapshot.level(user.id, robot.id) is None:

@@ -74,5 +74,5 @@ def _took_a_port(before: Robot, after: Robot) -> bool:
     )
 
 
-def _told(robot: Robot) -> tuple[str, int | None, bool]:
-    return (robot.name, robot.shell_port, robot.rotate_key)
+def _told(robot: Robot) -> tuple[object, ...]:
+    return (robot.name, robot.shell_port, robot.rotate_key, robot.settings.guard)

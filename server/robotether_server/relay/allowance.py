@@ -1,6 +1,7 @@
 """How often somebody may do something: so many times a second on average, and some at once.
 
-`robot_link` keeps one for the lines of a robot. Pure: no network, no clock of its own.
+`robot_link` keeps one for the lines of a robot, a `Gate` for the messages of a client and for the
+answers to them. Pure: no network, no clock of its own.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ class Allowance:
         self._left = float(at_once)
         self._filled_at = now
 
-    def take(self, now: float) -> bool:
-        """Use the allowance once; False when there is none left."""
+    def take(self, now: float, count: int = 1) -> bool:
+        """Use the allowance so many times; False, and nothing is used, when there is not enough left."""
         filled = self._left + (now - self._filled_at) * self._per_s
         self._filled_at = now
         self._left = min(filled, self._most)
-        if self._left < 1:
+        if self._left < count:
             return False
-        self._left -= 1
+        self._left -= count
         return True

@@ -12,6 +12,7 @@ from aiohttp import web
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem
+from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge import RosbridgeHandler
@@ -19,11 +20,18 @@ from robotether_server.relay.video import VideoHandler
 
 log = logging.getLogger(__name__)
 
+# A reason, a site or an action.
+MAX_BODY_BYTES = 4096
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def public_app(
-    metrics: Metrics, rosbridge: RosbridgeHandler, video: VideoHandler, events: EventsHandler
+    metrics: Metrics,
+    rosbridge: RosbridgeHandler,
+    video: VideoHandler,
+    events: EventsHandler,
+    control: ControlApi,
 ) -> web.Application:
     """Make the application that nginx hands requests to."""
 
@@ -42,11 +50,12 @@ def public_app(
             log.exception("%r failed", request.path[:200])
             return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
 
-    app = web.Application(middlewares=[answer_problems], client_max_size=1)
+    app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
     app.router.add_get("/robots/{name}/ros", rosbridge.handle, allow_head=False)
     app.router.add_route("*", "/robots/{name}/video", video.handle)
     app.router.add_route("*", "/robots/{name}/video/{path:.*}", video.handle)
     app.router.add_get("/api/v1/events", events.handle, allow_head=False)
+    control.add_routes(app)
     return app
 
 

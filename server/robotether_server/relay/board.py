@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import datetime, timezone
 from typing import Any
 
 from robotether_server.relay.connections import Connections
+from robotether_server.relay.control import Control
 from robotether_server.relay.sessions import Change, SessionRegistry
 from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.times import rfc3339
 
 RTT_TOLD_EVERY_S = 2.0
 
@@ -30,10 +31,12 @@ class Board:
         snapshot: Callable[[], Snapshot],
         registry: SessionRegistry,
         connections: Connections,
+        control: Control,
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
         self._connections = connections
+        self._control = control
         self._feeds: set[Feed] = set()
         self._rtt_told_at: dict[int, float] = {}
 
@@ -92,6 +95,7 @@ class Board:
     def describe(self, robot: Robot) -> RobotObject:
         """Build the robot object of the contract."""
         presence = self._registry.presence(robot.id)
+        driver = self._control.driver(robot.id)
         return {
             "name": robot.name,
             "state": robot.state,
@@ -101,9 +105,11 @@ class Board:
             "rtt_ms": presence.rtt_ms,
             "ros": presence.ros,
             "video": presence.video,
-            "drivers": self._connections.drivers(robot.id),
+            "drivers": [] if driver is None else [driver],
             "observers": self._connections.observers(robot.id),
             "agent_version": presence.agent_version or robot.agent_version,
+            "site": robot.site,
+            "control": self._control.describe(robot.id),
         }
 
     def _rtt_changed(self, robot_id: int) -> None:
@@ -176,10 +182,3 @@ class Feed:
         if described != shown:
             self._shown[robot_id] = described
             yield "robot", described
-
-
-def rfc3339(moment: datetime | None) -> str | None:
-    """Write a moment as the contract does: UTC, whole seconds."""
-    if moment is None:
-        return None
-    return moment.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,25 +1,30 @@
 """One operator's WebSocket joined to one robot's rosbridge.
 
 `rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
-the robot is what `operations` returns: a driver's messages as the bytes they came in, an observer's
-written anew. It never parses what comes from a robot, and a message makes no task, no timer and no
-queue entry of its own. Reading on one side waits for writing on the other, so that a connection's
-memory is bounded by the socket buffers.
+the robot is what its `Gate` has written anew, and nothing else. It never parses what comes from a
+robot, and a message makes no task, no timer and no queue entry of its own. Reading on one side waits
+for writing on the other, so that a connection's memory is bounded by the socket buffers.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import dataclass
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
 
-from robotether_server.relay import endings, operations
-from robotether_server.relay.endings import Ending
+from robotether_server.relay import endings
+from robotether_server.relay.ages import ClientMoments
+from robotether_server.relay.drive_path import DrivePath, Seat
+from robotether_server.relay.endings import EndedError, Ending
 from robotether_server.relay.liveness import Limits, Liveness
+from robotether_server.relay.operations import Checked, Gate, RefusedError
+from robotether_server.relay.own_operations import OwnOperations
 from robotether_server.relay.sockets import OperatorSocket, RobotSocket
 
 log = logging.getLogger(__name__)
@@ -27,14 +32,6 @@ log = logging.getLogger(__name__)
 # A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
 # so long for the second, to tell the operator which of the two it was.
 LINK_GRACE_S = 0.3
-
-
-class EndedError(Exception):
-    """Carries an ending out of code that connects."""
-
-    def __init__(self, ending: Ending) -> None:
-        super().__init__(ending.reason)
-        self.ending = ending
 
 
 @dataclass
@@ -45,41 +42,55 @@ class Traffic:
     messages_to_client: int = 0
     bytes_to_robot: int = 0
     bytes_to_client: int = 0
-    refused: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
 
 
 @dataclass(frozen=True)
-class BridgeRules:
-    """What is the same for all bridges of a relay."""
+class Reached:
+    """The robot's end of a connection; `seat` is that of a driver."""
 
-    limits: Limits
-    message_limit: int
-    traffic: Traffic
+    socket: RobotSocket
+    seat: Seat | None = None
 
 
 class Bridge:
     """Passes messages between an operator and a robot until something ends it."""
 
     def __init__(
-        self, robot: str, mode: operations.Mode, operator: OperatorSocket, rules: BridgeRules
+        self,
+        robot: str,
+        *,
+        gate: Gate,
+        operator: OperatorSocket,
+        own: OwnOperations,
+        limits: Limits,
+        message_limit: int,
+        traffic: Traffic,
     ) -> None:
         self._name = robot
-        self._mode = mode
+        self._gate = gate
         self._operator = operator
+        self._own = own
+        self._limits = limits
+        self._message_limit = message_limit
+        self._traffic = traffic
         self._robot: RobotSocket | None = None
-        self._rules = rules
+        self._drive: DrivePath | None = None
         self._loop = asyncio.get_running_loop()
+        self._moments = ClientMoments(time.monotonic())
         self._ended: asyncio.Future[Ending] = self._loop.create_future()
         self._heard_at = self._loop.time()
         self._bytes_to_robot = 0
         self._bytes_to_client = 0
+        # By kind, for the records.
+        self.refused: Counter[str] = Counter()
 
     def end(self, ending: Ending) -> None:
         """End the connection at once; the first ending counts."""
         if not self._ended.done():
             self._ended.set_result(ending)
 
-    async def run(self, connect: Callable[[], Awaitable[RobotSocket]]) -> Ending:
+    async def run(self, connect: Callable[[], Awaitable[Reached]]) -> Ending:
         """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
         if self._ended.done():
             return self._ended.result()
@@ -120,45 +131,84 @@ class Bridge:
             log.exception("robot %s: an operator's connection failed", self._name)
             self.end(endings.relay_failed())
 
-    async def _work(self, connect: Callable[[], Awaitable[RobotSocket]]) -> Ending:
-        self._robot = robot = await connect()
+    async def _work(self, connect: Callable[[], Awaitable[Reached]]) -> Ending:
+        reached = await connect()
+        self._robot = robot = reached.socket
+        parts = [
+            self._pump_to_robot(robot),
+            self._pump_to_client(robot),
+            self._watch(robot),
+            self._ping(),
+            self._tell_news(),
+        ]
+        if reached.seat is not None:
+            self._drive = DrivePath(reached.seat, robot, self._moments, self._count_to_robot)
+            parts.append(self._send_commands(self._drive))
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._guard(self._pump_to_robot(robot)))
-            group.create_task(self._guard(self._pump_to_client(robot)))
-            group.create_task(self._guard(self._watch(robot)))
+            for part in parts:
+                group.create_task(self._guard(part))
         return await self._ended
 
     async def _pump_to_robot(self, robot: RobotSocket) -> Ending:
-        operator, traffic, mode = self._operator, self._rules.traffic, self._mode
         while True:
-            message = await operator.receive()
+            message = await self._operator.receive()
             self._heard_at = self._loop.time()
-            try:
-                if message.type is WSMsgType.TEXT:
-                    data = operations.checked_text(message.data, mode)
-                elif message.type is WSMsgType.BINARY:
-                    data = operations.checked_binary(message.data, mode)
-                elif message.type is WSMsgType.PING:
-                    await operator.pong(message.data)
-                    continue
-                elif message.type is WSMsgType.PONG:
-                    continue
-                else:
-                    return self._ending_by_operator(message.type, message.data)
-            except operations.RefusedError as refused:
-                traffic.refused += 1
+            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                try:
+                    await self._pass_on(robot, message.data)
+                except ConnectionError:
+                    return await self._ending_by_robot("its connection broke")
+            elif message.type is WSMsgType.PONG:
+                self._moments.pong(message.data)
+            elif message.type is WSMsgType.PING:
+                await self._operator.pong(message.data)
+            else:
+                return self._ending_by_operator(message.type, message.data)
+
+    async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
+        try:
+            checked = self._gate.check(data)
+        except RefusedError as refused:
+            self.refused[refused.kind] += 1
+            self._traffic.refused[refused.kind] += 1
+            if refused.answer is not None:
                 await self._send_to_client(refused.answer, WSMsgType.TEXT)
-                continue
-            traffic.messages_to_robot += 1
-            traffic.bytes_to_robot += len(data)
-            self._bytes_to_robot += len(data)
-            try:
-                await robot.send_frame(data, message.type)
-            except ConnectionError:
-                return await self._ending_by_robot("its connection broke")
+            return
+        if checked.own is not None:
+            await self._do_own(checked.operation, checked.own)
+            return
+        if self._drive is not None:
+            self._drive.log.message()
+        await self._send_to_robot(robot, checked)
+
+    async def _send_to_robot(self, robot: RobotSocket, checked: Checked) -> None:
+        if checked.drive is None or self._drive is None:
+            self._count_to_robot(len(checked.data))
+            await robot.send_frame(checked.data, WSMsgType.TEXT)
+            return
+        complaint = await self._drive.take(checked.drive)
+        if complaint is not None:
+            await self._send_to_client(complaint, WSMsgType.TEXT)
+
+    async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
+        answer = self._own.answer(operation, own)
+        # Behind data that waits it would come late, and keep what comes from the client waiting.
+        if answer is not None and not self._operator.waiting_bytes():
+            await self._send_to_client(answer, WSMsgType.TEXT)
+
+    async def _tell_news(self) -> Ending:
+        with self._own.watched():
+            while True:
+                await self._send_to_client(await self._own.news(), WSMsgType.TEXT)
+
+    async def _send_commands(self, drive: DrivePath) -> Ending:
+        try:
+            return await drive.run()
+        except ConnectionError:
+            return await self._ending_by_robot("its connection broke")
 
     async def _pump_to_client(self, robot: RobotSocket) -> Ending:
-        traffic = self._rules.traffic
+        traffic = self._traffic
         while True:
             message = await robot.receive()
             if message.type is not WSMsgType.TEXT and message.type is not WSMsgType.BINARY:
@@ -174,17 +224,20 @@ class Bridge:
         except ConnectionError as exc:
             raise EndedError(endings.client_vanished(self._name)) from exc
 
+    def _count_to_robot(self, size: int) -> None:
+        self._traffic.messages_to_robot += 1
+        self._traffic.bytes_to_robot += size
+        self._bytes_to_robot += size
+
     async def _watch(self, robot: RobotSocket) -> Ending:
-        limits, operator, loop = self._rules.limits, self._operator, self._loop
+        limits, loop = self._limits, self._loop
         liveness = Liveness(limits, loop.time())
-        pinged_at = loop.time()
         while True:
             await asyncio.sleep(limits.look_every_s)
-            now, waiting = loop.time(), operator.waiting_bytes()
             verdict = liveness.look(
-                now,
+                loop.time(),
                 heard_at=self._heard_at,
-                to_client=(self._bytes_to_client, waiting),
+                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
                 to_robot=(self._bytes_to_robot, robot.waiting_bytes()),
             )
             if verdict == "client_silent":
@@ -194,16 +247,18 @@ class Bridge:
             if verdict == "robot_slow":
                 why = f"it took nothing for {limits.slow_after_s:g} s"
                 return endings.rosbridge_down(self._name, why)
-            # Behind data that waits a ping would only wait too.
-            if waiting == 0 and now - pinged_at >= limits.ping_every_s:
-                pinged_at = now
-                await self._ping()
 
-    async def _ping(self) -> None:
-        try:
-            await self._operator.ping()
-        except ConnectionError as exc:
-            raise EndedError(endings.client_vanished(self._name)) from exc
+    async def _ping(self) -> Ending:
+        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if self._operator.waiting_bytes() and not self._limits.strict:
+                continue
+            try:
+                await self._operator.ping(self._moments.ping(time.monotonic()))
+            except ConnectionError as exc:
+                raise EndedError(endings.client_vanished(self._name)) from exc
 
     def _ending_by_operator(self, kind: WSMsgType, data: object) -> Ending:
         if kind is WSMsgType.CLOSE:
@@ -216,7 +271,7 @@ class Bridge:
         if kind is WSMsgType.CLOSE:
             return endings.rosbridge_down(self._name, "it closed the connection")
         if isinstance(data, WebSocketError):
-            sender, limit = f"robot {self._name}", self._rules.message_limit
+            sender, limit = f"robot {self._name}", self._message_limit
             return _ending_of_broken(data, sender, limit)
         return await self._ending_by_robot("its connection broke")
 

@@ -43,13 +43,18 @@ class Connection:
     use: Use
     end: Callable[[Ending], None]
     reached: bool = False
+    level: Level = "observe"
 
     def holds_in(self, snapshot: Snapshot) -> bool:
         """Tell whether the user may still do this with this robot."""
         robot = snapshot.robots.get(self.robot.id)
         if robot is None or robot.state != "active" or robot.name != self.robot.name:
             return False
-        return permits(snapshot.level(self.user_id, robot.id), self.use)
+        level = snapshot.level(self.user_id, robot.id)
+        if level is None or not permits(level, self.use) or not includes(level, self.level):
+            return False
+        # What it may send was fixed when it was opened.
+        return self.use == "video" or _rules_of(robot) == _rules_of(self.robot)
 
 
 def permits(level: Level | None, use: Use) -> bool:
@@ -106,10 +111,6 @@ class Connections:
         connection.reached = True
         self._changed(connection.robot.id)
 
-    def drivers(self, robot_id: int) -> list[str]:
-        """Names of the users that drive the robot."""
-        return sorted({member.user for member in self._counted(robot_id, "drive")})
-
     def observers(self, robot_id: int) -> int:
         """How many connections observe the robot."""
         return len(self._counted(robot_id, "observe"))
@@ -145,6 +146,11 @@ class Connections:
 
     def _all(self) -> list[Connection]:
         return [member for members in self._by_robot.values() for member in members]
+
+
+def _rules_of(robot: Robot) -> tuple[object, ...]:
+    guard = robot.settings.guard
+    return robot.settings.policy, guard.drive_topics, guard.max_age_ms
 
 
 def _counted_as(connection: Connection) -> tuple[int, bool]:

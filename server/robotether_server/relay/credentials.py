@@ -2,7 +2,7 @@
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
 a page with many pictures asks the database once. `fleet` has those that something live hangs on
-asked again.
+asked again; such a one is believed as long as what hangs on it, with the database away, too.
 """
 
 from __future__ import annotations
@@ -34,10 +34,15 @@ class Credentials:
         self._kept: OrderedDict[Credential, tuple[float, User | None]] = OrderedDict()
         self._held: dict[Credential, set[Callable[[], None]]] = {}
         self._unsure: set[Credential] = set()
+        # Of those held, whose they were when last asked for; what hangs on one ends when it does.
+        self._live: dict[Credential, User] = {}
         self._rechecks = 0
 
     async def user_of(self, credential: Credential) -> User | None:
         """Tell who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
+        if (live := self._live.get(credential)) is not None:
+            # Else nobody could stop a robot over HTTP while the database is away.
+            return live
         now = asyncio.get_running_loop().time()
         kept = self._kept.get(credential)
         if kept is not None and now - kept[0] < KEEP_S:
@@ -62,6 +67,7 @@ class Credentials:
             if not ends and self._held.get(credential) is ends:
                 del self._held[credential]
                 self._unsure.discard(credential)
+                self._live.pop(credential, None)
 
     async def recheck(self) -> None:
         """Ask again for all that is held, and end what hangs on the rest."""
@@ -79,9 +85,16 @@ class Credentials:
         valid = await self._records.users_of(asked)
         self._unsure.difference_update(asked)
         for credential in asked:
-            if credential not in valid:
+            if credential in valid:
+                self._note_live(credential, valid[credential])
+            else:
+                self._live.pop(credential, None)
                 for end in list(self._held.get(credential, ())):
                     end()
+
+    def _note_live(self, credential: Credential, user: User) -> None:
+        if credential in self._held:
+            self._live[credential] = user
 
     def _keep(self, credential: Credential, now: float, user: User | None) -> None:
         self._kept[credential] = (now, user)

@@ -28,6 +28,14 @@ class Ending:
         return raw.decode(errors="ignore").encode()
 
 
+class EndedError(Exception):
+    """Carries an ending out of code that connects."""
+
+    def __init__(self, ending: Ending) -> None:
+        super().__init__(ending.reason)
+        self.ending = ending
+
+
 def client_left(robot: str) -> Ending:
     """The operator closed the connection."""
     return Ending(1000, "client_left", f"connection to robot {robot} closed")
@@ -65,6 +73,37 @@ def rights_ended(robot: str) -> Ending:
     return Ending(4001, "rights_ended", f"your rights on robot {robot} have ended or changed")
 
 
+def superseded(robot: str) -> Ending:
+    """The same user drives with a newer connection."""
+    return Ending(4002, "superseded", f"you drive robot {robot} with a newer connection now")
+
+
+def robot_stopped(robot: str, by: str, at: datetime) -> Ending:
+    """Somebody stopped the robot."""
+    why = f"{stopped_sentence(robot, by, at)}; a driver must release it"
+    return Ending(4003, "robot_stopped", why)
+
+
+def lease_held(robot: str, by: str, since: datetime | None) -> Ending:
+    """Somebody else drives, or is about to."""
+    if since is None:
+        return Ending(4009, "lease_held", f"the control of {robot} is kept for {by}; wait a moment")
+    moment = since.astimezone(timezone.utc).strftime("%H:%M UTC")
+    why = f"{by} drives {robot} since {moment}; ask for the control, or wait"
+    return Ending(4009, "lease_held", why)
+
+
+def lease_lost(robot: str, to: str) -> Ending:
+    """The control was handed over, passed on or taken."""
+    return Ending(4010, "lease_lost", f"the control of {robot} is {to}'s now")
+
+
+def lease_unavailable(robot: str) -> Ending:
+    """The database, which numbers drives, does not answer."""
+    why = f"cannot let you drive {robot}: the database does not answer; try again shortly"
+    return Ending(4510, "lease_unavailable", why)
+
+
 def client_silent(robot: str, limit_s: float) -> Ending:
     """Neither pong nor message came in time."""
     return Ending(
@@ -97,6 +136,12 @@ def rosbridge_down(robot: str, why: str) -> Ending:
 def link_lost(robot: str) -> Ending:
     """The tunnel went away during the connection."""
     return Ending(4505, "link_lost", f"the link to robot {robot} is lost")
+
+
+def stopped_sentence(robot: str, by: str, at: datetime) -> str:
+    """Say who stopped a robot, and when."""
+    moment = at.astimezone(timezone.utc).strftime("%H:%M UTC")
+    return f"{by} stopped {robot} at {moment}"
 
 
 def offline_sentence(robot: str, since: datetime | None, now: datetime) -> str:

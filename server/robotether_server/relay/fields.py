@@ -1,8 +1,8 @@
-"""Checks of single fields of an observer's message; `operations` says which field gets which check.
+"""Checks of single fields of a client's message; `policy` says which field gets which check.
 
 A check returns the value to send on, and raises FieldRefusedError with the reason. What passes has
-one meaning to every JSON parser, and holds no object in which a parser that lost its way could find
-an operation. Pure.
+one meaning to every JSON parser; but for `payload`, which `json_text` looks after, it holds no
+object in which a parser that lost its way could find an operation. Pure.
 """
 
 from __future__ import annotations
@@ -15,10 +15,15 @@ from typing import Any
 Check = Callable[[Any], object]
 
 MAX_TEXT_LENGTH = 1024
+MAX_NAME_LENGTH = 255
 # Parsers written in C refuse what is longer, or make a float of it.
 WHOLE_64_BIT = (-(2**63), 2**63 - 1)
+# Whole numbers that are the same as floats.
+WHOLE_53_BIT = (-(2.0**53), 2.0**53)
 # A field of a ROS message; `op` would make an operation of the object that it stands in.
 FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
+# A name of ROS without anything that stands for something else.
+ROS_NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
 
 
 class FieldRefusedError(ValueError):
@@ -33,6 +38,22 @@ def text(value: Any) -> str:
         value.encode()
     except UnicodeEncodeError as exc:
         raise FieldRefusedError("is no Unicode: it holds half of a character") from exc
+    return value
+
+
+def ros_name(value: Any) -> str:
+    """Pass the name of a topic, service or action, with the first slash that it may lack."""
+    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH or not ROS_NAME.fullmatch(value):
+        raise FieldRefusedError(
+            f"is no full name such as /a/b_1, of up to {MAX_NAME_LENGTH} characters"
+        )
+    return value if value[0] == "/" else "/" + value
+
+
+def flag(value: Any) -> bool:
+    """Pass a truth value."""
+    if not isinstance(value, bool):
+        raise FieldRefusedError("is neither true nor false")
     return value
 
 
@@ -78,6 +99,35 @@ def identity(value: Any) -> str | int:
     return _whole_64_bit(value)
 
 
+def members(value: Any) -> dict[str, Any]:
+    """Pass an object of any members: a message."""
+    if not isinstance(value, dict):
+        raise FieldRefusedError("is no object")
+    return value
+
+
+def payload(value: Any) -> dict[str, Any] | list[Any]:
+    """Pass an object or array of anything: what a service or an action takes."""
+    if not isinstance(value, (dict, list)):
+        raise FieldRefusedError("is neither object nor array")
+    return value
+
+
+def moment(value: Any) -> float:
+    """Pass a time in ms."""
+    low, high = WHOLE_53_BIT
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not low <= value <= high:
+        raise FieldRefusedError("is no time in ms")
+    return float(value)
+
+
+def stamp(value: Any) -> float:
+    """Return the moment of a drive command, out of the object that stands beside `msg`."""
+    if not isinstance(value, dict) or "t_ms" not in value:
+        raise FieldRefusedError("is no object with t_ms")
+    return moment(value["t_ms"])
+
+
 def scalars(value: Any) -> dict[str, object] | list[object]:
     """Pass an object or array of texts, numbers and truth values; nothing stands deeper."""
     if isinstance(value, list):
@@ -86,7 +136,7 @@ def scalars(value: Any) -> dict[str, object] | list[object]:
         raise FieldRefusedError("is neither object nor array")
     for name in value:
         if not FIELD_NAME.fullmatch(name):
-            raise FieldRefusedError(f"has a member {name[:64]!r}, which an observer may not send")
+            raise FieldRefusedError(f"has a member {name[:64]!r}, which may not stand here")
     return {name: _scalar(item) for name, item in value.items()}
 
 

@@ -13,6 +13,7 @@ from datetime import datetime
 
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.records import Records
+from robotether_server.store.control import Kept
 from robotether_server.store.fleet import Changes, Snapshot
 
 log = logging.getLogger(__name__)
@@ -33,6 +34,7 @@ class Fleet:
         credentials_changed: Callable[[], Awaitable[None]],
         check_new_credentials: Callable[[], Awaitable[None]],
         last_seen: Callable[[list[tuple[int, datetime]]], None],
+        kept: Callable[[Kept], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
         self._records = records
@@ -40,6 +42,7 @@ class Fleet:
         self._credentials_changed = credentials_changed
         self._check_new_credentials = check_new_credentials
         self._last_seen = last_seen
+        self._kept = kept
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
@@ -86,6 +89,8 @@ class Fleet:
         if self._snapshot is None or self._snapshot.rights != now.rights:
             if self._snapshot is None:
                 self._last_seen(await self._records.last_seen())
+                # Before anybody is served: a robot that is stopped stays so, and numbers go on.
+                self._kept(await self._records.kept())
             self._snapshot = await self._records.load()
             self._rights_changed(self._snapshot)
         time = asyncio.get_running_loop().time()

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.records import Records
 from robotether_server.relay.retry import delays
+from robotether_server.store.control import DriveEntry, StopEntry
 from robotether_server.store.fleet import Entry, SessionEntry
 
 log = logging.getLogger(__name__)
@@ -75,9 +76,6 @@ class Journal:
                     log.warning("%s; %d entries wait", problem.detail, len(self._waiting))
                 failing = True
                 await asyncio.sleep(next(pauses))
-            except Exception:
-                log.exception("cannot write %d entries of the journal; dropped", len(batch))
-                self.dropped += len(batch)
             else:
                 if failing:
                     log.warning("the journal is written again")
@@ -91,8 +89,8 @@ class Journal:
             await self._write_together(batch)
         except StoreUnavailable:
             raise
-        except StoreProblem:
-            # One entry that the database refuses must not keep the others from being written.
+        except Exception:  # noqa: BLE001  # told by `_write_alone`, for the entry that it comes of
+            # One entry that cannot be written must not keep the others from it; a stop may be among them.
             for entry in batch:
                 await self._write_alone(entry)
 
@@ -108,6 +106,9 @@ class Journal:
         except StoreProblem as problem:
             log.warning("cannot write %r: %s; dropped", entry, problem.detail)
             self.dropped += 1
+        except Exception:
+            log.exception("cannot write %r; dropped", entry)
+            self.dropped += 1
 
     def _put_back(self, batch: Sequence[Entry]) -> None:
         for entry in reversed(batch):
@@ -117,10 +118,13 @@ class Journal:
     def _drop_oldest(self) -> None:
         if self.dropped == 0:
             log.error("the journal is full; from now on the oldest entries are dropped")
-        self.dropped += 1
-        self._waiting.popitem(last=False)
+        # A stop must outlive the relay; there is at most one entry a robot.
+        oldest = (key for key, each in self._waiting.items() if not isinstance(each, StopEntry))
+        if (key := next(oldest, None)) is not None:
+            self.dropped += 1
+            del self._waiting[key]
 
 
 def _set_row(entry: Entry, row_id: int) -> None:
-    if isinstance(entry, SessionEntry):
+    if isinstance(entry, SessionEntry | DriveEntry):
         entry.row_id = row_id

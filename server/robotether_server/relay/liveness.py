@@ -19,6 +19,11 @@ class Limits:
     silent_after_s: float = 6.0
     slow_after_s: float = 10.0
     look_every_s: float = 0.5
+    # A driver of whom nothing comes holds the lease no longer, whatever waits to be sent to it.
+    strict: bool = False
+
+
+DRIVER_LIMITS = Limits(ping_every_s=0.2, silent_after_s=2.5, look_every_s=0.1, strict=True)
 
 
 class Drain:
@@ -66,7 +71,7 @@ class Liveness:
             return "robot_slow"
         # Behind data that waits, a ping cannot arrive; and while the robot's side is full,
         # the client is not read, so its pongs are not seen. Neither is the client's silence.
-        if to_client[1] or to_robot[1]:
+        if to_robot[1] or (to_client[1] and not self._limits.strict):
             self._excused_at = now
         if now - max(heard_at, self._excused_at) > self._limits.silent_after_s:
             return "client_silent"

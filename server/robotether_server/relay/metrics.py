@@ -40,6 +40,7 @@ class Metrics:
         self.session_refusals = self._counter(
             "session_refusals", "Robots' connections refused, by reason", "code"
         )
+        self.dropped_old = self._counter("commands_dropped", "Drive commands that were too old")
         self.port_checks = self._counter(
             "port_checks",
             "Robots' ports tried from this side, by what answered",
@@ -77,7 +78,10 @@ class _TrafficCollector(Collector):
         sizes.add_metric(["robot"], traffic.bytes_to_robot)
         sizes.add_metric(["client"], traffic.bytes_to_client)
         refused = CounterMetricFamily(
-            "robotether_relay_messages_refused", "Rosbridge messages answered with an error"
+            "robotether_relay_messages_refused",
+            "Rosbridge messages that may not go on, by kind",
+            labels=["kind"],
         )
-        refused.add_metric([], traffic.refused)
+        for kind, count in traffic.refused.items():
+            refused.add_metric([kind], count)
         return [messages, sizes, refused]

@@ -1,13 +1,9 @@
-"""Which rosbridge operations an operator's connection may send to a robot, and the bytes it sends.
+"""Checks every message from a client, and writes it anew for the robot.
 
-`bridge` asks for every message from a client, and sends what this returns and nothing else. So what
-was checked and what is sent are one: a driver may send all operations, its bytes go on as they
-came, and nothing is read from them; of an observer a message is written anew, of the fields that
-were checked. Who checks drivers' messages one day must write them anew in the same way.
-
-The bytes of an observer must never go on. rosbridge, when it cannot parse a message as a whole,
-runs any object with an `op` that it finds inside; what this parser reads and the robot's does not
-(nesting, large numbers, NaN) would hide a `publish` in a `subscribe`.
+Each connection has a `Gate`; `bridge` asks it for every message and sends what it returns and
+nothing else. So what was checked and what is sent are one: the client's own bytes must never go
+on, since the robot could read another operation in them than this parser did. `policy` lists what
+there is, a robot's settings say which names each level may use.
 
 A refusal is a sentence for the client, in rosbridge's own `status` operation, and the connection
 goes on. Messages from the robot never come here.
@@ -16,193 +12,260 @@ goes on. Messages from the robot never come here.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import Any, Literal
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
 
-from robotether_server.relay import fields
-from robotether_server.relay.fields import Check, FieldRefusedError
+from robotether_server.globs import Globs
+from robotether_server.relay import fields, json_text
+from robotether_server.relay.allowance import Allowance
+from robotether_server.relay.drive_commands import DriveCommand, speeds, stamped
+from robotether_server.relay.fields import FieldRefusedError
+from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS, Operation, Right
+from robotether_server.relay.subscriptions import Subscriptions
+from robotether_server.robot_settings import LevelPolicy, Limits
 
-Mode = Literal["observe", "drive"]
-Fields = Mapping[str, Check]
+__all__ = ["Checked", "DriveCommand", "Gate", "RefusedError", "stamped", "status_error"]
 
-# Parsing holds up everybody else, for some 4 ms at this size. A driver's larger message is none of
-# the small ones that steer, and looking at its ends tells enough.
-PARSED_UP_TO_BYTES = 64 * 1024
-MAX_SPACE_AROUND = 64
+Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
 
-# Services of rosapi that only look something up.
-ROSAPI_LOOKUPS = tuple(
-    f"/rosapi/{name}"
-    for name in (
-        "action_feedback_details",
-        "action_goal_details",
-        "action_result_details",
-        "action_servers",
-        "action_type",
-        "get_param",
-        "get_param_names",
-        "get_ros_version",
-        "get_time",
-        "has_param",
-        "interfaces",
-        "message_details",
-        "node_details",
-        "nodes",
-        "publishers",
-        "search_param",
-        "service_host",
-        "service_node",
-        "service_providers",
-        "service_request_details",
-        "service_response_details",
-        "service_type",
-        "services",
-        "services_for_type",
-        "subscribers",
-        "topic_type",
-        "topics",
-        "topics_and_raw_types",
-        "topics_for_type",
-    )
-)
-LEVELS = ("info", "warning", "error", "none")
-COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-LONGEST_THROTTLE_MS = 3_600_000
-LONGEST_QUEUE = 1000
-LONGEST_CALL_S = 60.0
-# Smaller pieces would make the robot write many messages of one.
-FRAGMENT_BYTES = (4096, 2**31 - 1)
-
-_ANSWER: Fields = {
-    "fragment_size": fields.whole(*FRAGMENT_BYTES),
-    "compression": fields.choice(*COMPRESSIONS),
-}
-# The fields of each operation that an observer may send. Others are left out: rosbridge takes
-# `message_intervall` from any message, and would wait so long before everything that it sends.
-OBSERVER_OPERATIONS: Mapping[str, Fields] = {
-    "subscribe": {
-        "id": fields.identity,
-        "topic": fields.text,
-        "type": fields.text,
-        "throttle_rate": fields.whole(0, LONGEST_THROTTLE_MS),
-        "queue_length": fields.whole(0, LONGEST_QUEUE),
-        "qos": fields.scalars,
-        **_ANSWER,
-    },
-    "unsubscribe": {"id": fields.identity, "topic": fields.text},
-    "call_service": {
-        "id": fields.identity,
-        "service": fields.choice(*ROSAPI_LOOKUPS),
-        "args": fields.scalars,
-        "timeout": fields.number(0, LONGEST_CALL_S),
-        **_ANSWER,
-    },
-    "status": {"id": fields.identity, "level": fields.choice(*LEVELS), "msg": fields.text},
-    "set_level": {"id": fields.identity, "level": fields.choice(*LEVELS)},
-}
-NEEDED_FIELDS: Mapping[str, str] = {
-    "subscribe": "topic",
-    "unsubscribe": "topic",
-    "call_service": "service",
-}
+ANSWERS_PER_S = 10
+# Names whose right is remembered; clients use few.
+KNOWN_NAMES = 256
+KB = 1024
+# A message of one KB, or of so many values, takes as long to read as a small one does at all.
+VALUES_AS_ONE = 64
+# Who only looks has less to say; and there may be many of them.
+OBSERVERS_SHARE = 10
+# A stop passes whatever else its sender floods the relay with. It is short, and its name spelt out.
+STOP, LONGEST_STOP = "robotether.stop", 256
+STOP_WORD = f'"{STOP}"'.encode()
+TOO_MANY = "cannot pass message: there are too many of them; send less often"
+HIDING = frozenset(("fragment", "png"))
 
 
 class RefusedError(Exception):
-    """The message may not go to the robot; `answer` is the status message for the client."""
+    """The message may not go to the robot.
 
-    def __init__(self, why: str, message_id: object = None) -> None:
+    `answer` is the status message for the client, None when it had enough of them this second.
+    """
+
+    def __init__(self, kind: Kind, why: str, answer: bytes | None) -> None:
         super().__init__(why)
-        self.answer = status_error(why, message_id)
+        self.kind = kind
+        self.answer = answer
 
 
-class NotJsonError(ValueError):
-    """A text message that is no JSON object; the text says why."""
+class Checked(NamedTuple):
+    """A message that passed. `data` goes to the robot, as a text message.
+
+    With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
+    the relay, `data` is empty, and `own` has its fields.
+    """
+
+    data: bytes
+    operation: str
+    drive: DriveCommand | None = None
+    own: Mapping[str, Any] | None = None
 
 
-def checked_text(data: bytes, mode: Mode) -> bytes:
-    """Return the bytes that may go to the robot; RefusedError when none may."""
-    try:
-        if mode == "drive" and len(data) > PARSED_UP_TO_BYTES:
-            _look_at_ends(data)
-            return data
-        message = _parse(data, unique_keys=mode == "observe")
-    except NotJsonError as problem:
-        raise RefusedError(f"cannot read message: not JSON: {problem}") from problem
-    return data if mode == "drive" else _written_for_observer(message)
+class _RefusalError(Exception):
+    """What is wrong, before it is known whether the client is told."""
+
+    def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
+        super().__init__(why)
+        self.kind: Kind = kind
+        self.why = why
+        self.message_id = message_id
 
 
-def checked_binary(data: bytes, mode: Mode) -> bytes:
-    """Return a driver's binary (BSON, CBOR) message; RefusedError for an observer's."""
-    if mode == "drive":
-        return data
-    raise RefusedError("cannot pass message: an observing connection sends JSON text only")
+class Gate:
+    """Checks the messages of one connection."""
+
+    def __init__(
+        self,
+        policy: LevelPolicy,
+        drive_topics: Globs,
+        limits: Limits,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        now = clock()
+        self._clock = clock
+        self._drives = policy.drives
+        self._most_bytes = limits.message_kb * KB
+        self._subscriptions = Subscriptions(limits.subscriptions)
+        per_s = limits.messages_per_s / (1 if policy.drives else OBSERVERS_SHARE)
+        # The largest text must fit in what may come at once.
+        self._at_once = max(int(per_s), limits.message_kb + 1)
+        self._messages = Allowance(now, per_s=per_s, at_once=self._at_once)
+        self._answers = Allowance(now, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
+        self._is_drive_topic = lru_cache(KNOWN_NAMES)(drive_topics.match)
+        self._allowed: Mapping[Right, Callable[[str], bool]] = {
+            "subscribe": lru_cache(KNOWN_NAMES)(policy.subscribe.match),
+            "publish": lru_cache(KNOWN_NAMES)(policy.publish.match),
+            "call": lru_cache(KNOWN_NAMES)(policy.call.match),
+            "serve": lru_cache(KNOWN_NAMES)(policy.serve.match),
+        }
+
+    def check(self, data: bytes) -> Checked:
+        """Return what may go on in place of the message; raise RefusedError when nothing may."""
+        try:
+            return self._check(data)
+        except _RefusalError as refusal:
+            told = self._answers.take(self._clock())
+            answer = status_error(refusal.why, refusal.message_id) if told else None
+            raise RefusedError(refusal.kind, refusal.why, answer) from None
+
+    def _check(self, data: bytes) -> Checked:
+        passes = self._check_amount(data)
+        message = _read(data)
+        operation = message.get("op")
+        if not passes and operation != STOP:
+            raise _RefusalError("rate", TOO_MANY)
+        entry = OPERATIONS.get(operation) if isinstance(operation, str) else None
+        if entry is None or not isinstance(operation, str):
+            raise _RefusalError("operation", _unknown(operation), message.get("id"))
+        written = _fields_of(operation, entry, message)
+        if entry.own:
+            return Checked(b"", operation, own=written)
+        self._check_right(entry, written)
+        if operation == "publish":
+            return self._publish(written)
+        return Checked(_write(written), operation)
+
+    def _check_amount(self, data: bytes) -> bool:
+        """Tell whether the message may pass whatever it is; if not, it still may be a stop."""
+        size = len(data)
+        if size > self._most_bytes:
+            limit = self._most_bytes // KB
+            raise _RefusalError(
+                "size", f"cannot pass message: it has over {limit} KB, the robot's limit"
+            )
+        cost = 1 if size < KB else _cost(data)
+        if cost > self._at_once:
+            raise _RefusalError(
+                "size", "cannot pass message: it has too many values for one message"
+            )
+        if self._messages.take(self._clock(), cost):
+            return True
+        if not _may_be_stop(data):
+            raise _RefusalError("rate", TOO_MANY)
+        return False
+
+    def _check_right(self, entry: Operation, written: Mapping[str, Any]) -> None:
+        if entry.right is None or entry.named_by is None:
+            return
+        name = written[entry.named_by]
+        if not (self._allowed[entry.right](name) or self._always(entry, written, name)):
+            kind: Kind = "topic" if entry.named_by == "topic" else "service"
+            why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
+            raise _RefusalError(kind, why, written.get("id"))
+        if entry.right == "subscribe":
+            self._count_subscription(written)
+
+    def _always(self, entry: Operation, written: Mapping[str, Any], name: str) -> bool:
+        """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
+        if entry.right == "publish":
+            return self._drives and self._is_drive_topic(name)
+        if written["op"] == "call_service" and name in ROSAPI_LOOKUPS:
+            _look_up_only(written)
+            return True
+        return False
+
+    def _missing_right(self, right: Right) -> str:
+        if right != "subscribe" and not self._drives:
+            return "an observing connection only subscribes and calls look-ups of /rosapi"
+        return "the robot's policy does not let you; an admin changes it on the robot's page"
+
+    def _count_subscription(self, written: Mapping[str, Any]) -> None:
+        topic, subscription_id = written["topic"], written.get("id")
+        if written["op"] == "unsubscribe":
+            self._subscriptions.remove(topic, subscription_id)
+        elif not self._subscriptions.add(topic, subscription_id):
+            most = len(self._subscriptions)
+            why = f"cannot subscribe to {topic}: this connection has {most} subscriptions, the robot's limit"
+            raise _RefusalError("subscriptions", why, subscription_id)
+
+    def _publish(self, written: dict[str, Any]) -> Checked:
+        stamp_ms = written.pop("robotether", None)
+        topic = written["topic"]
+        if not self._is_drive_topic(topic):
+            return Checked(_write(written), "publish")
+        try:
+            speed, turn = speeds(written.get("msg", {}))
+        except FieldRefusedError as exc:
+            raise _RefusalError(
+                "shape", f"cannot publish to {topic}: msg {exc}", written.get("id")
+            ) from exc
+        data = _write(written)
+        command = DriveCommand(topic, written, data, stamp_ms, speed, turn)
+        return Checked(data, "publish", command)
 
 
 def status_error(text: str, message_id: object) -> bytes:
     """Build rosbridge's status message; `message_id` is the id of the message it answers."""
     status: dict[str, object] = {"op": "status", "level": "error"}
-    if isinstance(message_id, (str, int)):
-        status["id"] = message_id
+    with suppress(FieldRefusedError):
+        status["id"] = fields.identity(message_id)
     status["msg"] = text
     return json.dumps(status).encode()
 
 
-def _written_for_observer(message: Mapping[str, Any]) -> bytes:
-    """Write the message anew, of its known fields; a field that is null counts as absent."""
-    operation, message_id = message.get("op"), message.get("id")
-    if not isinstance(operation, str) or operation not in OBSERVER_OPERATIONS:
-        why = "an observing connection may not send this operation"
-        raise RefusedError(f"cannot pass {_shown(operation)}: {why}", message_id)
-    written: dict[str, object] = {"op": operation}
-    for name, check in OBSERVER_OPERATIONS[operation].items():
-        if message.get(name) is None and name != NEEDED_FIELDS.get(operation):
+def _read(data: bytes) -> dict[str, Any]:
+    try:
+        return json_text.read(data)
+    except json_text.NotJsonError as exc:
+        raise _RefusalError("json", f"cannot read message: not JSON: {exc}") from exc
+
+
+def _write(written: dict[str, Any]) -> bytes:
+    try:
+        return json_text.write(written)
+    except json_text.NotJsonError as exc:
+        why = f"cannot pass {written['op']}: {exc}"
+        raise _RefusalError("json", why, written.get("id")) from exc
+
+
+def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the message's known fields, checked; a field that is null counts as absent."""
+    written: dict[str, Any] = {"op": operation}
+    for name, check in entry.checks:
+        value = message.get(name)
+        if value is None and name != entry.named_by:
             continue
         try:
-            written[name] = check(message.get(name))
+            written[name] = check(value)
         except FieldRefusedError as exc:
-            # A long list of what is allowed would hide what is wrong.
-            raise RefusedError(
-                f"cannot pass {operation}: its field {name} {_reason(name, exc)}", message_id
-            ) from exc
-    return json.dumps(written, separators=(",", ":"), allow_nan=False).encode()
+            why = f"cannot pass {operation}: its field {name} {exc}"
+            raise _RefusalError("shape", why, message.get("id")) from exc
+    return written
 
 
-def _reason(name: str, error: FieldRefusedError) -> str:
-    if name == "service":
-        return "is no look-up of /rosapi, and an observing connection calls no other service"
-    return str(error)
-
-
-def _shown(operation: object) -> str:
-    return operation[:64] if isinstance(operation, str) else "a message without op"
-
-
-def _look_at_ends(data: bytes) -> None:
+def _look_up_only(written: Mapping[str, Any]) -> None:
+    """Look-ups take plain values; so an observer sends no object inside another."""
     try:
-        data.decode()
-    except UnicodeDecodeError as exc:
-        raise NotJsonError("it is not UTF-8") from exc
-    begin, end = data[:MAX_SPACE_AROUND].lstrip(), data[-MAX_SPACE_AROUND:].rstrip()
-    if not (begin.startswith(b"{") and end.endswith(b"}")):
-        raise NotJsonError("it is no object")
+        fields.scalars(written.get("args", {}))
+    except FieldRefusedError as exc:
+        why = f"cannot pass call_service: its field args {exc}"
+        raise _RefusalError("shape", why, written.get("id")) from exc
 
 
-def _parse(data: bytes, *, unique_keys: bool) -> dict[str, Any]:
-    try:
-        message = json.loads(data.decode(), object_pairs_hook=_unique_keys if unique_keys else None)
-    except NotJsonError:
-        raise
-    except RecursionError as exc:
-        raise NotJsonError("it is nested too deep") from exc
-    except ValueError as exc:
-        raise NotJsonError(str(exc)) from exc
-    if not isinstance(message, dict):
-        raise NotJsonError("it is no object")
-    return message
+def _cost(data: bytes) -> int:
+    """Say for how many messages a large one counts: reading it holds up everybody else so long."""
+    values = data.count(b",") + data.count(b"{") + data.count(b"[")
+    return 1 + len(data) // KB + values // VALUES_AS_ONE
 
 
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        raise NotJsonError("a key stands in it twice")
-    return result
+def _may_be_stop(data: bytes) -> bool:
+    return len(data) <= LONGEST_STOP and STOP_WORD in data
+
+
+def _unknown(operation: object) -> str:
+    if not isinstance(operation, str):
+        return "cannot pass a message without op: nothing says what it should do"
+    if operation in HIDING:
+        return f"cannot pass {operation}: what it hides cannot be checked; send messages whole"
+    return f"cannot pass {operation[:64]}: the relay knows no such operation"

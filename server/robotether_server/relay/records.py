@@ -13,7 +13,8 @@ from datetime import datetime
 from typing import Protocol, TypeVar
 
 from robotether_server.problems import StoreUnavailable
-from robotether_server.store import Database, Transaction, fleet
+from robotether_server.store import Database, Transaction, control, fleet
+from robotether_server.store.control import Kept, NewLease
 from robotether_server.store.fleet import Changes, Credential, Entry, Snapshot, User
 
 T = TypeVar("T")
@@ -37,6 +38,12 @@ class Records(Protocol):
 
     async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
         """Read who credentials belong to."""
+
+    async def kept(self) -> Kept:
+        """Read the newest numbers of drives, and which robots are stopped."""
+
+    async def next_fence(self, lease: NewLease) -> int:
+        """Number a drive; the number is committed."""
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         """Write entries in one transaction; return new rows' ids by the entry's place."""
@@ -69,6 +76,14 @@ class DatabaseRecords:
     async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
         """Read who credentials belong to."""
         return await self._ask(lambda tx: fleet.users_of(tx, credentials))
+
+    async def kept(self) -> Kept:
+        """Read the newest numbers of drives, and which robots are stopped."""
+        return await self._ask(control.kept)
+
+    async def next_fence(self, lease: NewLease) -> int:
+        """Number a drive; the number is committed."""
+        return await self._ask(lambda tx: control.next_fence(tx, lease))
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         """Write entries in one transaction; return new rows' ids by the entry's place."""

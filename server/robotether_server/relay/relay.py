@@ -17,20 +17,23 @@ from robotether_server.relay import endings
 from robotether_server.relay.access import Access
 from robotether_server.relay.app import inside_app, public_app
 from robotether_server.relay.board import Board
-from robotether_server.relay.bridge import BridgeRules, Traffic
+from robotether_server.relay.bridge import Traffic
 from robotether_server.relay.checks import PortChecker
 from robotether_server.relay.connections import Connections
+from robotether_server.relay.control import Control
+from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.credentials import Credentials
 from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.fleet import Fleet
 from robotether_server.relay.journal import Journal
-from robotether_server.relay.liveness import Limits
+from robotether_server.relay.liveness import DRIVER_LIMITS, Limits
 from robotether_server.relay.means import Means
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records import Records
+from robotether_server.relay.redirects import refuse_redirects
 from robotether_server.relay.reports import Reports
 from robotether_server.relay.robot_link import LinkRules
-from robotether_server.relay.rosbridge import RosbridgeHandler
+from robotether_server.relay.rosbridge import BridgeRules, RosbridgeHandler
 from robotether_server.relay.session_server import BACKLOG, SessionServer
 from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.relay.sockets import RobotSocket
@@ -63,9 +66,11 @@ class Timing:
     """Times that tests shorten."""
 
     limits: Limits = field(default_factory=Limits)
-    heartbeat_s: float = 1.0
+    driver_limits: Limits = DRIVER_LIMITS
+    heartbeat_s: float = 0.5
     timeout_s: float = 5.0
     poll_every_s: float = 1.0
+    drives_every_s: float = 10.0
 
 
 class Relay:
@@ -105,6 +110,7 @@ class Relay:
         self._tasks = [
             asyncio.create_task(self.fleet.run(), name="fleet"),
             asyncio.create_task(self.journal.run(), name="journal"),
+            asyncio.create_task(self._write_drives(), name="drives"),
         ]
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
@@ -119,6 +125,7 @@ class Relay:
         # Operators first: they must hear that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self._sessions.stop()
+        self.control.close()
         await self.journal.flush(JOURNAL_STOPS_WITHIN_S)
         for task in self._tasks:
             task.cancel()
@@ -134,23 +141,34 @@ class Relay:
         self.credentials = Credentials(records)
         self.registry = SessionRegistry()
         self.connections = Connections()
+        self.control = Control(
+            records=records,
+            journal=self.journal,
+            registry=self.registry,
+            snapshot=lambda: self.fleet.known,
+        )
         self.fleet = Fleet(
             records,
             rights_changed=self._take_snapshot,
             credentials_changed=self.credentials.recheck,
             check_new_credentials=self.credentials.check_new,
             last_seen=self.registry.remember,
+            kept=self.control.remember,
             poll_every_s=self._timing.poll_every_s,
         )
-        self.board = Board(lambda: self.fleet.known, self.registry, self.connections)
+        self.board = Board(lambda: self.fleet.known, self.registry, self.connections, self.control)
         self.reports = Reports(self.journal, self.metrics, lambda: self.fleet.known)
-        # First those whose link is lost, then those who watch, then the records.
-        self.registry.listen(self.connections.robot, self.board.robot, self.reports.robot)
+        # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
+        self.registry.listen(
+            self.connections.robot, self.control.robot, self.board.robot, self.reports.robot
+        )
         self.connections.listen(self.board.changed)
+        self.control.listen(self.board.changed)
 
     def _take_snapshot(self, snapshot: Snapshot) -> None:
         # Operators first: they must hear that their right ended, and not that a link was lost.
         self.connections.end_unrighted(snapshot)
+        self.control.take_snapshot(snapshot)
         self._sessions.take_snapshot(snapshot)
         self.registry.forget_all_but(snapshot.robots)
         self.board.all_changed()
@@ -162,6 +180,7 @@ class Relay:
             connector=connector,
             cookie_jar=DummyCookieJar(),
             auto_decompress=False,
+            trace_configs=[refuse_redirects()],
             # aiohttp declares the class for text that it decodes; ours never does.
             ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),
         )
@@ -173,7 +192,13 @@ class Relay:
             snapshot=lambda: self.fleet.snapshot,
             refresh=self.fleet.poll,
             session_key=settings.session_key,
-            rules=LinkRules(settings.tunnel_host, timing.heartbeat_s, timing.timeout_s),
+            rules=LinkRules(
+                settings.tunnel_host,
+                greeting=self.control.greeting,
+                heartbeat_s=timing.heartbeat_s,
+                timeout_s=timing.timeout_s,
+                direct=settings.direct,
+            ),
             checker=PortChecker(settings.tunnel_host, self.reports.port_checked),
             refused=self.reports.session_refused,
         )
@@ -196,22 +221,32 @@ class Relay:
             tunnel_host=settings.tunnel_host,
         )
         rosbridge = RosbridgeHandler(
-            means,
-            rules=BridgeRules(self._timing.limits, settings.message_limit_bytes, self.traffic),
-            report=self.reports.connection,
+            means, self.control, rules=self._bridge_rules(), report=self.reports.connection
         )
         video = VideoHandler(means)
         events = EventsHandler(
             access, self.credentials, self.board, lambda: self.connections.caps.per_user
         )
-        self._public = public_app(self.metrics, rosbridge, video, events)
+        control = ControlApi(access, self.control, lambda: self.fleet.snapshot)
+        self._public = public_app(self.metrics, rosbridge, video, events, control)
         self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
+
+    def _bridge_rules(self) -> BridgeRules:
+        timing, limit = self._timing, self._settings.message_limit_bytes
+        return BridgeRules(timing.limits, timing.driver_limits, limit, self.traffic)
+
+    async def _write_drives(self) -> None:
+        while True:
+            await asyncio.sleep(self._timing.drives_every_s)
+            self.reports.write_drives()
 
     def _add_gauges(self) -> None:
         gauge, connections = self.metrics.gauge, self.connections
         gauge("robots_online", "Robots with a session", self.registry.online_count)
         gauge("media_links", "Robots' media connections", lambda: self.registry.count("media"))
         gauge("shell_links", "Robots' shell connections", lambda: self.registry.count("shell"))
+        gauge("leases", "Robots that somebody drives", self.control.leasing.count)
+        gauge("robots_stopped", "Robots that are stopped", self.control.stops.count)
         gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))

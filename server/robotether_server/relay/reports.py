@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 
+from robotether_server.relay.drive_log import DriveLog
 from robotether_server.relay.journal import Journal
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge import ConnectionReport
 from robotether_server.relay.sessions import Change, utc_now
+from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, SessionEntry, Snapshot
 
 log = logging.getLogger(__name__)
@@ -27,6 +30,7 @@ class Reports:
         self._metrics = metrics
         self._snapshot = snapshot
         self._sessions: dict[int, SessionEntry] = {}
+        self._drives: set[DriveLog] = set()
 
     def robot(self, change: Change) -> None:
         """Something happened to a robot."""
@@ -54,8 +58,28 @@ class Reports:
         if ending is not None:
             self._metrics.endings.labels(ending.name).inc()
         # A page that waits for a robot that is offline tries again and again; that is no driving.
-        if connection.use == "drive" and connection.reached:
-            self._journal.add(_audit_of(report))
+        if report.drive is not None:
+            self._drive(report, report.drive)
+        if ending is not None and report.refused:
+            self._journal.add(_audit(report, "operations_refused", dict(report.refused)))
+
+    def write_drives(self) -> None:
+        """Write the drives that last, so that a relay that is killed loses little of them."""
+        for drive in self._drives:
+            self._journal.add(drive.written())
+
+    def _drive(self, report: ConnectionReport, drive: DriveLog) -> None:
+        ending = report.ending
+        if ending is None:
+            self._drives.add(drive)
+            self._journal.add(_audit(report, "drive_started", {"fence": drive.entry.fence}))
+            self._journal.add(drive.written())
+            return
+        self._drives.discard(drive)
+        entry = drive.end(time.monotonic(), utc_now(), ending.name)
+        self._metrics.dropped_old.inc(entry.dropped_old)
+        self._journal.add(entry)
+        self._journal.add(_audit(report, "drive_ended", _came_to(entry, report)))
 
     def _robot_came(self, change: Change) -> None:
         presence = change.presence
@@ -87,16 +111,22 @@ class Reports:
         return robot.name if robot is not None else str(robot_id)
 
 
-def _audit_of(report: ConnectionReport) -> AuditEntry:
-    ending = report.ending
-    details: dict[str, object] = {}
-    if ending is not None:
-        details = {"end_code": ending.name, "lasted_s": round(report.lasted_s, 1)}
+def _audit(report: ConnectionReport, kind: str, details: Mapping[str, object]) -> AuditEntry:
     return AuditEntry(
         at=utc_now(),
         actor=report.connection.user,
-        kind="drive_began" if ending is None else "drive_ended",
+        kind=kind,
         robot=report.connection.robot.name,
         address=report.address,
         details=details,
     )
+
+
+def _came_to(entry: DriveEntry, report: ConnectionReport) -> dict[str, object]:
+    return {
+        "end_code": entry.end_code,
+        "fence": entry.fence,
+        "lasted_s": round(report.lasted_s, 1),
+        "distance_m": round(entry.distance_m, 3),
+        "top_speed_m_s": round(entry.top_speed_m_s, 3),
+    }

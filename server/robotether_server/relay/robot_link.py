@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
+import secrets
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +19,7 @@ from robotether_server.relay import session_messages as lines
 from robotether_server.relay.admission import is_news, port_of
 from robotether_server.relay.allowance import Allowance
 from robotether_server.relay.checks import LinkChecks, PortChecker
+from robotether_server.relay.clocks import RobotClock
 from robotether_server.relay.ports import wait_released
 from robotether_server.relay.session_messages import BrokenLineError, Preface
 from robotether_server.relay.sessions import ByeCode, Kind, SessionRegistry
@@ -31,18 +34,24 @@ MAX_PINGS_OPEN = 64
 # An agent sends some three lines a second; reading without a limit would starve everybody else.
 LINES_PER_S = 200
 LINES_AT_ONCE = 400
+GUARD_KEY_BYTES = 32
 # A bye that cannot be sent in this time is not sent.
 FAREWELL_S = 0.5
 
 
 @dataclass(frozen=True)
 class LinkRules:
-    """What is the same for all links of a relay."""
+    """What is the same for all links of a relay.
+
+    `greeting` gives what a robot is told after its configuration: its lease, and whether it is stopped.
+    """
 
     tunnel_host: str
-    heartbeat_s: float = 1.0
+    greeting: Callable[[int], Iterable[bytes]]
+    heartbeat_s: float = 0.5
     timeout_s: float = 5.0
     release_wait_s: float = 1.0
+    direct: bool = False
 
 
 class RobotLink:
@@ -63,6 +72,8 @@ class RobotLink:
         self._robot = robot
         self._reader = reader
         self._writer = writer
+        self.guard_key = secrets.token_urlsafe(GUARD_KEY_BYTES)
+        self.clock = RobotClock()
         self._registry = registry
         self._rules = rules
         self._checker = checker
@@ -98,6 +109,7 @@ class RobotLink:
             await self._take_over()
             if not self._ended and not self._reader.at_eof():
                 self._configure()
+                self._greet()
                 self._registry.established(self)
                 self._heartbeat()
                 await self._listen()
@@ -110,6 +122,10 @@ class RobotLink:
             self._close("link_lost")
             await self._checks.close()
             await self._closed()
+
+    def tell(self, line: bytes) -> None:
+        """Send a line to the agent, if the link still is."""
+        self._send(line)
 
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close at once; the robot's ports are free as soon as sshd sees it."""
@@ -147,8 +163,15 @@ class RobotLink:
                 self._robot,
                 heartbeat_s=self._rules.heartbeat_s,
                 timeout_s=self._rules.timeout_s,
+                guard_key=self.guard_key,
+                direct=self._rules.direct,
             )
         )
+
+    def _greet(self) -> None:
+        if self.kind == "session":
+            for line in self._rules.greeting(self.robot_id):
+                self._send(line)
 
     async def _listen(self) -> None:
         self._heard_at = self._loop.time()
@@ -168,17 +191,29 @@ class RobotLink:
     def _take(self, message: Mapping[str, Any]) -> None:
         kind = message["type"]
         if kind == "ping":
-            self._send(lines.pong_line(message))
+            self._take_ping(message)
         elif kind == "pong":
             self._take_pong(lines.whole_field(message, "seq"))
         elif kind == "hello":
-            lines.text_field(message, "hostname", 253)
-            self._registry.heard_hello(self, lines.printable_field(message, "agent_version", 32))
+            self._take_hello(message)
+        elif kind == "guard":
+            self._registry.heard_guard(self, *lines.parse_guard(message))
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
             self._registry.heard_health(self, ros, video)
         elif kind == "check" and self.kind == "session":
             self._checks.ask()
+
+    def _take_ping(self, message: Mapping[str, Any]) -> None:
+        t_ms = lines.clock_field(message, "t_ms")
+        if t_ms is not None:
+            self.clock.heard(time.monotonic(), t_ms)
+        self._send(lines.pong_line(message))
+
+    def _take_hello(self, message: Mapping[str, Any]) -> None:
+        lines.text_field(message, "hostname", 253)
+        version = lines.printable_field(message, "agent_version", 32)
+        self._registry.heard_hello(self, version, lines.guard_mode_field(message, "guard"))
 
     async def _check(self) -> None:
         found = await self._checker.check(self._robot)

@@ -7,48 +7,42 @@ body, so all that concerns the robot is told after the upgrade, as a close code 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal, cast
 
-from aiohttp import (
-    ClientConnectorError,
-    ClientError,
-    ClientWSTimeout,
-    WSServerHandshakeError,
-    web,
-)
+from aiohttp import web
 
 from robotether_server.problems import HttpProblem
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit, request_of
-from robotether_server.relay.bridge import Bridge, BridgeRules, EndedError
+from robotether_server.relay.bridge import Bridge, Reached, Traffic
 from robotether_server.relay.connections import Connection
+from robotether_server.relay.control import Control
+from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.drive_path import Seat
 from robotether_server.relay.endings import Ending
+from robotether_server.relay.liveness import Limits
 from robotether_server.relay.means import Means
-from robotether_server.relay.sessions import Presence, utc_now
-from robotether_server.relay.sockets import (
-    LIMIT_MARGIN,
-    ROBOT_FAREWELL_S,
-    OperatorSocket,
-    RobotSocket,
-)
-from robotether_server.store.fleet import Robot
+from robotether_server.relay.operations import Gate
+from robotether_server.relay.own_operations import OwnOperations
+from robotether_server.relay.reach import Reach
+from robotether_server.relay.sessions import utc_now
+from robotether_server.relay.sockets import OperatorSocket
+from robotether_server.store.control import DriveEntry
 
-log = logging.getLogger(__name__)
-
-# An operator is told within a second when rosbridge does not answer; a robot far away gets as
-# many of its round trips more as opening a channel and a WebSocket needs, and some to spare.
-PATIENCE_S = 0.8
-PATIENCE_ROUND_TRIPS = 8
-LONGEST_PATIENCE_S = 5.0
 # What an observer may say is short, and parsing it holds up everybody else.
 OBSERVER_LIMIT = 64 * 1024
-# The session is there some milliseconds before its forward is.
-FORWARD_WITHIN_S = 0.6
-RETRY_S = 0.03
+
+
+@dataclass(frozen=True)
+class BridgeRules:
+    """What is the same for all bridges of a relay."""
+
+    limits: Limits
+    driver_limits: Limits
+    message_limit: int
+    traffic: Traffic
 
 
 @dataclass(frozen=True)
@@ -59,17 +53,26 @@ class ConnectionReport:
     address: str | None
     ending: Ending | None = None
     lasted_s: float = 0.0
+    drive: DriveLog | None = None
+    refused: Mapping[str, int] = field(default_factory=dict)
 
 
 class RosbridgeHandler:
     """Answers /robots/NAME/ros."""
 
     def __init__(
-        self, means: Means, *, rules: BridgeRules, report: Callable[[ConnectionReport], None]
+        self,
+        means: Means,
+        control: Control,
+        *,
+        rules: BridgeRules,
+        report: Callable[[ConnectionReport], None],
     ) -> None:
         self._means = means
+        self._control = control
         self._rules = rules
         self._report = report
+        self._reach = Reach(means.client, means.tunnel_host, means.registry, rules.message_limit)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
@@ -83,9 +86,12 @@ class RosbridgeHandler:
         return operator
 
     async def _serve(self, operator: OperatorSocket, permit: Permit, request: web.Request) -> None:
-        robot = permit.robot
-        bridge = Bridge(robot.name, _mode(permit), operator, self._rules)
-        connection = Connection(permit.user.id, permit.user.name, robot, permit.use, bridge.end)
+        robot, user = permit.robot, permit.user
+        address = request.headers.get("X-Forwarded-For")
+        bridge = self._bridge(operator, permit, address)
+        connection = Connection(
+            user.id, user.name, robot, permit.use, bridge.end, level=permit.level
+        )
         if (why := self._means.connections.no_room(connection)) is not None:
             bridge.end(endings.too_many_connections(why))
         gone = partial(bridge.end, endings.rights_ended(robot.name))
@@ -96,86 +102,101 @@ class RosbridgeHandler:
                 self._means.credentials.held(permit.credential, gone),
             ):
                 await operator.open(request)
-                ending = await self._run(bridge, connection, request.headers.get("X-Forwarded-For"))
+                ending = await Visit(
+                    bridge,
+                    connection,
+                    self._means,
+                    self._control,
+                    self._reach,
+                    self._report,
+                    address,
+                ).run()
             await bridge.farewell(ending)
         finally:
             bridge.release()
 
-    async def _run(self, bridge: Bridge, connection: Connection, address: str | None) -> Ending:
+    def _bridge(self, operator: OperatorSocket, permit: Permit, address: str | None) -> Bridge:
+        robot, rules = permit.robot, self._rules
+        policy = robot.settings.policy
+        return Bridge(
+            robot.name,
+            gate=Gate(policy.of(permit.level), robot.settings.guard.drive_topics, policy.limits),
+            operator=operator,
+            own=OwnOperations(self._control, robot, permit.user.name, address),
+            limits=rules.limits if permit.use == "observe" else rules.driver_limits,
+            message_limit=rules.message_limit,
+            traffic=rules.traffic,
+        )
+
+
+@dataclass
+class Visit:
+    """One connection from its upgrade to its ending: lease, way to the robot, and reports."""
+
+    bridge: Bridge
+    connection: Connection
+    means: Means
+    control: Control
+    way: Reach
+    report: Callable[[ConnectionReport], None]
+    address: str | None
+    drive: DriveLog | None = None
+
+    async def run(self) -> Ending:
+        """Pass messages until the end; the lease is over before anybody is told."""
         loop = asyncio.get_running_loop()
-        begun_at, ending = loop.time(), endings.client_vanished(connection.robot.name)
-
-        async def reach() -> RobotSocket:
-            socket = await self._reach(connection.robot)
-            self._means.connections.reached(connection)
-            self._report(ConnectionReport(connection, address))
-            return socket
-
+        begun_at, ending = loop.time(), endings.client_vanished(self.connection.robot.name)
         try:
-            ending = await bridge.run(reach)
+            ending = await self.bridge.run(self._reach)
         except asyncio.CancelledError:
             # aiohttp cancels the handler of a connection that is gone, also before it has read
             # the close frame of a client that does not wait for ours.
-            ending = await bridge.ending_of_gone()
+            self._leave_seat()
+            ending = await self.bridge.ending_of_gone()
             raise
         finally:
-            lasted_s = loop.time() - begun_at
-            self._report(ConnectionReport(connection, address, ending, lasted_s))
+            self._leave_seat()
+            self._tell(ending, loop.time() - begun_at)
         return ending
 
-    async def _reach(self, robot: Robot) -> RobotSocket:
-        presence = self._means.registry.presence(robot.id)
-        if not presence.online:
-            raise EndedError(endings.robot_offline(robot.name, presence.since, utc_now()))
-        try:
-            async with asyncio.timeout(patience_s(presence)):
-                return await self._connect(robot)
-        except TimeoutError as exc:
-            why = "no answer in time"
-            raise EndedError(endings.rosbridge_down(robot.name, why)) from exc
+    async def _reach(self) -> Reached:
+        if self.connection.use != "drive":
+            socket, seat = await self.way.open(self.connection.robot, None), None
+        else:
+            # A page that waits for an offline robot must not use numbers up.
+            self.way.check_online(self.connection.robot)
+            fence = await self.control.leasing.begin(self.connection)
+            socket, seat = await self.way.open(self.connection.robot, fence), self._seat(fence)
+        self.means.connections.reached(self.connection)
+        self._tell()
+        return Reached(socket, seat)
 
-    async def _connect(self, robot: Robot) -> RobotSocket:
-        loop = asyncio.get_running_loop()
-        deadline = loop.time() + FORWARD_WITHIN_S
-        while (socket := await self._open(robot)) is None:
-            if loop.time() > deadline:
-                raise EndedError(
-                    endings.rosbridge_down(robot.name, "the tunnel has no port for it")
-                )
-            await asyncio.sleep(RETRY_S)
-        return socket
-
-    async def _open(self, robot: Robot) -> RobotSocket | None:
-        """Open a WebSocket to the robot; None when its port is not there (yet)."""
-        try:
-            return await self._dial(robot)
-        except ClientConnectorError:
-            return None
-        except (ClientError, OSError) as exc:
-            raise EndedError(endings.rosbridge_down(robot.name, _why(exc))) from exc
-
-    async def _dial(self, robot: Robot) -> RobotSocket:
-        socket = await self._means.client.ws_connect(
-            f"ws://{self._means.tunnel_host}:{robot.ros_port}/",
-            compress=0,
-            decode_text=False,
-            max_msg_size=self._rules.message_limit + LIMIT_MARGIN,
-            timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
+    def _seat(self, fence: int) -> Seat:
+        robot, guard = self.connection.robot, self.connection.robot.settings.guard
+        entry = DriveEntry(
+            robot.id, robot.name, self.connection.user, fence, utc_now(), self.address
         )
-        return cast(RobotSocket, socket)
+        self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused)
+        presence, link = (
+            self.means.registry.presence(robot.id),
+            self.means.registry.session_of(robot.id),
+        )
+        guarded = link is not None and presence.guard_mode == "on"
+        return Seat(
+            fence=fence,
+            max_age_s=guard.max_age_ms / 1000,
+            clock=link.clock if link is not None and guarded else None,
+            log=self.drive,
+            came=partial(self.control.leasing.command_came, robot.id),
+        )
 
+    def _leave_seat(self) -> None:
+        if self.connection.use == "drive":
+            self.control.leasing.end(self.connection)
 
-def patience_s(presence: Presence) -> float:
-    """How long to wait for a robot's rosbridge, by how far away the robot is."""
-    distance_s = PATIENCE_ROUND_TRIPS * (presence.rtt_ms or 0.0) / 1000
-    return min(PATIENCE_S + distance_s, LONGEST_PATIENCE_S)
-
-
-def _why(error: Exception) -> str:
-    if isinstance(error, WSServerHandshakeError):
-        return f"it answered HTTP {error.status}"
-    return "the robot refuses the connection"
-
-
-def _mode(permit: Permit) -> Literal["observe", "drive"]:
-    return "drive" if permit.use == "drive" else "observe"
+    def _tell(self, ending: Ending | None = None, lasted_s: float = 0.0) -> None:
+        self.report(
+            ConnectionReport(
+                self.connection, self.address, ending, lasted_s, self.drive, self.bridge.refused
+            )
+        )

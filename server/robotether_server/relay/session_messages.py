@@ -11,10 +11,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from robotether_server.relay.sessions import ByeCode, Health, Kind
+from robotether_server.relay.sessions import (
+    ByeCode,
+    GuardMode,
+    GuardReport,
+    GuardState,
+    Health,
+    Kind,
+)
+from robotether_server.store.control import MAX_NAME
 from robotether_server.store.fleet import Robot
 
 MAX_LINE_BYTES = 64 * 1024
+MAX_ID = 64
+# Some 30 years; a machine's CLOCK_BOOTTIME begins when it starts.
+LONGEST_UPTIME_MS = 1e12
+# What a browser, too, reads as the number that it is.
+HIGHEST_COUNT = 2**53 - 1
+REFUSED_KINDS = ("old", "fence", "stopped", "shape", "held")
 
 
 class BrokenLineError(ValueError):
@@ -91,6 +105,14 @@ def whole_field(message: Mapping[str, Any], name: str) -> int:
     return value
 
 
+def count_field(message: Mapping[str, Any], name: str) -> int:
+    """Read how often something happened."""
+    value = whole_field(message, name)
+    if not 0 <= value <= HIGHEST_COUNT:
+        raise BrokenLineError(f"cannot read field {name}: it counts nothing")
+    return value
+
+
 def ports_field(message: Mapping[str, Any], name: str) -> frozenset[int]:
     """Read a list of ports."""
     value = message.get(name)
@@ -119,7 +141,71 @@ def health_field(message: Mapping[str, Any], name: str) -> Health:
     raise BrokenLineError(f"cannot read field {name}: it is not ok, down or unknown")
 
 
-def config_line(robot: Robot, *, heartbeat_s: float, timeout_s: float) -> bytes:
+def guard_mode_field(message: Mapping[str, Any], name: str) -> GuardMode:
+    """Read `on` or `off`; an agent from before the guard says neither."""
+    value = message.get(name)
+    if value is None:
+        return "unknown"
+    if value == "on":
+        return "on"
+    if value == "off":
+        return "off"
+    raise BrokenLineError(f"cannot read field {name}: it is not on or off")
+
+
+def clock_field(message: Mapping[str, Any], name: str) -> float | None:
+    """Read the agent's clock in ms, which older agents leave out."""
+    value = message.get(name)
+    if value is None:
+        return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    # Not a number is in no range either.
+    if not is_number or not 0 <= value <= LONGEST_UPTIME_MS:
+        raise BrokenLineError(f"cannot read field {name}: no number of milliseconds")
+    return float(value)
+
+
+def truth_field(message: Mapping[str, Any], name: str) -> bool:
+    """Read a truth value."""
+    value = message.get(name)
+    if not isinstance(value, bool):
+        raise BrokenLineError(f"cannot read field {name}: it is not true or false")
+    return value
+
+
+def parse_guard(message: Mapping[str, Any]) -> tuple[GuardReport, str | None]:
+    """Read what a guard tells of itself, and the id of what it answers."""
+    answers = message.get("answers")
+    report = GuardReport(
+        state=_guard_state(message),
+        stopped=truth_field(message, "stopped"),
+        by=printable_field(message, "by", MAX_NAME),
+        moving=truth_field(message, "moving"),
+        refused=_refused_field(message),
+    )
+    return report, None if answers is None else text_field(message, "answers", MAX_ID)
+
+
+def _guard_state(message: Mapping[str, Any]) -> GuardState:
+    value = message.get("state")
+    for allowed in get_args(GuardState):
+        if value == allowed:
+            state: GuardState = allowed
+            return state
+    raise BrokenLineError("cannot read field state: it is not ready or down")
+
+
+def _refused_field(message: Mapping[str, Any]) -> tuple[tuple[str, int], ...]:
+    value = message.get("refused", {})
+    if not isinstance(value, dict):
+        raise BrokenLineError("cannot read field refused: no object")
+    # Kinds of a newer guard are not shown; a robot must not be able to name as many as it likes.
+    return tuple((kind, count_field(value, kind)) for kind in REFUSED_KINDS if kind in value)
+
+
+def config_line(
+    robot: Robot, *, heartbeat_s: float, timeout_s: float, guard_key: str, direct: bool
+) -> bytes:
     """Build the settings that the agent works with."""
     return _line(
         "config",
@@ -130,7 +216,24 @@ def config_line(robot: Robot, *, heartbeat_s: float, timeout_s: float) -> bytes:
         rotate_key=robot.rotate_key,
         heartbeat_s=heartbeat_s,
         timeout_s=timeout_s,
+        guard={"key": guard_key, **robot.settings.guard.as_dict()},
+        direct=direct,
     )
+
+
+def lease_line(fence: int, *, held: bool) -> bytes:
+    """Tell the newest number, and whether somebody drives with it."""
+    return _line("lease", fence=fence, held=held)
+
+
+def stop_line(order_id: str, by: str) -> bytes:
+    """Build the order to stop."""
+    return _line("stop", id=order_id, by=by)
+
+
+def release_line(order_id: str, by: str) -> bytes:
+    """Build the order to be stopped no more."""
+    return _line("release", id=order_id, by=by)
 
 
 def checked_line(*, ros: Health, video: Health, shell: Health) -> bytes:
@@ -145,12 +248,8 @@ def ping_line(seq: int) -> bytes:
 
 def pong_line(ping: Mapping[str, Any]) -> bytes:
     """Build the answer to the agent's heartbeat, which carries its own clock back."""
-    seq, t_ms = whole_field(ping, "seq"), ping.get("t_ms")
-    if t_ms is None:
-        return _line("pong", seq=seq)
-    if not isinstance(t_ms, (int, float)) or isinstance(t_ms, bool):
-        raise BrokenLineError("cannot read field t_ms: no number")
-    return _line("pong", seq=seq, t_ms=t_ms)
+    seq, t_ms = whole_field(ping, "seq"), clock_field(ping, "t_ms")
+    return _line("pong", seq=seq) if t_ms is None else _line("pong", seq=seq, t_ms=t_ms)
 
 
 def bye_line(code: ByeCode, detail: str) -> bytes:

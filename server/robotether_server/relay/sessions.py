@@ -11,8 +11,13 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Literal, Protocol
 
+from robotether_server.relay.clocks import RobotClock
+
 Kind = Literal["session", "media", "shell"]
 Health = Literal["ok", "down", "unknown"]
+# What the agent does in front of rosbridge; an agent from before the guard says nothing of it.
+GuardMode = Literal["on", "off", "unknown"]
+GuardState = Literal["ready", "down"]
 # Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
 ByeCode = Literal[
     "superseded",
@@ -45,8 +50,33 @@ class Link(Protocol):
     def address(self) -> str:
         """Where the robot's SSH connection comes from."""
 
+    @property
+    def guard_key(self) -> str:
+        """What shows the robot's guard that a connection comes from this relay."""
+
+    @property
+    def clock(self) -> RobotClock:
+        """The robot's clock against ours."""
+
+    def tell(self, line: bytes) -> None:
+        """Send a line to the agent, if the link still is."""
+
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close; afterwards the registry knows the link no more."""
+
+
+@dataclass(frozen=True)
+class GuardReport:
+    """What a robot's guard last told of itself; `refused` counts drive commands by kind since its start."""
+
+    state: GuardState = "down"
+    stopped: bool = False
+    by: str = ""
+    moving: bool = False
+    refused: tuple[tuple[str, int], ...] = ()
+
+
+NO_REPORT = GuardReport()
 
 
 @dataclass(frozen=True)
@@ -60,6 +90,13 @@ class Presence:
     ros: Health = "unknown"
     video: Health = "unknown"
     agent_version: str | None = None
+    guard_mode: GuardMode = "unknown"
+    report: GuardReport = NO_REPORT
+
+    @property
+    def guard(self) -> GuardState | GuardMode:
+        """The guard as operators see it: ready, down, off or unknown."""
+        return self.report.state if self.guard_mode == "on" else self.guard_mode
 
 
 NEVER_SEEN = Presence()
@@ -67,12 +104,16 @@ NEVER_SEEN = Presence()
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to a robot: it came, left, told something of itself, or sent a heartbeat."""
+    """What happened to a robot: it came, left, told something of itself, or sent a heartbeat.
 
-    what: Literal["came", "left", "told", "rtt"]
+    `guard`: its guard told of itself; `answers` is the id of the stop or release that it answers.
+    """
+
+    what: Literal["came", "left", "told", "rtt", "guard"]
     robot_id: int
     presence: Presence
     code: ByeCode | None = None
+    answers: str | None = None
 
 
 # Hears of every change, in order; must not block.
@@ -101,9 +142,9 @@ class SessionRegistry:
         """Tell what is known of a robot."""
         return self._presences.get(robot_id, NEVER_SEEN)
 
-    def links(self) -> list[Link]:
-        """List all current links, of every kind."""
-        return list(self._current.values())
+    def session_of(self, robot_id: int) -> Link | None:
+        """Return the link of a robot that is online."""
+        return self._current.get((robot_id, "session")) if self.presence(robot_id).online else None
 
     def count(self, kind: Kind) -> int:
         """Count the current links of a kind."""
@@ -149,10 +190,18 @@ class SessionRegistry:
         if self.is_current(link):
             self._forget(link, code)
 
-    def heard_hello(self, link: Link, agent_version: str) -> None:
-        """The agent told its version."""
+    def heard_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
+        """The agent told its version, and whether it has a guard."""
         if self._is_online(link):
-            self._told(link, replace(self.presence(link.robot_id), agent_version=agent_version))
+            presence = self.presence(link.robot_id)
+            after = replace(presence, agent_version=agent_version, guard_mode=guard_mode)
+            self._told(link, after)
+
+    def heard_guard(self, link: Link, report: GuardReport, answers: str | None) -> None:
+        """The guard told of itself, or answered."""
+        if self._is_online(link):
+            after = replace(self.presence(link.robot_id), report=report)
+            self._tell(Change("guard", link.robot_id, after, answers=answers))
 
     def heard_health(self, link: Link, ros: Health, video: Health) -> None:
         """The agent told whether rosbridge and web_video_server answer."""

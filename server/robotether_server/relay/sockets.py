@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import struct
+from socket import SO_SNDBUF, SOL_SOCKET
 from typing import Any, Literal
 
 from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
@@ -16,6 +17,8 @@ from robotether_server.relay.endings import Ending
 
 # Beyond this an end counts as full, and the other end is not read on.
 SEND_BUFFER_BYTES = 64 * 1024
+# What the system may keep of a driver's messages, doubled by Linux.
+DRIVE_SEND_BYTES = 32 * 1024
 # How long an operator has to take what waits and to answer the close; and a robot.
 OPERATOR_FAREWELL_S = 2.0
 ROBOT_FAREWELL_S = 0.5
@@ -110,6 +113,12 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     def waiting_bytes(self) -> int:
         """Tell how much of what was sent is still in this program."""
         return _waiting(self._transport)
+
+    def keep_little(self) -> None:
+        """Have the system keep little of what is sent: drive commands must not grow old in it."""
+        socket = self._transport.get_extra_info("socket")
+        if socket is not None:
+            socket.setsockopt(SOL_SOCKET, SO_SNDBUF, DRIVE_SEND_BYTES)
 
     async def leave(self) -> None:
         """Close towards the robot, without waiting for one that does not read."""

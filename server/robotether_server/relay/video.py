@@ -22,7 +22,7 @@ from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.connections import Connection
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.means import Means
-from robotether_server.relay.rosbridge import patience_s
+from robotether_server.relay.reach import patience_s
 from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.video_headers import (
     check_destination,

@@ -68,6 +68,16 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
 
 
 @pytest_asyncio.fixture
+async def guarded(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
+    """Have robot sim1 online with a guard in front of its rosbridge."""
+    robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is ready")
+    yield robot
+    await robot.stop()
+
+
+@pytest_asyncio.fixture
 async def connect(relay: RelayServer, sim1: Robot) -> AsyncIterator[Connect]:
     """Open sessions of sim1 that are closed at the end."""
     opened: list[RobotSession] = []

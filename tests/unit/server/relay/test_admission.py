@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from robotether_server.relay.admission import RefusedError, admitted, is_news, port_of
 from robotether_server.relay.session_messages import Preface
+from robotether_server.robot_settings import parse
 from robotether_server.store.fleet import Robot, Snapshot
 
 SIM1 = Robot(
@@ -97,3 +98,9 @@ def test_a_port_that_is_taken_away_needs_a_new_login(change):
 def test_each_kind_has_its_port():
     """The port that must be free before a link of that kind is configured."""
     assert [port_of(kind, SIM1) for kind in ("session", "media", "shell")] == [20000, 20001, 24000]
+
+
+def test_other_guard_settings_are_news_and_another_policy_is_not():
+    """The robot is told what its guard holds commands to; the policy is the relay's."""
+    assert is_news(SIM1, replace(SIM1, settings=parse({"guard": {"deadman_ms": 300}})))
+    assert not is_news(SIM1, replace(SIM1, settings=parse({"policy": {"drive": {"call": ["*"]}}})))

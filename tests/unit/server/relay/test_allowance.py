@@ -33,3 +33,11 @@ def test_trying_in_vain_costs_nothing():
     allowance = Allowance(0.0, per_s=1, at_once=1)
     assert taken(allowance, 0.0, 1000) == 1
     assert allowance.take(1.0)
+
+
+def test_something_may_count_more_than_once():
+    """It takes as much as it counts, or nothing."""
+    allowance = Allowance(0.0, per_s=1, at_once=10)
+    assert allowance.take(0.0, 7)
+    assert not allowance.take(0.0, 4)
+    assert allowance.take(0.0, 3)

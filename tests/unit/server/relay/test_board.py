@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
 
 import pytest
 from relay_server import MemoryRecords, utc
 from robotether_server.relay import board as module
-from robotether_server.relay.board import Board, Feed, rfc3339
+from robotether_server.relay.board import Board, Feed
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.sessions import Change, Presence
 from robotether_server.store.fleet import Snapshot
@@ -27,6 +26,16 @@ class Robots:
         return self.presences.get(robot_id, Presence())
 
 
+class NoControl:
+    """Nobody drives, and nothing is stopped."""
+
+    def driver(self, _robot_id: int) -> None:
+        return None
+
+    def describe(self, _robot_id: int) -> dict[str, object]:
+        return {}
+
+
 @pytest.fixture
 def robots() -> Robots:
     """What is known of the robots: nothing."""
@@ -37,7 +46,10 @@ def robots() -> Robots:
 def board(records: MemoryRecords, robots: Robots) -> Board:
     """A board over the newest rows and rights."""
     return Board(
-        lambda: Snapshot(dict(records.robots), dict(records.grants)), robots, Connections()
+        lambda: Snapshot(dict(records.robots), dict(records.grants)),
+        robots,
+        Connections(),
+        NoControl(),
     )
 
 
@@ -148,16 +160,3 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(board, robots, sim1)
     assert board.describe(row)["agent_version"] == "0.1.0"
     robots.presences[7] = Presence(online=True, agent_version="0.2.0")
     assert board.describe(row)["agent_version"] == "0.2.0"
-
-
-@pytest.mark.parametrize(
-    ("moment", "written"),
-    [
-        (None, None),
-        (NOW.replace(microsecond=999_999), "2026-01-01T12:03:00Z"),
-        (datetime(2026, 1, 1, 14, 3, tzinfo=timezone(timedelta(hours=2))), "2026-01-01T12:03:00Z"),
-    ],
-)
-def test_moments_are_utc_and_whole_seconds(moment, written):
-    """As the contract writes them, whatever zone they come in."""
-    assert rfc3339(moment) == written

@@ -44,12 +44,22 @@ def robot(ros: int, video: int, shell: int | None = None) -> Robot:
 
 
 async def test_each_service_is_known_by_its_first_bytes(serve):
-    """HTTP of any status for rosbridge and video, a version for SSH."""
+    """HTTP for rosbridge and video, a version for SSH."""
     noted: list[tuple[str, str]] = []
     checker = PortChecker(HOST, lambda service, health: noted.append((service, health)))
     ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
     assert await checker.check(robot(*ports)) == Checked("ok", "ok", "ok")
     assert sorted(noted) == [("ros", "ok"), ("shell", "ok"), ("video", "ok")]
+
+
+async def test_a_guard_without_its_rosbridge_is_down(serve):
+    """The guard answers, but says 502; of video any status is an answer."""
+    checker = PortChecker(HOST, lambda _service, _health: None)
+    bad = b"HTTP/1.1 502 Bad Gateway\r\n\r\n"
+    ports = (await serve(bad, 0), await serve(bad, 0), await serve(SSH, 0))
+    assert await checker.check(robot(*ports)) == Checked("down", "ok", "ok")
+    ports = (await serve(b"HTTP/1.1 426 Upgrade Required\r\n\r\n", 0), *ports[1:])
+    assert (await checker.check(robot(*ports))).ros == "ok"
 
 
 async def test_another_service_or_none_is_down(serve):

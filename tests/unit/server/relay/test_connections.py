@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from relay_server import MemoryRecords
+from robotether_server import robot_settings
 from robotether_server.relay import endings
 from robotether_server.relay.connections import Caps, Connection, Connections, Use, permits
 from robotether_server.relay.endings import Ending
@@ -75,8 +76,8 @@ def test_a_grant_permits_its_uses_and_no_more(level: Level | None, uses: list[Us
     assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
 
 
-def test_drivers_are_named_once_and_observers_counted(live, sim1, sim2):
-    """Two windows of one user are one driver; another robot's connections do not count."""
+def test_connections_are_counted_by_use(live, sim1, sim2):
+    """Another robot's connections do not count among its observers."""
     for user_id, robot, use in [
         (1, sim1, "drive"),
         (1, sim1, "drive"),
@@ -86,7 +87,6 @@ def test_drivers_are_named_once_and_observers_counted(live, sim1, sim2):
         (2, sim2, "drive"),
     ]:
         live.add(user_id, robot, use)
-    assert live.connections.drivers(sim1.id) == ["ann"]
     assert live.connections.observers(sim1.id) == 2
     assert [live.connections.count(use) for use in ("drive", "observe", "video")] == [3, 2, 1]
 
@@ -94,9 +94,9 @@ def test_drivers_are_named_once_and_observers_counted(live, sim1, sim2):
 def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
     """A waiting connection is told to nobody, until it reaches the robot."""
     waiting = live.add(1, sim1, "drive", reached=False)
-    assert (live.connections.drivers(sim1.id), live.changed) == ([], [])
+    assert (live.connections.count("drive"), live.changed) == (0, [])
     live.connections.reached(waiting)
-    assert (live.connections.drivers(sim1.id), live.changed) == (["ann"], [sim1.id])
+    assert (live.connections.count("drive"), live.changed) == (1, [sim1.id])
 
 
 def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
@@ -169,3 +169,33 @@ def test_stopping_ends_all(live, sim1, sim2):
     each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
     live.connections.end_all(endings.relay_stopping())
     assert live.how(*each) == [["relay_stopping"]] * 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "goes_on"),
+    [
+        ({"policy": {"drive": {"publish": ["/lights"]}}}, False),
+        ({"policy": {"limits": {"subscriptions": 5}}}, False),
+        ({"guard": {"drive_topics": ["/steer"]}}, False),
+        ({"guard": {"max_speed_m_s": 1.0}}, True),
+        ({"shell_user": "turtle"}, True),
+    ],
+)
+def test_another_policy_ends_what_was_opened_under_the_former(
+    *, live, records, sim1, settings, goes_on
+):
+    """What a connection may send was fixed when it was opened; the guard's limits are the guard's."""
+    driving, watching = live.add(1, sim1, "drive"), live.add(2, sim1, "video")
+    records.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
+
+
+def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, records, sim1):
+    """The connection could publish what a driver may not."""
+    records.grants[1, sim1.id] = "manage"
+    connection = live.add(1, sim1, "drive")
+    connection.level = "manage"
+    records.grants[1, sim1.id] = "drive"
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(connection) == [["rights_ended"]]

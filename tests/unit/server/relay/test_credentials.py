@@ -109,6 +109,31 @@ class SlowRecords(MemoryRecords):
         return answer
 
 
+async def test_what_something_live_hangs_on_is_known_without_the_database(
+    credentials, records, monkeypatch
+):
+    """Whoever has a page open can stop a robot while the database is away."""
+    monkeypatch.setattr(module, "KEEP_S", 0.0)
+    login = credential_of("login", records.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        records.down = True
+        assert await credentials.user_of(login) == ANN
+    with pytest.raises(StoreUnavailable):
+        await credentials.user_of(login)
+
+
+async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, records):
+    """The answer of before the end does not count, and nor does one that comes when nobody holds it."""
+    login = credential_of("login", records.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        del records.credentials[login]
+        await credentials.recheck()
+        assert await credentials.user_of(login) is None
+    assert credentials._live == {}
+
+
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     """The answer tells nothing of a credential that was not in the question."""
     records = SlowRecords()

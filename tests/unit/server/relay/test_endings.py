@@ -27,6 +27,7 @@ def test_all_reasons_fit_with_the_longest_name():
         endings.client_slow(name, 10),
         endings.robot_offline(name, moment, utc(2026, 2, 1)),
         endings.link_lost(name),
+        endings.superseded(name),
         endings.relay_stopping(),
         endings.message_too_big(10 * 1024 * 1024, f"robot {name}"),
         endings.message_too_big(64 * 1024, "you"),
@@ -46,3 +47,22 @@ def test_offline_since_another_day_has_the_day():
     since, now = utc(2026, 1, 1, 12, 3), utc(2026, 1, 2, 1, 0)
     expected = "robot sim1 is offline since 2026-01-01 12:03 UTC"
     assert offline_sentence("sim1", since, now) == expected
+
+
+def test_who_has_the_control_is_named():
+    """The sentences of the contract."""
+    moment = utc(2026, 1, 1, 12, 3, 59)
+    assert [
+        (ending.code, ending.reason)
+        for ending in (
+            endings.robot_stopped("sim1", "ben", moment),
+            endings.lease_held("sim1", "ann", moment),
+            endings.lease_held("sim1", "ann", None),
+            endings.lease_lost("sim1", "ben"),
+        )
+    ] == [
+        (4003, "ben stopped sim1 at 12:03 UTC; a driver must release it"),
+        (4009, "ann drives sim1 since 12:03 UTC; ask for the control, or wait"),
+        (4009, "the control of sim1 is kept for ann; wait a moment"),
+        (4010, "the control of sim1 is ben's now"),
+    ]

@@ -82,6 +82,14 @@ async def test_the_fleet_comes_first(relay, robot, sim1, follow):
         "drivers": [],
         "observers": 0,
         "agent_version": "0.1.0",
+        "site": None,
+        "control": {
+            "driver": None,
+            "waiting": None,
+            "reserved": None,
+            "stopped": None,
+            "guard": "unknown",
+        },
     }
 
 

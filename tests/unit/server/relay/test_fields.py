@@ -1,4 +1,4 @@
-"""What a field of an observer's message may hold."""
+"""What a field of a client's message may hold."""
 
 from __future__ import annotations
 
@@ -88,3 +88,46 @@ def test_nothing_nested_or_unclear_passes(value):
     """No inner object, no member `op`, no number that parsers disagree on."""
     with pytest.raises(FieldRefusedError):
         fields.scalars(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "name"),
+    [("/a", "/a"), ("a", "/a"), ("/a/b_1", "/a/b_1"), ("a/2", "/a/2"), ("/_x", "/_x")],
+)
+def test_a_name_gets_its_first_slash(value, name):
+    """What goes on is a full name."""
+    assert fields.ros_name(value) == name
+
+
+@pytest.mark.parametrize(
+    "value", ["", "/", "~a", "/a/", "//a", "/a//b", "/a.b", "/a\n", "/é", "/a b", "/" + "a" * 255, None, 7, []]
+)  # fmt: skip
+def test_no_other_spelling_is_a_name(value):
+    """Nothing that stands for another name, and nothing too long."""
+    with pytest.raises(FieldRefusedError):
+        fields.ros_name(value)
+
+
+@pytest.mark.parametrize(
+    ("check", "passes", "refused"),
+    [
+        (fields.flag, [True, False], [0, 1, "true", None]),
+        (fields.members, [{}, {"op": {"x": [1]}}], [[], "x", 1, None]),
+        (fields.payload, [{}, [], [{"op": 1}]], ["x", 1, None]),
+        (fields.moment, [0, -1.5, 2**53], [2**60, True, "1", None, float("nan"), float("inf")]),
+    ],
+)
+def test_each_type_passes_as_it_is(check, passes, refused):
+    """And nothing of another type does."""
+    assert [check(value) for value in passes] == passes
+    for value in refused:
+        with pytest.raises(FieldRefusedError):
+            check(value)
+
+
+def test_a_stamp_is_its_moment():
+    """Whatever else stands beside it."""
+    assert fields.stamp({"t_ms": 12, "fence": 3}) == 12.0
+    for value in (None, 12, {}, {"t_ms": None}, {"t_ms": float("nan")}, [{"t_ms": 1}]):
+        with pytest.raises(FieldRefusedError):
+            fields.stamp(value)

@@ -17,6 +17,7 @@ class Heard:
         self.rechecks = 0
         self.checks_of_new = 0
         self.last_seen: list[object] = []
+        self.kept: list[object] = []
 
     async def recheck(self) -> None:
         self.rechecks += 1
@@ -40,6 +41,7 @@ def fleet(records: MemoryRecords, heard: Heard) -> Fleet:
         credentials_changed=heard.recheck,
         check_new_credentials=heard.check_new,
         last_seen=heard.last_seen.append,
+        kept=heard.kept.append,
     )
 
 

@@ -9,6 +9,7 @@ import pytest_asyncio
 from relay_server import MemoryRecords, until, utc
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.journal import Journal
+from robotether_server.store.control import Stop, StopEntry
 from robotether_server.store.fleet import AuditEntry, SessionEntry
 
 NOW = utc(2026, 1, 1)
@@ -20,6 +21,15 @@ class Picky(MemoryRecords):
     async def write(self, entries):
         if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
             raise RecordRefused("no such robot")
+        return await super().write(entries)
+
+
+class Broken(MemoryRecords):
+    """Records with a defect that the sessions of robot 13 meet."""
+
+    async def write(self, entries):
+        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
+            raise TypeError("a defect")
         return await super().write(entries)
 
 
@@ -44,7 +54,7 @@ async def _running(records: MemoryRecords) -> AsyncIterator[Journal]:
 
 async def test_entries_are_written_in_order(journal, records):
     """What is added is written, the first first."""
-    entries = [session(1), AuditEntry(NOW, "ann", "drive_began"), session(2)]
+    entries = [session(1), AuditEntry(NOW, "ann", "drive_started"), session(2)]
     for entry in entries:
         journal.add(entry)
     await journal.flush(5)
@@ -87,6 +97,19 @@ async def test_the_queue_is_bounded_and_says_what_it_drops(journal, records, cap
     assert [entry.robot_id for entry in records.sessions()] == [15, 16, 17, 18, 19]
 
 
+async def test_a_stop_is_never_dropped(journal, records, caplog):
+    """However much else waits, it is written when the database is back, with its newest state."""
+    records.down = True
+    entry = StopEntry(7, Stop(7, NOW, "ben"))
+    journal.add(entry)
+    for robot_id in range(20):
+        journal.add(session(robot_id))
+    await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
+    assert journal.dropped > 0
+    records.down = False
+    await until(lambda: entry in records.written, "the stop is written")
+
+
 async def test_one_refused_entry_does_not_keep_the_others(caplog):
     """What the database refuses is dropped with a line in the log; the rest is written."""
     records = Picky()
@@ -97,6 +120,19 @@ async def test_one_refused_entry_does_not_keep_the_others(caplog):
         assert [entry.robot_id for entry in records.sessions()] == [1, 2]
         assert journal.dropped == 1
         assert "no such robot" in caplog.text
+
+
+async def test_an_entry_that_fails_takes_no_stop_with_it(caplog):
+    """A defect in one line of the log costs that line."""
+    records = Broken()
+    stop = StopEntry(7, Stop(7, NOW, "ben"))
+    async for journal in _running(records):
+        for entry in (session(13), stop):
+            journal.add(entry)
+        await journal.flush(5)
+        assert records.written == [stop]
+        assert journal.dropped == 1
+        assert "Traceback" in caplog.text
 
 
 async def test_a_flush_ends_without_a_database(journal, records, caplog):

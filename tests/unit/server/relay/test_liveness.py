@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotether_server.relay.liveness import Limits, Liveness
+from robotether_server.relay.liveness import DRIVER_LIMITS, Limits, Liveness
 
 LIMITS = Limits()
 
@@ -60,3 +60,20 @@ def test_a_robot_that_takes_nothing_is_the_slow_one():
     looks = [(float(t), 0.0, (0, 0), full) for t in range(1, 13)]
     assert verdicts(looks)[9] == "ok"
     assert verdicts(looks)[-1] == "robot_slow"
+
+
+def test_a_driver_is_silent_whatever_waits_for_it():
+    """Data on its way to a driver is no sign of it; a full robot's side is, for it is not read then."""
+    liveness = Liveness(DRIVER_LIMITS, 0.0)
+    moving = [(t / 10, (10_000_000, 9_000_000 - t)) for t in range(1, 27)]
+    found = [
+        liveness.look(now, heard_at=0.0, to_client=waiting, to_robot=(0, 0))
+        for now, waiting in moving
+    ]
+    assert (found[24], found[25]) == ("ok", "client_silent")
+    liveness = Liveness(DRIVER_LIMITS, 0.0)
+    full = [
+        liveness.look(t / 10, heard_at=0.0, to_client=(0, 0), to_robot=(9000, 9000 - t))
+        for t in range(1, 40)
+    ]
+    assert set(full) == {"ok"}

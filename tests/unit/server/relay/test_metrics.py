@@ -28,13 +28,13 @@ def test_traffic_is_read_when_somebody_asks(metrics, traffic):
     assert 'robotether_relay_messages_total{to="robot"} 0.0' in lines(metrics)
     traffic.messages_to_robot, traffic.messages_to_client = 1, 2
     traffic.bytes_to_robot, traffic.bytes_to_client = 30, 40
-    traffic.refused = 5
+    traffic.refused["topic"] = 5
     shown = lines(metrics)
     assert 'robotether_relay_messages_total{to="robot"} 1.0' in shown
     assert 'robotether_relay_messages_total{to="client"} 2.0' in shown
     assert 'robotether_relay_message_bytes_total{to="robot"} 30.0' in shown
     assert 'robotether_relay_message_bytes_total{to="client"} 40.0' in shown
-    assert "robotether_relay_messages_refused_total 5.0" in shown
+    assert 'robotether_relay_messages_refused_total{kind="topic"} 5.0' in shown
 
 
 def test_a_gauge_is_read_when_somebody_asks(metrics):

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from fake_robot import FakeRobot
+from granted import give, take
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
@@ -21,7 +22,6 @@ from robotether_server.settings import DatabaseSettings
 from robotether_server.store import (
     Database,
     Transaction,
-    grants,
     logins,
     robots,
     tokens,
@@ -29,7 +29,8 @@ from robotether_server.store import (
 )
 from robotether_server.store.fleet import Credential, User
 
-PUBLISH = '{"op": "publish", "topic": "/cmd_vel"}'
+PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'
+SUBSCRIBE = '{"op":"subscribe","topic":"/a"}'
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def ann(database: Database) -> User:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
         robots.set_state(tx, robot_id, "active")
         ann_id = users.add(tx, "ann", "x", "user")
-        grants.give(tx, ann_id, robot_id, "drive")
+        give(tx, ann_id, robot_id, "drive")
     return User(ann_id, "ann")
 
 
@@ -97,20 +98,21 @@ async def test_a_database_that_hangs_is_unavailable_in_time(paused):
 
 
 async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
-    """With the real database paused, an open connection and a new ticket both work."""
+    """With the real database paused, an open connection goes on, and a new ticket lets one observe."""
     records = DatabaseRecords(Database(mariadb.settings("relay")), answer_within_s=0.3)
     login = log_in(database)
     async with running_relay(records) as relay, robot_of(relay) as robot:
         sim1 = relay.relay.fleet.known.by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
+            await until(lambda: robot.clients, "ann drives")
             mariadb.container.pause()
             try:
                 await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
                 await socket.send_str(PUBLISH)
                 assert await socket.receive_str() == PUBLISH
-                async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as second:
-                    await second.send_str(PUBLISH)
-                    assert await second.receive_str() == PUBLISH
+                async with http.ws_connect(relay.ros_url(sim1, "observe", ann, login)) as second:
+                    await second.send_str(SUBSCRIBE)
+                    assert await second.receive_str() == SUBSCRIBE
                 assert robot.session.bye is None
             finally:
                 mariadb.container.unpause()
@@ -127,7 +129,7 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
             await socket.send_str(PUBLISH)
             assert await socket.receive_str() == PUBLISH
             with database.transaction() as tx:
-                assert grants.take(tx, ann.id, sim1.id)
+                take(tx, ann.id, sim1.id)
             async with asyncio.timeout(2):
                 assert (await socket.receive()).data == 4001
         await relay.relay.journal.flush(5)
@@ -136,9 +138,20 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
             "SELECT robot_id, end_code, ended_at, agent_version FROM robot_sessions"
         )
         kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
+        (drive,) = tx.rows("SELECT robot, user_name, fence, end_code, messages FROM drives")
+        (lease,) = tx.rows("SELECT fence, user_name, ended_at FROM control_leases")
     assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
     assert session["ended_at"] is not None
-    assert kinds == ["drive_began", "drive_ended"]
+    assert kinds == ["drive_started", "drive_ended"]
+    assert drive == {
+        "robot": "sim1",
+        "user_name": "ann",
+        "fence": 1,
+        "end_code": "rights_ended",
+        "messages": 1,
+    }
+    assert (lease["fence"], lease["user_name"]) == (1, "ann")
+    assert lease["ended_at"] is not None
 
 
 def log_out(tx: Transaction, ann: users.User, text: str) -> None:

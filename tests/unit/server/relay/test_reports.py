@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -10,11 +11,13 @@ from relay_server import MemoryRecords, utc
 from robotether_server.relay import endings
 from robotether_server.relay.bridge import Traffic
 from robotether_server.relay.connections import Connection
+from robotether_server.relay.drive_log import DriveLog
 from robotether_server.relay.journal import Journal
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.reports import Reports
 from robotether_server.relay.rosbridge import ConnectionReport
 from robotether_server.relay.sessions import Change, Presence
+from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 
 CAME, LEFT = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
@@ -92,20 +95,52 @@ def test_robots_are_logged_by_name_and_their_endings_counted(reports, records, m
     assert b'session_refusals_total{code="preface"} 1.0' in metrics.render()
 
 
-def test_a_drive_is_two_audit_lines(reports, journal, sim1):
-    """Who drove which robot from where, how long, and why it ended."""
-    connection = driving(sim1)
-    reports.connection(ConnectionReport(connection, "203.0.113.9"))
+def test_a_drive_is_two_audit_lines_and_one_record(reports, journal, sim1, metrics):
+    """Who drove which robot from where, how long, how far, and why it ended."""
+    connection, drive = driving(sim1), a_drive()
+    reports.connection(ConnectionReport(connection, "203.0.113.9", drive=drive))
+    drive.command(10.0, 1.0, None)
+    drive.command(10.1, 0.0, None)
+    drive.dropped()
     ending = endings.link_lost("sim1")
-    reports.connection(ConnectionReport(connection, "203.0.113.9", ending, lasted_s=12.345))
+    reports.connection(ConnectionReport(connection, "203.0.113.9", ending, 12.345, drive))
     lines = [entry for entry in journal.notes if isinstance(entry, AuditEntry)]
-    assert [(entry.kind, entry.details) for entry in lines] == [
-        ("drive_began", {}),
-        ("drive_ended", {"end_code": "link_lost", "lasted_s": 12.3}),
-    ]
+    assert [entry.kind for entry in lines] == ["drive_started", "drive_ended"]
+    assert lines[0].details == {"fence": 13}
+    came_to = {"end_code": "link_lost", "fence": 13, "lasted_s": 12.3, "distance_m": 0.1}
+    assert lines[1].details == came_to | {"top_speed_m_s": 1.0}
     assert {(entry.actor, entry.robot, entry.address) for entry in lines} == {
         ("ann", "sim1", "203.0.113.9")
     }
+    records = [entry for entry in journal.notes if isinstance(entry, DriveEntry)]
+    assert [entry.end_code for entry in records] == [None, "link_lost"]
+    assert b"commands_dropped_total 1.0" in metrics.render()
+
+
+def test_a_drive_is_written_while_it_lasts(reports, journal, sim1):
+    """A relay that is killed loses little of it; a drive that ended is written no more."""
+    connection, drive = driving(sim1), a_drive()
+    reports.connection(ConnectionReport(connection, None, drive=drive))
+    drive.message()
+    reports.write_drives()
+    assert journal.notes[-1].messages == 1
+    reports.connection(ConnectionReport(connection, None, endings.client_left("sim1"), 1, drive))
+    count = len(journal.notes)
+    reports.write_drives()
+    assert len(journal.notes) == count
+
+
+def test_refusals_are_one_audit_line_of_their_connection(reports, journal, sim1):
+    """Summed by kind, at the end, observers' too."""
+    ending = endings.client_left("sim1")
+    connection = driving(sim1, use="observe")
+    reports.connection(ConnectionReport(connection, None, ending, refused={"topic": 3}))
+    (line,) = journal.notes
+    assert (line.kind, line.details) == ("operations_refused", {"topic": 3})
+
+
+def a_drive() -> DriveLog:
+    return DriveLog(DriveEntry(7, "sim1", "ann", 13, CAME), 0.5, Counter())
 
 
 @pytest.mark.parametrize("changes", [{"use": "observe"}, {"reached": False}])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import replace
+from unittest.mock import ANY
 
 import pytest
 from fake_robot import HOST
@@ -12,6 +13,7 @@ from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryRecords, RelayServer, until
 from robotether_server.relay.sessions import Presence
+from robotether_server.robot_settings import DEFAULTS, parse
 from robotether_server.store.fleet import Robot
 
 
@@ -40,6 +42,8 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
             "rotate_key": False,
             "heartbeat_s": FAST.heartbeat_s,
             "timeout_s": FAST.timeout_s,
+            "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
+            "direct": False,
         }
     ]
     assert presence(relay, sim1).online
@@ -190,7 +194,7 @@ async def test_a_newer_session_ends_the_older_first(relay, sim1, connect):
     assert await ended(older) == "superseded"
     await configured(newer)
     assert presence(relay, sim1).online
-    assert [link.kind for link in relay.relay.registry.links()] == ["session"]
+    assert relay.relay.registry.count("session") == 1
 
 
 async def test_media_and_session_do_not_end_each_other(relay, connect):
@@ -198,7 +202,8 @@ async def test_media_and_session_do_not_end_each_other(relay, connect):
     session, media = await connect(), await connect("media")
     await configured(session)
     await configured(media)
-    assert len(relay.relay.registry.links()) == 2
+    registry = relay.relay.registry
+    assert (registry.count("session"), registry.count("media")) == (1, 1)
 
 
 async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, connect):
@@ -304,8 +309,8 @@ async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, conne
     monkeypatch.setattr("robotether_server.relay.robot_link.LINES_AT_ONCE", 1_000_000)
     session = await configured(await connect())
     session._writer.transport.pause_reading()
-    # The relay answers with the agent's own clock, so a long one makes a long answer.
-    line = b'{"type": "ping", "seq": 1, "t_ms": ' + b"9" * 4000 + b"}\n"
+    # The relay answers with the agent's own number, so a long one makes a long answer.
+    line = b'{"type": "ping", "seq": ' + b"9" * 4000 + b"}\n"
     async with asyncio.timeout(8):
         while presence(relay, sim1).online:
             session.send_raw(line * 100)
@@ -320,4 +325,40 @@ async def test_a_ping_of_any_clock_is_answered_with_it(relay, connect):
     session.send(type="ping", seq=1)
     await until(lambda: session.pongs == 1, "the ping is answered")
     session.send(type="ping", seq=2, t_ms="noon")
+    assert await ended(session) == "protocol_error"
+
+
+async def test_each_session_has_its_own_guard_key(relay, connect):
+    """A key that somebody saw opens nothing after the next connection."""
+    keys = {(await configured(await connect())).configs[0]["guard"]["key"] for _ in range(2)}
+    assert len(keys) == 2
+    assert min(map(len, keys)) >= 40
+
+
+async def test_new_guard_settings_come_as_another_configuration(relay, sim1, records, connect):
+    """With the same key, on the same connection."""
+    session = await configured(await connect())
+    settings = parse({"guard": {"max_speed_m_s": 0.5}})
+    records.robots = {sim1.id: replace(sim1, settings=settings)}
+    await until(lambda: len(session.configs) == 2, "the robot is told")
+    assert session.configs[1]["guard"] == session.configs[0]["guard"] | {"max_speed_m_s": 0.5}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        {"type": "guard", "state": "asleep", "stopped": False, "by": "", "moving": False},
+        {"type": "guard", "state": "ready", "stopped": 1, "by": "", "moving": False},
+        {"type": "guard", "state": "ready", "stopped": True, "by": "x" * 64, "moving": False},
+        {"type": "hello", "hostname": "t", "agent_version": "0", "guard": "maybe"},
+        {"type": "ping", "seq": 1, "t_ms": 1e300},
+        {"type": "ping", "seq": 1, "t_ms": 10**400},
+        {"type": "ping", "seq": 1, "t_ms": float("nan")},
+        {"type": "ping", "seq": 1, "t_ms": -1},
+    ],
+)
+async def test_a_guards_broken_line_ends_the_session(relay, connect, line):
+    """What cannot be read is not guessed."""
+    session = await configured(await connect())
+    session.send(**line)
     assert await ended(session) == "protocol_error"

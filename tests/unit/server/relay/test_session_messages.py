@@ -15,6 +15,7 @@ from robotether_server.relay.session_messages import (
     bye_line,
     checked_line,
     config_line,
+    parse_guard,
     parse_line,
     parse_preface,
     pong_line,
@@ -86,6 +87,15 @@ def test_a_wrong_field_is_named(field, value):
         parse_preface(preface(**{field: value}), "the key")
 
 
+@pytest.mark.parametrize("count", [-1, 2**53, True, "7", 1.0])
+def test_a_guard_counts_from_0(count):
+    """A count that can be none ends up in no record and no sum."""
+    line = {"state": "ready", "stopped": False, "by": "", "moving": False}
+    assert parse_guard({**line, "refused": {"held": 7}})[0].refused == (("held", 7),)
+    with pytest.raises(BrokenLineError, match="old"):
+        parse_guard({**line, "refused": {"old": count}})
+
+
 @pytest.mark.parametrize("text", ["1\ud800", "1\x1b[2J", "1\n", "1\u202e"])
 def test_what_people_see_is_printable(text):
     """Half a character would spoil the write of a whole batch of records, others steer terminals."""
@@ -108,7 +118,8 @@ def test_a_pong_carries_the_agents_clock_back():
 
 def test_lines_end_where_they_should():
     """Each line is one line, whatever a text in it holds."""
-    config = config_line(Robot(7, "a\nb", "active", 1, 2), heartbeat_s=1, timeout_s=5)
+    robot = Robot(7, "a\nb", "active", 1, 2)
+    config = config_line(robot, heartbeat_s=1, timeout_s=5, guard_key="k", direct=False)
     checked = checked_line(ros="ok", video="down", shell="unknown")
     for line in (config, checked, bye_line("timeout", "x\ny")):
         assert line.count(b"\n") == 1

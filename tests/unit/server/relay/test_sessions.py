@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 
 import pytest
 from relay_server import utc
-from robotether_server.relay.sessions import NEVER_SEEN, Change, Presence, SessionRegistry
+from robotether_server.relay.sessions import (
+    NEVER_SEEN,
+    Change,
+    GuardReport,
+    Presence,
+    SessionRegistry,
+)
 
 NOW = utc(2026, 1, 1, 12, 3)
 
@@ -93,7 +99,7 @@ def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes)
     for link in (media, shell):
         registry.established(link)
     for link in (waiting, media, shell):
-        registry.heard_hello(link, "0.1.0")
+        registry.heard_hello(link, "0.1.0", "on")
         registry.heard_health(link, "ok", "ok")
         registry.heard_rtt(link, 1.0)
     assert changes == []
@@ -110,12 +116,12 @@ def test_the_same_health_again_is_no_change(registry, changes):
 def test_leaving_forgets_what_holds_only_while_online(registry):
     """Afterwards the robot is offline since now, with the version that it had."""
     link = online(registry)
-    registry.heard_hello(link, "0.1.0")
+    registry.heard_hello(link, "0.1.0", "on")
     registry.heard_rtt(link, 12.345)
     assert registry.presence(7).rtt_ms == 12.3
     registry.left(link, "timeout")
     assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0")
-    assert registry.links() == []
+    assert registry.count("session") == 0
 
 
 def test_the_records_tell_since_when_but_never_overrule(registry):
@@ -135,3 +141,34 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
     assert registry.presence(7).online
     assert registry.presence(8) is NEVER_SEEN
     assert registry.presence(9).since == NOW
+
+
+@pytest.mark.parametrize(
+    ("mode", "state", "shown"),
+    [
+        ("on", "ready", "ready"),
+        ("on", "down", "down"),
+        ("off", "ready", "off"),
+        ("unknown", "ready", "unknown"),
+    ],
+)
+def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
+    """A guard that is switched off, or that an older agent lacks, has no state of its own."""
+    link = online(registry)
+    registry.heard_hello(link, "0.1.0", mode)
+    registry.heard_guard(link, GuardReport(state), "5f0c")
+    assert registry.presence(7).guard == shown
+    assert (changes[-1].what, changes[-1].answers) == ("guard", "5f0c")
+    registry.left(link, "timeout")
+    assert registry.presence(7).guard == "unknown"
+
+
+def test_only_who_is_online_has_a_session(registry):
+    """Orders go to the current link, once it is established."""
+    link = FakeLink()
+    registry.admit(link)
+    assert registry.session_of(7) is None
+    registry.established(link)
+    assert registry.session_of(7) is link
+    registry.left(link, "timeout")
+    assert registry.session_of(7) is None

@@ -1,0 +1,46 @@
+"""The control object, and who hears of changes."""
+
+from __future__ import annotations
+
+from relay_server import until
+
+
+async def test_a_robot_that_nobody_drives_has_nothing_in_it(relay, sim1):
+    """All members are there; of an offline robot nobody knows its guard."""
+    assert relay.relay.control.describe(sim1.id) == {
+        "driver": None,
+        "waiting": None,
+        "reserved": None,
+        "stopped": None,
+        "guard": "unknown",
+    }
+
+
+async def test_the_guards_state_is_in_it(relay, guarded, sim1):
+    """As the guard says, and not known any more when the robot is gone."""
+    control = relay.relay.control
+    assert control.describe(sim1.id)["guard"] == "ready"
+    await guarded.stop()
+    await until(lambda: control.describe(sim1.id)["guard"] == "unknown", "it is gone")
+
+
+async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
+    """Afterwards it is forgotten."""
+    heard: list[int] = []
+    control = relay.relay.control
+    with control.watched(sim1.id, lambda: heard.append(1)):
+        control.stops.stop(sim1, "ben")
+        assert heard
+    heard.clear()
+    await control.stops.confirmation(sim1.id)
+    assert heard == []
+    assert control._watchers == {}
+
+
+async def test_a_robot_that_is_removed_is_forgotten(relay, guarded, sim1, records):
+    """Neither lease nor stop stays in memory."""
+    control = relay.relay.control
+    control.stops.stop(sim1, "ben")
+    records.robots = {}
+    await until(lambda: control.stops.of(sim1.id) is None, "it is forgotten")
+    assert control.stops.count() == 0

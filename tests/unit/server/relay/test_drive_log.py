@@ -1,0 +1,55 @@
+"""The books of a drive."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from relay_server import utc
+from robotether_server.relay.drive_log import DriveLog
+from robotether_server.store.control import DriveEntry
+
+NOON = utc(2026, 1, 1, 12, 0)
+
+
+@pytest.fixture
+def refused() -> Counter[str]:
+    return Counter()
+
+
+@pytest.fixture
+def log(refused) -> DriveLog:
+    return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused)
+
+
+def test_distance_is_speed_times_the_time_to_the_next_command(log):
+    """A spiral of two commands; the top speeds stay."""
+    log.command(10.0, 1.0, 0.5)
+    log.command(10.2, 2.0, 0.1)
+    entry = log.end(10.3, NOON, "client_left")
+    assert entry.distance_m == pytest.approx(0.2 + 0.2)
+    assert entry.turned_rad == pytest.approx(0.1 + 0.01)
+    assert (entry.top_speed_m_s, entry.top_turn_rad_s) == (2.0, 0.5)
+
+
+def test_a_command_counts_no_longer_than_the_guard_lets_it(log):
+    """After the deadman the robot stands, however long the silence."""
+    log.command(10.0, 1.0, None)
+    log.command(100.0, 0.0, None)
+    assert log.end(200.0, NOON, "client_left").distance_m == pytest.approx(0.5)
+
+
+def test_a_drive_without_commands_goes_nowhere(log):
+    """Nothing is counted from before the first command."""
+    assert log.end(1e6, NOON, "client_left").distance_m == 0
+
+
+def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
+    """What was counted elsewhere meanwhile is written, too."""
+    refused["topic"] += 2
+    log.message()
+    log.dropped()
+    assert log.written().refused == {"topic": 2}
+    entry = log.end(1.0, NOON, "robot_stopped")
+    assert (entry.messages, entry.dropped_old, entry.stops) == (1, 1, 1)
+    assert (entry.ended_at, entry.end_code) == (NOON, "robot_stopped")
