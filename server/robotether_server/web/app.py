@@ -12,6 +12,7 @@ from robotether_server.tickets import TicketSigner
 from robotether_server.web import (
     admin,
     api,
+    drives_page,
     errors,
     headers,
     installer,
@@ -62,4 +63,5 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(installer.blueprint)
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
+    app.register_blueprint(drives_page.blueprint)
     return app

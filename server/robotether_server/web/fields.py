@@ -1,11 +1,13 @@
 """Typed getters for what comes from outside in JSON or in a query; every refusal names the field."""
 
+import datetime as dt
 from collections.abc import Collection
 from http import HTTPStatus
 from typing import TypeVar
 
 from flask import Request
 
+from robotether_server import times
 from robotether_server.problems import FieldInvalid, HttpProblem
 
 T = TypeVar("T", bound=str)
@@ -110,6 +112,12 @@ def number_in_query(given: Fields, name: str, lowest: int, highest: int) -> int 
     # Longer texts are out of any bounds, and slow to read.
     read = int(str(value)) if is_plain and len(str(value)) <= len(str(highest)) else None
     return number({name: read}, name, lowest, highest)
+
+
+def optional_moment(body: Fields, name: str) -> dt.datetime | None:
+    """Return a moment of RFC 3339, or None when it is missing or null."""
+    value = optional_text(body, name, times.LONGEST_TEXT)
+    return None if value is None else times.moment(name, value)
 
 
 def flag(body: Fields, name: str) -> bool:

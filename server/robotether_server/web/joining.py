@@ -204,7 +204,7 @@ def _check_moved(tx: Transaction, request: Request, robot: Robot) -> None:
             f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
             "copy of that robot's disk, and must join with its own MAC and a new key"
         )
-    last = audit.find(tx, robot=robot.name, kind="mac_changed", limit=1)
+    last = audit.find(tx, audit.Search(robot.name, kind="mac_changed"), limit=1)
     if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
         return
     source = Source(vouching.ROBOT, request.shown.report.address)

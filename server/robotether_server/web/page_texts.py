@@ -5,6 +5,8 @@ import datetime as dt
 from flask import Flask
 
 from robotether_server.store.robots import Robot
+from robotether_server.times import rfc3339
+from robotether_server.web import audit_texts
 
 KEY_GROUP = 4
 
@@ -12,6 +14,8 @@ KEY_GROUP = 4
 def register(app: Flask) -> None:
     """Give the templates their filters."""
     app.add_template_filter(moment_words, "moment")
+    app.add_template_filter(end_text, "end_text")
+    app.add_template_filter(audit_texts.sentence, "sentence")
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
 
@@ -19,6 +23,11 @@ def register(app: Flask) -> None:
 def moment_words(moment: dt.datetime) -> str:
     """Return a moment as people read it: 2026-01-01 12:03 UTC."""
     return moment.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def end_text(moment: dt.datetime | None) -> str:
+    """Return an end as its form takes it: 2026-01-31 for the last second of a day, else 2026-01-31T12:00:00Z."""
+    return (rfc3339(moment) or "").replace("T23:59:59Z", "")
 
 
 def key_groups(fingerprint: str) -> list[str]:

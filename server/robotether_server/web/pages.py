@@ -21,8 +21,8 @@ from robotether_server.problems import LoginFailed, RobotUnknown, Throttled
 from robotether_server.store import robots
 from robotether_server.store.audit import LONGEST_ACTOR, Source
 from robotether_server.store.robots import SeenRobot
+from robotether_server.times import rfc3339
 from robotether_server.web import access, logging_in, visitors
-from robotether_server.web.moments import moment_text
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("pages", __name__)
@@ -117,7 +117,7 @@ def _card(seen: SeenRobot) -> dict[str, object]:
         "name": seen.robot.name,
         "state": seen.robot.state,
         "online": seen.online,
-        "since": moment_text(seen.since),
+        "since": rfc3339(seen.since),
         "level": seen.level,
     }
 

@@ -1,4 +1,4 @@
-"""The admin pages under /admin: robots, who waits, users and grants, tokens, the audit log.
+"""The admin pages under /admin: robots, who waits, users, groups, sites and grants, tokens, the audit log.
 
 Plain forms over robotether_server.administration, which checks, changes and writes the audit log. Every path that
 takes a POST also answers a GET, so that a login that ended in between leads back to where it was.
@@ -11,12 +11,15 @@ from robotether_server.web import visitors
 from robotether_server.web.admin import (
     audit_log,
     grants,
+    groups,
     join_tokens,
     pending,
     robot_changes,
     robot_deeds,
     robot_list,
     robot_page,
+    robot_settings,
+    sites,
     tokens,
     user_deeds,
     users,
@@ -29,9 +32,12 @@ for part in (
     robot_page,
     robot_deeds,
     robot_changes,
+    robot_settings,
     pending,
     users,
     user_deeds,
+    groups,
+    sites,
     grants,
     join_tokens,
     tokens,

@@ -1,43 +1,54 @@
-"""/admin/audit: who did what, newest first, found by robot, actor and kind."""
+"""/admin/audit: who did what, newest first, found by robot, actor, kind and days; and all of it as a file."""
 
-from urllib.parse import urlencode
+from http import HTTPStatus
 
-from flask import Blueprint, render_template, request
+from flask import Blueprint, Response, render_template
 
+from robotether_server.problems import FieldInvalid
 from robotether_server.store import audit
+from robotether_server.store.audit import AuditEvent, Search
+from robotether_server.web import filters
+from robotether_server.web.api.audit import download
+from robotether_server.web.filters import Asked
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")
 
-PER_PAGE = 50
-FILTERS = ("robot", "actor", "kind")
+PATH = "/admin/audit"
+FILTERS = ("robot", "actor", "kind", "since", "until")
 
 
 @blueprint.get("")
-def show() -> str:
+def show() -> str | tuple[str, int]:
     """Show one page of the log; `before` is the id of the event that it ends before."""
-    asked = {name: request.args.get(name, "").strip() for name in FILTERS}
-    before = request.args.get("before", type=int)
+    asked = filters.asked(FILTERS)
+    try:
+        search = _search(asked)
+    except FieldInvalid as problem:
+        return _page([], asked, problem=problem), HTTPStatus.UNPROCESSABLE_ENTITY
     with parts().database.transaction() as tx:
-        # One more than is shown tells whether there is an older page.
-        found = audit.find(
-            tx,
-            robot=asked["robot"] or None,
-            actor=asked["actor"] or None,
-            kind=asked["kind"] or None,
-            before=before,
-            limit=PER_PAGE + 1,
-        )
-    events = found[:PER_PAGE]
-    return render_template(
-        "admin/audit.html",
-        events=events,
-        asked=asked,
-        newest=_path(asked) if before is not None else None,
-        older=_path(asked, before=events[-1].id) if len(found) > PER_PAGE else None,
+        found = audit.find(tx, search, before=filters.before(), limit=filters.WANTED)
+    page = filters.page(PATH, asked, found)
+    return _page(page.shown, asked, older=page.older, newest=page.newest)
+
+
+@blueprint.get("/download")
+def save() -> Response:
+    """Give all events that fit as a file."""
+    kind = filters.file_kind()
+    return download(_search(filters.asked(FILTERS)), kind)
+
+
+def _page(events: list[AuditEvent], asked: Asked, **more: object) -> str:
+    files = filters.files(PATH, asked)
+    return render_template("admin/audit.html", events=events, asked=asked, files=files, **more)
+
+
+def _search(asked: Asked) -> Search:
+    return Search(
+        robot=asked["robot"] or None,
+        actor=asked["actor"] or None,
+        kind=asked["kind"] or None,
+        since=filters.since(asked),
+        until=filters.until(asked),
     )
-
-
-def _path(asked: dict[str, str], **more: int) -> str:
-    query = urlencode({name: value for name, value in asked.items() if value} | more)
-    return f"/admin/audit?{query}" if query else "/admin/audit"

@@ -1,53 +1,70 @@
-"""Grants, given and taken from a robot's page and from a user's; both forms are of the same fields."""
+"""Grants, given and taken from the pages of robots, users, groups and sites; all forms are of the same fields."""
 
 from collections.abc import Callable
 
 from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
+from robotether_server import times
 from robotether_server.administration import grants
-from robotether_server.problems import Problem, RecordMissing
-from robotether_server.store.grants import LEVELS
+from robotether_server.administration.grants import ALL, Holder, Scope
+from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.store import grants as records
+from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.admin import robot_page, users
+from robotether_server.web.admin import groups, robot_page, sites, users
 from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.page_texts import moment_words
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("grants", __name__)
 
-LONGEST_NAME = 63
+LONGEST_CHOICE = 80
 PageAnswer = AnyResponse | str | tuple[str, int]
 
 
 @blueprint.route("/robots/<name>/grants", methods=METHODS)
 def of_robot(name: str) -> PageAnswer:
-    """Let a user do something with this robot."""
+    """Let somebody do something with this robot."""
     return _give(robot_page.render, name, robot_page.page_of(name))
 
 
 @blueprint.route("/users/<name>/grants", methods=METHODS)
 def of_user(name: str) -> PageAnswer:
-    """Let this user do something with a robot."""
+    """Let this user do something."""
     return _give(users.render, name, users.page_of(name))
 
 
-@blueprint.route("/grants/<user>/<robot>/take", methods=METHODS)
-def take(user: str, robot: str) -> AnyResponse:
+@blueprint.route("/groups/<name>/grants", methods=METHODS)
+def of_group(name: str) -> PageAnswer:
+    """Let the members of this group do something."""
+    return _give(groups.render, name, groups.page_of(name))
+
+
+@blueprint.route("/sites/<name>/grants", methods=METHODS)
+def of_site(name: str) -> PageAnswer:
+    """Let somebody do something with the robots of this site."""
+    return _give(sites.render, name, sites.page_of(name))
+
+
+@blueprint.route("/grants/<int:grant_id>/take", methods=METHODS)
+def take(grant_id: int) -> AnyResponse:
     """Take a grant away."""
-    level = _level(user, robot)
-    is_of_user = request.args.get("from") == "user"
+    with parts().database.transaction() as tx:
+        found = records.get(tx, grant_id)
+    who, what = found.holder_words, found.scope_words
     deed = Deed(
-        title=f"Take the grant of {user} for robot {robot} away?",
+        title=f"Take the grant of {who} for {what} away?",
         effects=(
-            f"{user}, who may {level} it now, does not see robot {robot} any more.",
-            f"What {user} has open to it is cut within 2 seconds; a robot that {user} drives stops by itself.",
+            f"The {who}, who may {found.level} now, loses what only this grant gives for {what}.",
+            "What is open by it is cut within 2 seconds; a robot that is driven by it stops by itself.",
         ),
-        undo=f"Give {user} the grant {level} for robot {robot} again.",
+        undo=f"Give the {who} the grant {found.level} for {what} again.",
         button="Take away",
-        done=f"User {user} has no grant for robot {robot} any more.",
-        back=users.page_of(user) if is_of_user else robot_page.page_of(robot),
+        done=f"The {who} has no grant for {what} any more.",
+        back=_page_of(found, request.args.get("from", "")),
     )
-    return deeds.run(deed, lambda tx, source: grants.revoke(tx, source, user, robot))
+    return deeds.run(deed, lambda tx, source: grants.take(tx, source, grant_id))
 
 
 def _give(render: Callable[[str, Problem | None], str], name: str, back: str) -> PageAnswer:
@@ -55,19 +72,45 @@ def _give(render: Callable[[str, Problem | None], str], name: str, back: str) ->
     if request.method == "GET":
         return render(name, None)
     try:
-        user = forms.text("user", "User", LONGEST_NAME)
-        robot = forms.text("robot", "Robot", LONGEST_NAME)
-        level = forms.choice("level", "Level", LEVELS)
+        holder, scope = _holder(), _scope()
+        level = forms.choice("level", "May", LEVELS)
+        text = forms.optional_text("ends_at", "Until", times.LONGEST_TEXT)
+        ends_at = times.day_or_moment("Until", text, is_end=True) if text else None
         with parts().database.transaction() as tx:
-            grants.grant(tx, visitors.source(), user, robot, level)
+            given, _ = grants.give(tx, visitors.source(), holder, scope, level, ends_at=ends_at)
     except Problem as problem:
         return render(name, problem), problem.status
-    return deeds.go_on(back, f"User {user} may {level} robot {robot}.")
+    end = f" until {moment_words(given.ends_at)}" if given.ends_at else ""
+    words = f"{given.holder_words} may {level} {given.scope_words}{end}."
+    return deeds.go_on(back, words[0].upper() + words[1:])
 
 
-def _level(user: str, robot: str) -> str:
-    with parts().database.transaction() as tx:
-        for grant in grants.list_all(tx):
-            if (grant.user, grant.robot) == (user, robot):
-                return grant.level
-    raise RecordMissing(f"cannot take the grant away: user {user} has none for robot {robot}")
+def _holder() -> Holder:
+    kind, _, name = forms.text("holder", "Who", LONGEST_CHOICE).partition(":")
+    if kind == "user" and name:
+        return Holder("user", name)
+    if kind == "group" and name:
+        return Holder("group", name)
+    raise FieldInvalid("cannot use Who: choose a user or a group")
+
+
+def _scope() -> Scope:
+    kind, _, name = forms.text("scope", "What", LONGEST_CHOICE).partition(":")
+    if kind == "all" and not name:
+        return ALL
+    if kind == "robot" and name:
+        return Scope("robot", name)
+    if kind == "site" and name:
+        return Scope("site", name)
+    raise FieldInvalid("cannot use What: choose a robot, a site or all robots")
+
+
+def _page_of(found: Grant, about: str) -> str:
+    """Return the page that the question came from."""
+    if about == "site" and found.site is not None:
+        return sites.page_of(found.site)
+    if about == "robot" and found.robot is not None:
+        return robot_page.page_of(found.robot)
+    if found.group is not None:
+        return groups.page_of(found.group)
+    return users.page_of(found.user or "")

@@ -6,6 +6,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import join_tokens
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.store.join_tokens import JoinToken
@@ -15,7 +16,6 @@ from robotether_server.web.parts import parts
 
 blueprint = Blueprint("join_tokens", __name__, url_prefix="/join-tokens")
 
-LONGEST_NAME = 63
 MOST_USES = 10_000
 MOST_HOURS = 8760
 

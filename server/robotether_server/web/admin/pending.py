@@ -8,6 +8,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import pending, robots
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.administration.pending import RejectedKey, Waiting
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.store import robots as robots_store
@@ -17,7 +18,6 @@ from robotether_server.web.parts import parts
 
 blueprint = Blueprint("pending", __name__, url_prefix="/pending")
 
-LONGEST_NAME = 63
 LONGEST_FINGERPRINT = 100
 PAGE = "/admin/pending"
 

@@ -4,6 +4,7 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import robots
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import deeds, forms
@@ -12,7 +13,6 @@ from robotether_server.web.deeds import METHODS, Deed, Field
 
 blueprint = Blueprint("robot_changes", __name__, url_prefix="/robots/<name>")
 
-LONGEST_NAME = 63
 LONGEST_MAC = 17
 LONGEST_USER = 32
 LOWEST_PORT, HIGHEST_PORT = 1024, 65535

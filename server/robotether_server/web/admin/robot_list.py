@@ -6,8 +6,9 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import robots as deeds_on_robots
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import Problem
-from robotether_server.store import robots
+from robotether_server.store import control_states, robots
 from robotether_server.store.robots import SeenRobot
 from robotether_server.web import deeds, forms, visitors
 from robotether_server.web.parts import parts
@@ -15,7 +16,6 @@ from robotether_server.web.parts import parts
 blueprint = Blueprint("robot_list", __name__)
 
 MOST_SHOWN = 200
-LONGEST_NAME = 63
 LONGEST_MAC = 17
 STATES = (
     ("", "All"),
@@ -47,7 +47,7 @@ def _searched(seen: SeenRobot) -> list[str]:
     robot = seen.robot
     texts = [robot.name, robot.mac, robot.mac.replace(":", "-"), robot.mac.replace(":", "")]
     report = [robot.report.hostname, robot.report.address] if robot.report else []
-    return [*texts, *report, seen.address or ""]
+    return [*texts, *report, seen.address or "", robot.site or ""]
 
 
 @blueprint.get("/robots")
@@ -56,6 +56,7 @@ def show() -> str:
     search = Search(request.args.get("q", "").strip(), request.args.get("state", ""))
     with parts().database.transaction() as tx:
         everyone = robots.list_seen(tx, visitors.visitor())
+        stopped = control_states.stopped(tx)
     found = [seen for seen in everyone if search.finds(seen)]
     return render_template(
         "admin/robots.html",
@@ -64,6 +65,7 @@ def show() -> str:
         total=len(everyone),
         search=search,
         states=STATES,
+        stopped=stopped,
     )
 
 

@@ -2,12 +2,12 @@
 
 from flask import Blueprint, render_template, request
 
-from robotether_server.administration import grants
 from robotether_server.problems import Problem, RobotUnknown
-from robotether_server.store import Transaction, audit, robots, sessions, users
+from robotether_server.store import Transaction, audit, control_states, robots, sessions, sites
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.robots import SeenRobot
 from robotether_server.web import visitors
+from robotether_server.web.admin import grant_lists, robot_setting_texts
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("robot_page", __name__)
@@ -30,9 +30,12 @@ def render(name: str, problem: Problem | None = None) -> str:
             seen=seen,
             robot=seen.robot,
             sessions=sessions.of_robot(tx, seen.robot.id, SHOWN),
-            events=audit.find(tx, robot=name, limit=SHOWN),
-            grants=[grant for grant in grants.list_all(tx) if grant.robot == name],
-            users=[user.name for user in users.list_all(tx) if not user.is_admin],
+            events=audit.find(tx, audit.Search(robot=name), limit=SHOWN),
+            grants=grant_lists.for_robot(tx, seen.robot),
+            choices=grant_lists.holders(tx),
+            sites=[site.name for site in sites.list_all(tx)],
+            settings=robot_setting_texts.summary(seen.robot.settings),
+            control=control_states.of_robot(tx, seen.robot.id),
             levels=LEVELS,
             problem=problem,
             values=request.form,

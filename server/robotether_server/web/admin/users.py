@@ -4,18 +4,18 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
-from robotether_server.administration import grants, tokens
+from robotether_server.administration import tokens
 from robotether_server.administration import users as deeds_on_users
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import Problem
-from robotether_server.store import robots, users
+from robotether_server.store import groups, robots, users
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.users import ROLES
 from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.admin import grant_lists
 from robotether_server.web.parts import parts
 
 blueprint = Blueprint("users", __name__, url_prefix="/users")
-
-LONGEST_NAME = 63
 
 
 @blueprint.get("")
@@ -66,9 +66,10 @@ def render(name: str, problem: Problem | None = None) -> str:
         return render_template(
             "admin/user.html",
             subject=user,
-            grants=[grant for grant in grants.list_all(tx) if grant.user == name],
+            grants=grant_lists.of_user(tx, user),
+            groups=[one.name for one in groups.list_all(tx) if name in one.members],
             tokens=tokens.list_of(tx, user),
-            robots=[seen.robot.name for seen in robots.list_seen(tx, visitors.visitor())],
+            choices=grant_lists.scopes(tx),
             levels=LEVELS,
             problem=problem,
             values=request.form,
@@ -83,11 +84,11 @@ def page_of(name: str) -> str:
 def _list(problem: Problem | None = None) -> str:
     with parts().database.transaction() as tx:
         everyone = users.list_all(tx)
-        counted = grants.list_all(tx)
+        seen = robots.count_seen(tx)
     return render_template(
         "admin/users.html",
         users=everyone,
-        grants={user.name: sum(grant.user == user.name for grant in counted) for user in everyone},
+        seen=seen,
         shortest_password=passwords.SHORTEST,
         problem=problem,
         values=request.form,

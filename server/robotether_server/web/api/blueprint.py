@@ -13,7 +13,12 @@ blueprint = Blueprint("api", __name__, url_prefix="/api/v1")
 def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
     """Refuse names that nobody can have, as the database would take `sim1 ` for sim1."""
     given = values or {}
-    for kind, problem in (("robot", RobotUnknown), ("user", RecordMissing)):
+    for kind, problem in (
+        ("robot", RobotUnknown),
+        ("user", RecordMissing),
+        ("group", RecordMissing),
+        ("site", RecordMissing),
+    ):
         name = given.get(kind, "")
         if name != name.strip():
             raise problem(f"cannot find {kind} {name!r}: a name has no spaces")

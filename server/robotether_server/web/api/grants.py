@@ -1,32 +1,56 @@
-"""/api/v1/grants: who may do what with which robot; for admins, who need no grant themselves."""
+"""/api/v1/grants: who may do what with which robots, and until when; for admins, who need no grant themselves."""
 
-from dataclasses import asdict
 from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
 from robotether_server.administration import grants as deeds
-from robotether_server.store.grants import LEVELS
+from robotether_server.administration.grants import ALL, Holder, Scope
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.problems import FieldInvalid
+from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.api.callers import Caller
+from robotether_server.web.api.objects import grant_object
+from robotether_server.web.fields import Fields
+
+REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
 
 
 @blueprint.get("/grants")
 def list_grants() -> Response:
-    """List the grants, by user and robot."""
+    """List the grants, ended ones too."""
     with callers.admin() as caller:
         found = deeds.list_all(caller.tx)
-    return jsonify({"grants": [asdict(one) for one in found]})
+    return jsonify({"grants": [grant_object(one) for one in found]})
+
+
+@blueprint.post("/grants")
+def add_grant() -> tuple[Response, int]:
+    """Give a grant, in place of an earlier one of the same two."""
+    with callers.admin() as caller:
+        body = fields.json_object(request, REQUEST)
+        given, is_new = _give(caller, _holder(body), _scope(body), body)
+    return jsonify(grant_object(given)), HTTPStatus.CREATED if is_new else HTTPStatus.OK
+
+
+@blueprint.delete("/grants/<int:grant_id>")
+def delete_grant(grant_id: int) -> tuple[str, int]:
+    """Take one grant away."""
+    with callers.admin() as caller:
+        deeds.take(caller.tx, caller.source, grant_id)
+    return "", HTTPStatus.NO_CONTENT
 
 
 @blueprint.put("/grants/<user>/<robot>")
 def give_grant(user: str, robot: str) -> Response:
     """Let the user do this with the robot, in place of an earlier grant."""
     with callers.admin() as caller:
-        level = fields.choice(fields.json_object(request, ("level",)), "level", LEVELS)
-        deeds.grant(caller.tx, caller.source, user, robot, level)
-    return jsonify({"user": user, "robot": robot, "level": level})
+        body = fields.json_object(request, ("level", "ends_at"))
+        given, _ = _give(caller, Holder("user", user), Scope("robot", robot), body)
+    return jsonify(grant_object(given))
 
 
 @blueprint.delete("/grants/<user>/<robot>")
@@ -35,3 +59,32 @@ def take_grant(user: str, robot: str) -> tuple[str, int]:
     with callers.admin() as caller:
         deeds.revoke(caller.tx, caller.source, user, robot)
     return "", HTTPStatus.NO_CONTENT
+
+
+def _give(caller: Caller, holder: Holder, scope: Scope, body: Fields) -> tuple[Grant, bool]:
+    level = fields.choice(body, "level", LEVELS)
+    ends_at = fields.optional_moment(body, "ends_at")
+    return deeds.give(caller.tx, caller.source, holder, scope, level, ends_at=ends_at)
+
+
+def _holder(body: Fields) -> Holder:
+    kind = _the_one(body, ("user", "group"))
+    name = fields.text(body, kind, LONGEST_NAME)
+    return Holder("user", name) if kind == "user" else Holder("group", name)
+
+
+def _scope(body: Fields) -> Scope:
+    kind = _the_one(body, ("robot", "site", "all"))
+    if kind == "all":
+        if body["all"] is not True:
+            raise FieldInvalid("cannot use all: it must be true, or left out")
+        return ALL
+    name = fields.text(body, kind, LONGEST_NAME)
+    return Scope("robot", name) if kind == "robot" else Scope("site", name)
+
+
+def _the_one(body: Fields, kinds: tuple[str, ...]) -> str:
+    given = [kind for kind in kinds if kind in body]
+    if len(given) != 1:
+        raise FieldInvalid(f"cannot give a grant: give exactly one of {', '.join(kinds)}")
+    return given[0]

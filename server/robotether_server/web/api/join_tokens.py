@@ -7,6 +7,7 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server.administration import join_tokens as deeds
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
 from robotether_server.store import Transaction, join_tokens
@@ -16,7 +17,6 @@ from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import Object, plain
 from robotether_server.web.parts import parts
 
-LONGEST_NAME = 63
 MOST_HOURS = 8760
 MEMBERS = ("name", "uses", "hours")
 

@@ -7,10 +7,11 @@ import datetime as dt
 from collections.abc import Mapping
 
 from robotether_server.settings import JoinSettings
+from robotether_server.store.grants import Grant
 from robotether_server.store.robots import SeenRobot
 from robotether_server.store.users import User
+from robotether_server.times import rfc3339
 from robotether_server.web import host_keys
-from robotether_server.web.moments import moment_text
 
 Object = dict[str, object]
 SSH_USER = "tunnel"
@@ -19,7 +20,7 @@ SSH_USER = "tunnel"
 def plain(record: Mapping[str, object]) -> Object:
     """Return a record's fields as they are, moments as texts."""
     return {
-        name: moment_text(value) if isinstance(value, dt.datetime) else value
+        name: rfc3339(value) if isinstance(value, dt.datetime) else value
         for name, value in record.items()
     }
 
@@ -32,12 +33,13 @@ def robot_object(seen: SeenRobot, *, for_admin: bool) -> Object:
         "mac": robot.mac,
         "state": robot.state,
         "online": seen.online,
-        "since": moment_text(seen.since),
+        "since": rfc3339(seen.since),
         "level": seen.level,
         "ros_port": robot.ros_port,
         "video_port": robot.video_port,
         "shell_port": robot.shell_port,
         "settings": robot.settings,
+        "site": robot.site,
     }
     return known | _for_admins(seen) if for_admin else known
 
@@ -49,7 +51,7 @@ def _for_admins(seen: SeenRobot) -> Object:
         "hostname": report.hostname if report else None,
         "agent_version": seen.agent_version,
         "join_address": report.address if report else None,
-        "joined_at": moment_text(robot.joined_at),
+        "joined_at": rfc3339(robot.joined_at),
         "address": seen.address,
         "rotate_key": robot.rotate_requested_at is not None,
     }
@@ -58,6 +60,11 @@ def _for_admins(seen: SeenRobot) -> Object:
 def user_object(user: User) -> Object:
     """Return a user as admins may know one."""
     return {"name": user.name, "role": user.role, "disabled": user.disabled}
+
+
+def grant_object(grant: Grant) -> Object:
+    """Return a grant as admins may know one; of user and group one is null, of robot and site both for all."""
+    return plain(vars(grant)) | {"all": grant.is_for_all}
 
 
 def ssh_object(settings: JoinSettings) -> Object:

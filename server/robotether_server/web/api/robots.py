@@ -6,7 +6,9 @@ from flask import Response, jsonify, request
 
 from robotether_server import macs
 from robotether_server.administration import robots as deeds
+from robotether_server.administration import sites
 from robotether_server.administration.enrolment import Registration
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.administration.vouching import Vouch
 from robotether_server.problems import FieldInvalid, RobotUnknown
 from robotether_server.ssh_keys import LONGEST_LINE
@@ -20,11 +22,10 @@ from robotether_server.web.api.objects import plain, robot_object, ssh_object
 from robotether_server.web.fields import Fields
 from robotether_server.web.parts import parts
 
-LONGEST_NAME = 63
 LONGEST_HOSTNAME = 253
 LONGEST_VERSION = 32
 REGISTRATION = ("mac", "public_key", "hostname", "agent_version")
-CHANGES = ("name", "mac", "state", "shell", "settings")
+CHANGES = ("name", "mac", "state", "shell", "settings", "site")
 STATES = ("active", "disabled")
 USUAL_SESSIONS = 100
 MOST_SESSIONS = 500
@@ -117,6 +118,8 @@ def _change(caller: Caller, name: str, body: Fields) -> str:
         deeds.set_mac(tx, source, name, mac, allow_local_mac=parts().join.allow_local_macs)
     if "settings" in body:
         deeds.set_settings(tx, source, name, fields.mapping(body, "settings"))
+    if "site" in body:
+        sites.place(tx, source, name, fields.optional_text(body, "site", LONGEST_NAME))
     if "shell" in body:
         deeds.set_shell(tx, source, name, fields.flag(body, "shell"))
     if "state" in body:

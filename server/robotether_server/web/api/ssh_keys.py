@@ -7,6 +7,7 @@ from flask import Response, jsonify, request
 
 from robotether_server.administration import ssh_config
 from robotether_server.administration import ssh_keys as deeds
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.install_line import site_of
 from robotether_server.ssh_keys import LONGEST_LINE
 from robotether_server.web import fields
@@ -15,7 +16,6 @@ from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import plain
 from robotether_server.web.parts import parts
 
-LONGEST_NAME = 63
 MEMBERS = ("name", "public_key")
 
 

@@ -4,6 +4,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import GrantMissing, RobotUnknown
 from robotether_server.store import grants, robots
 from robotether_server.tickets import MODES, Ticket, new_id
@@ -11,7 +12,6 @@ from robotether_server.web import access, fields
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.parts import parts
 
-LONGEST_NAME = 63
 MEMBERS = ("robot", "mode")
 
 

@@ -7,6 +7,7 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server.administration import tokens as deeds
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import RecordMissing
 from robotether_server.store import users
 from robotether_server.store.users import User
@@ -17,7 +18,6 @@ from robotether_server.web.api.callers import Caller
 from robotether_server.web.api.objects import plain
 from robotether_server.web.fields import Fields
 
-LONGEST_NAME = 63
 MOST_DAYS = 3650
 MEMBERS = ("name", "days", "user")
 

@@ -6,6 +6,7 @@ from flask import Response, jsonify, request
 
 from robotether_server import passwords
 from robotether_server.administration import users as deeds
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import users
 from robotether_server.store.users import ROLES
@@ -16,7 +17,6 @@ from robotether_server.web.api.callers import Caller
 from robotether_server.web.api.objects import user_object
 from robotether_server.web.fields import Fields
 
-LONGEST_NAME = 63
 MEMBERS = ("name", "role", "password")
 CHANGES = ("role", "disabled", "password")
 

@@ -6,6 +6,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import tokens
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.store.tokens import Token
 from robotether_server.web import deeds, forms, visitors
@@ -15,7 +16,6 @@ from robotether_server.web.profile.overview import PAGE, render
 
 blueprint = Blueprint("api_tokens", __name__, url_prefix="/tokens")
 
-LONGEST_NAME = 63
 MOST_DAYS = 3650
 
 

@@ -4,6 +4,7 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import ssh_keys
+from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.ssh_keys import LONGEST_LINE
 from robotether_server.store.user_keys import SshKey
@@ -13,8 +14,6 @@ from robotether_server.web.parts import parts
 from robotether_server.web.profile.overview import PAGE, render
 
 blueprint = Blueprint("user_keys", __name__, url_prefix="/ssh-keys")
-
-LONGEST_NAME = 63
 
 
 @blueprint.route("", methods=METHODS)

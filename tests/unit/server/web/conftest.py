@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 from flask import Flask
+from granted import give
 from robotether_server.settings import WebSettings
-from robotether_server.store import Database, grants, robots, users
+from robotether_server.store import Database, robots, users
 from robotether_server.web import create_app
 from web_visitor import HASH, Browser
 
@@ -18,8 +19,8 @@ def app(web_settings: WebSettings, database: Database) -> Flask:
         users.add(tx, "root", HASH, "admin")
         sim1 = robots.add(tx, "02:00:00:00:51:01", "sim1")
         robots.add(tx, "02:00:00:00:51:02", "sim2")
-        grants.give(tx, ann, sim1, "drive")
-        grants.give(tx, olga, sim1, "observe")
+        give(tx, ann, sim1, "drive")
+        give(tx, olga, sim1, "observe")
     return create_app(web_settings)
 
 

@@ -129,6 +129,25 @@ def test_drive_page_has_the_robots_settings(browser: Browser, database: Database
     assert "/my_cmd_vel" in page.text
 
 
+def test_everybody_gets_stop_and_only_drivers_the_release(browser: Browser) -> None:
+    """Olga may watch sim1, Ann may drive it."""
+    for name, may_release in (("olga", False), ("ann", True)):
+        browser.log_in(name)
+        page = browser.ask("GET", "/robots/sim1").text
+        assert 'data-testid="stop"' in page
+        assert ('data-testid="release"' in page) is may_release
+        assert f'data-user="{name}"' in page
+        browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
+
+
+def test_only_who_manages_a_robot_is_offered_to_stop_several(browser: Browser) -> None:
+    """An admin manages all, also those that are not there yet."""
+    for name, manages in (("ann", False), ("root", True)):
+        browser.log_in(name)
+        assert ('data-manages="yes"' in browser.ask("GET", "/").text) is manages
+        browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
+
+
 @pytest.mark.parametrize("name", ["sim2", "ghost"])
 def test_robot_that_may_not_be_seen_is_not_there(browser: Browser, name: str) -> None:
     """Closed and unknown robots look alike."""

@@ -14,6 +14,7 @@ PARTS = {
     "<user>": "ann",
     "<robot>": "sim1",
     "<int:key_id>": "1",
+    "<int:grant_id>": "1",
     "<int:token_id>": "1",
 }
 

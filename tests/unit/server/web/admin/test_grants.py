@@ -1,43 +1,111 @@
-"""Grants from a robot's page and from a user's."""
+"""Grants from the pages of robots, users, groups and sites."""
 
 from __future__ import annotations
 
+import datetime as dt
+
 import pytest
 from admin_visitor import send
-from robotether_server.administration import grants
+from robotether_server.administration import grants, groups, sites
+from robotether_server.administration.grants import ALL, Holder, Scope
 from robotether_server.store import Database
+from robotether_server.store.audit import Source
 from web_visitor import Browser, audit_kinds
 
-PAGES = ("/admin/robots/sim2", "/admin/users/ann")
+ADMIN = Source("root")
+FORM = {"holder": "user:ann", "scope": "robot:sim2", "level": "drive", "ends_at": ""}
+PAGES = ("/admin/robots/sim2", "/admin/users/ann", "/admin/groups/crew", "/admin/sites/lab")
+
+
+@pytest.fixture(autouse=True)
+def _crew_and_lab(admin: Browser, database: Database) -> None:
+    """A group with ann, and a site with sim2; after the users and robots of `admin`."""
+    assert admin
+    with database.transaction() as tx:
+        groups.add(tx, ADMIN, "crew")
+        groups.add_member(tx, ADMIN, "crew", "ann")
+        sites.add(tx, ADMIN, "lab")
+        sites.place(tx, ADMIN, "sim2", "lab")
 
 
 def all_grants(database: Database) -> set[tuple[str, str, str]]:
-    """Every grant as user, robot, level."""
+    """Every grant: who, what, level."""
     with database.transaction() as tx:
-        return {(one.user, one.robot, one.level) for one in grants.list_all(tx)}
+        found = grants.list_all(tx)
+    return {(one.holder_words, one.scope_words, one.level) for one in found}
+
+
+def number_of(database: Database, who: str, what: str) -> int:
+    """The number of a grant."""
+    with database.transaction() as tx:
+        found = [
+            one.id
+            for one in grants.list_all(tx)
+            if (one.holder_words, one.scope_words) == (who, what)
+        ]
+    return found[0]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_grant_is_given_and_changed(admin: Browser, database: Database, page: str) -> None:
     """And the page that the form stands on follows."""
     for level in ("observe", "manage"):
-        answer = send(admin, f"{page}/grants", user="ann", robot="sim2", level=level)
+        answer = send(admin, f"{page}/grants", **(FORM | {"level": level}))
         assert (answer.status_code, answer.location) == (303, page)
-        assert ("ann", "sim2", level) in all_grants(database)
+        assert ("user ann", "robot sim2", level) in all_grants(database)
     assert audit_kinds(database)[-1] == ("grant_given", "root", "198.51.100.7")
+
+
+@pytest.mark.parametrize(
+    ("holder", "scope", "given"),
+    [
+        ("group:crew", "robot:sim1", ("group crew", "robot sim1", "drive")),
+        ("group:crew", "site:lab", ("group crew", "site lab", "drive")),
+        ("user:ann", "all", ("user ann", "all robots", "drive")),
+    ],
+)
+def test_groups_sites_and_all_can_be_chosen(
+    admin: Browser, database: Database, holder: str, scope: str, given: tuple[str, str, str]
+) -> None:
+    """In the one form that all pages share; each page offers what it can."""
+    page = admin.ask("GET", "/admin/users/ann").text
+    assert all(f'value="{one}"' in page for one in ("robot:sim1", "site:lab", "all"))
+    assert 'value="group:crew"' in admin.ask("GET", "/admin/sites/lab").text
+    form = FORM | {"holder": holder, "scope": scope}
+    assert send(admin, "/admin/users/ann/grants", **form).status_code == 303
+    assert given in all_grants(database)
+
+
+def test_a_grant_ends_with_its_day(admin: Browser, database: Database) -> None:
+    """The last second of that day in UTC; the form shows the day again."""
+    day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
+    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": str(day)}))
+    with database.transaction() as tx:
+        ends = {one.scope_words: one.ends_at for one in grants.list_all(tx)}
+    assert ends["robot sim2"] == dt.datetime.combine(day, dt.time(23, 59, 59), dt.UTC)
+    assert f'value="{day}"' in admin.ask("GET", "/admin/users/ann").text
 
 
 @pytest.mark.parametrize("page", PAGES)
 @pytest.mark.parametrize(
-    "wrong", [{"user": "ghost"}, {"robot": "ghost"}, {"level": "own"}, {"user": ""}]
+    "wrong",
+    [
+        {"holder": "user:ghost"},
+        {"holder": "ann"},
+        {"scope": "robot:ghost"},
+        {"scope": "all:x"},
+        {"level": "own"},
+        {"holder": ""},
+        {"ends_at": "2020-01-01"},
+        {"ends_at": "soon"},
+    ],
 )
 def test_a_wrong_grant_comes_back_with_the_page(
     admin: Browser, database: Database, page: str, wrong: dict[str, str]
 ) -> None:
     """And the sentence; nothing is given."""
     before = all_grants(database)
-    form = {"user": "ann", "robot": "sim2", "level": "drive"} | wrong
-    answer = send(admin, f"{page}/grants", **form)
+    answer = send(admin, f"{page}/grants", **(FORM | wrong))
     assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True)
     assert all_grants(database) == before
 
@@ -49,13 +117,31 @@ def test_a_grant_is_taken_away_after_a_question(
     admin: Browser, database: Database, about: str, onward: str
 ) -> None:
     """It leads back to where it began."""
-    path = f"/admin/grants/ann/sim1/take?from={about}"
-    assert "who may drive it now" in admin.ask("GET", path).text
-    assert ("ann", "sim1", "drive") in all_grants(database)
+    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim1')}/take?from={about}"
+    assert "who may drive now" in admin.ask("GET", path).text
+    assert ("user ann", "robot sim1", "drive") in all_grants(database)
     assert send(admin, path).location == onward
-    assert ("ann", "sim1", "drive") not in all_grants(database)
+    assert ("user ann", "robot sim1", "drive") not in all_grants(database)
+
+
+def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
+    admin: Browser, database: Database
+) -> None:
+    """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
+    with database.transaction() as tx:
+        grants.give(tx, ADMIN, Holder("group", "crew"), Scope("site", "lab"), "manage")
+        grants.give(tx, ADMIN, Holder("user", "ann"), ALL, "observe")
+    number = number_of(database, "group crew", "site lab")
+    for page in ("/admin/users/ann", "/admin/robots/sim2"):
+        text = admin.ask("GET", page).text
+        assert "group crew" in text
+        assert "site lab" in text
+        assert f"/admin/grants/{number}/take" not in text
+    for page in ("/admin/groups/crew", "/admin/sites/lab"):
+        assert f"/admin/grants/{number}/take" in admin.ask("GET", page).text
+    assert "all robots" in admin.ask("GET", "/admin/sites/lab").text
 
 
 def test_a_grant_that_is_not_there_cannot_be_taken(admin: Browser) -> None:
     """404."""
-    assert admin.ask("GET", "/admin/grants/ann/sim2/take").status_code == 404
+    assert admin.ask("GET", "/admin/grants/99999999/take").status_code == 404

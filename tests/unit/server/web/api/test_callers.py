@@ -13,6 +13,8 @@ from robotether_server.store.users import User
 from robotether_server.web.api.callers import check_admin
 from web_visitor import Browser, audit_kinds
 
+IN_PATHS = {"robot": "sim1", "user": "root", "group": "crew", "site": "lab"}
+IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id"), "1")
 METHODS = {"get", "post", "put", "patch", "delete"}
 
 
@@ -22,7 +24,7 @@ def for_admins(program: Browser) -> Iterator[tuple[str, str]]:
     for path, item in paths.items():
         for method in METHODS & set(item):
             if "admin" in item[method].get("tags", []):
-                real = path.format(robot="sim1", user="root", token_id=1, key_id=1)
+                real = path.format(**IN_PATHS)
                 yield method.upper(), real.removeprefix("/api/v1")
 
 

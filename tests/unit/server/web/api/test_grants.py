@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
+import datetime as dt
+from typing import Any
+
+import pytest
 from api_visitor import Program
+
+SOON = "2999-01-01T00:00:00Z"
+
+
+def in_days(days: int) -> str:
+    """A moment, as programs write it."""
+    return (dt.datetime.now(dt.UTC) + dt.timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def without_id(grant: Any) -> dict[str, Any]:
+    """A grant's object less its number."""
+    assert isinstance(grant.pop("id"), int)
+    return dict(grant)
+
+
+OWN = {
+    "user": "ann",
+    "group": None,
+    "robot": "sim2",
+    "site": None,
+    "all": False,
+    "level": "observe",
+    "ends_at": None,
+}
 
 
 def test_grant_is_given_changed_and_taken(root: Program, ann: Program) -> None:
     """The user sees the robot as long as there is one."""
     answer = root.ask("PUT", "/grants/ann/sim2", {"level": "observe"})
-    assert (answer.status_code, answer.json) == (
-        200,
-        {"user": "ann", "robot": "sim2", "level": "observe"},
-    )
+    assert (answer.status_code, without_id(answer.json)) == (200, OWN)
     root.ask("PUT", "/grants/ann/sim2", {"level": "manage"})
     assert ann.get("/robots/sim2")["level"] == "manage"
-    assert {"user": "ann", "robot": "sim2", "level": "manage"} in root.get("/grants")["grants"]
+    listed = [without_id(one) for one in root.get("/grants")["grants"]]
+    assert OWN | {"level": "manage"} in listed
     assert root.ask("DELETE", "/grants/ann/sim2").status_code == 204
     assert ann.refused("GET", "/robots/sim2") == (404, "robot_unknown")
     assert root.refused("DELETE", "/grants/ann/sim2") == (404, "record_missing")
@@ -27,3 +53,64 @@ def test_grant_is_refused(root: Program) -> None:
         assert root.refused("DELETE", path) == (404, "record_missing")
     for body in ({}, {"level": "fly"}, {"level": "drive", "until": 1}):
         assert root.refused("PUT", "/grants/ann/sim1", body) == (422, "field_invalid")
+
+
+def test_grant_of_a_group_for_a_site_is_each_members(root: Program, ann: Program) -> None:
+    """Until she leaves the group; given again it takes the place of the first, and its number goes away with it."""
+    root.ask("POST", "/groups", {"name": "crew"})
+    root.ask("POST", "/sites", {"name": "lab"})
+    root.ask("PATCH", "/robots/sim2", {"site": "lab"})
+    root.ask("PUT", "/groups/crew/members/ann")
+    body = {"group": "crew", "site": "lab", "level": "observe", "ends_at": in_days(1)}
+    first = root.ask("POST", "/grants", body)
+    again = root.ask("POST", "/grants", body | {"level": "manage"})
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert first.json["id"] == again.json["id"]
+    assert again.json["ends_at"] == body["ends_at"]
+    assert ann.get("/robots/sim2")["level"] == "manage"
+    root.ask("DELETE", "/groups/crew/members/ann")
+    assert ann.refused("GET", "/robots/sim2") == (404, "robot_unknown")
+    assert root.ask("DELETE", f"/grants/{first.json['id']}").status_code == 204
+    assert root.refused("DELETE", f"/grants/{first.json['id']}") == (404, "record_missing")
+
+
+def test_highest_of_several_grants_holds(root: Program, ann: Program) -> None:
+    """One for all robots lowers none."""
+    root.ask("POST", "/grants", {"user": "ann", "all": True, "level": "observe"})
+    levels = {one["name"]: one["level"] for one in ann.get("/robots")["robots"]}
+    assert levels == {"sim1": "drive", "sim2": "observe"}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"group": "crew"},
+        {"user": None},
+        {"site": "lab"},
+        {"all": True},
+        {"robot": None},
+        {"ends_at": "2020-01-01T00:00:00Z"},
+        {"ends_at": SOON},
+        {"ends_at": "2026-01-31"},
+        {"ends_at": 5},
+        {"level": "own"},
+    ],
+)
+def test_grant_for_two_or_with_a_wrong_end_is_refused(root: Program, change: Any) -> None:
+    """Exactly one holder, exactly one thing, and an end in the next ten years."""
+    body = {"user": "ann", "robot": "sim1", "level": "drive"} | change
+    assert root.refused("POST", "/grants", body) == (422, "field_invalid")
+
+
+@pytest.mark.parametrize("without", ["user", "robot"])
+def test_grant_needs_both(root: Program, without: str) -> None:
+    """Who and what."""
+    body = {"user": "ann", "robot": "sim1", "level": "drive"}
+    del body[without]
+    assert root.refused("POST", "/grants", body) == (422, "field_invalid")
+
+
+def test_all_must_be_meant(root: Program) -> None:
+    """False is no way to say nothing."""
+    body = {"user": "ann", "all": False, "level": "drive"}
+    assert root.refused("POST", "/grants", body) == (422, "field_invalid")

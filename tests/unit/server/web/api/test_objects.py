@@ -21,6 +21,7 @@ ROBOT = Robot(
     video_port=20001,
     fingerprint="SHA256:abc",
     settings={"shell_user": "pi"},
+    site="lab",
     report=Report("turtle.local", "0.1.0", "192.0.2.1"),
     joined_at=MOMENT,
 )
@@ -49,6 +50,7 @@ def test_users_see_what_they_need_to_use_a_robot() -> None:
         "video_port": 20001,
         "shell_port": None,
         "settings": {"shell_user": "pi"},
+        "site": "lab",
     }
 
 

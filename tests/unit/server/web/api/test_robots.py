@@ -32,6 +32,7 @@ def test_robots_are_listed_with_what_the_user_may(ann: Program, root: Program) -
                 "video_port": 20001,
                 "shell_port": None,
                 "settings": {},
+                "site": None,
             }
         ]
     }

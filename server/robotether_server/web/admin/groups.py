@@ -1,0 +1,119 @@
+"""/admin/groups: groups of users, whose grants every member has; /admin/groups/NAME: one of them."""
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import groups as deeds_on_groups
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.problems import Problem
+from robotether_server.store import groups, users
+from robotether_server.store.grants import LEVELS
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.admin import grant_lists
+from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("groups", __name__, url_prefix="/groups")
+
+PageAnswer = AnyResponse | str | tuple[str, int]
+
+
+@blueprint.get("")
+def show_all() -> str:
+    """Show every group."""
+    return _list()
+
+
+@blueprint.post("")
+def add() -> PageAnswer:
+    """Add a group."""
+    try:
+        name = forms.text("name", "Name", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            deeds_on_groups.add(tx, visitors.source(), name)
+    except Problem as problem:
+        return _list(problem), problem.status
+    return deeds.go_on(page_of(name), f"Group {name} is added. Put users in, and give it grants.")
+
+
+@blueprint.get("/<name>")
+def show(name: str) -> str:
+    """Show one group."""
+    return render(name)
+
+
+@blueprint.route("/<name>/members", methods=METHODS)
+def add_member(name: str) -> PageAnswer:
+    """Make a user a member."""
+    if request.method == "GET":
+        return render(name)
+    try:
+        user = forms.text("user", "User", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            deeds_on_groups.add_member(tx, visitors.source(), name, user)
+    except Problem as problem:
+        return render(name, problem), problem.status
+    return deeds.go_on(page_of(name), f"User {user} is a member of group {name}.")
+
+
+@blueprint.route("/<name>/members/<user>/remove", methods=METHODS)
+def remove_member(name: str, user: str) -> AnyResponse:
+    """End a membership."""
+    deed = Deed(
+        title=f"Take {user} out of group {name}?",
+        effects=(
+            f"{user} loses what only the grants of group {name} give; what is open by them is cut within 2 seconds.",
+        ),
+        undo=f"Put {user} in again.",
+        button="Take out",
+        done=f"User {user} is no member of group {name} any more.",
+        back=page_of(name),
+    )
+    return deeds.run(deed, lambda tx, source: deeds_on_groups.remove_member(tx, source, name, user))
+
+
+@blueprint.route("/<name>/remove", methods=METHODS)
+def remove(name: str) -> AnyResponse:
+    """Remove a group."""
+    with parts().database.transaction() as tx:
+        found = groups.get(tx, name)
+    deed = Deed(
+        title=f"Remove group {name}?",
+        effects=(
+            f"Its grants go with it: {len(found.members)} members lose what only these give, within 2 seconds.",
+            "The users stay.",
+        ),
+        undo="A removed group cannot be brought back; add it anew, with members and grants.",
+        button="Remove",
+        done=f"Group {name} is removed.",
+        back=page_of(name),
+        onward="/admin/groups",
+    )
+    return deeds.run(deed, lambda tx, source: deeds_on_groups.remove(tx, source, name))
+
+
+def render(name: str, problem: Problem | None = None) -> str:
+    """Return the page of a group, with what went wrong in one of its forms; raise RecordMissing."""
+    with parts().database.transaction() as tx:
+        group = groups.get(tx, name)
+        return render_template(
+            "admin/group.html",
+            group=group,
+            others=[one.name for one in users.list_all(tx) if one.name not in group.members],
+            grants=grant_lists.of_group(tx, name),
+            choices=grant_lists.scopes(tx),
+            levels=LEVELS,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def page_of(name: str) -> str:
+    """Return the path of a group's page."""
+    return f"/admin/groups/{name}"
+
+
+def _list(problem: Problem | None = None) -> str:
+    with parts().database.transaction() as tx:
+        found = groups.list_all(tx)
+    return render_template("admin/groups.html", groups=found, problem=problem, values=request.form)

@@ -1,0 +1,129 @@
+"""The fields of the form for a robot's policy and guard, with what each means; in the order in which they are shown."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class SettingField:
+    """One setting: where it stands in the settings, and its words. `empty` is said where nothing stands."""
+
+    path: str
+    label: str
+    hint: str
+    kind: Literal["globs", "limit", "whole"]
+    empty: str = "no limit"
+
+
+@dataclass(frozen=True)
+class Section:
+    """Settings that belong together."""
+
+    title: str
+    about: str
+    fields: tuple[SettingField, ...]
+
+
+def _globs(path: str, label: str, hint: str) -> SettingField:
+    return SettingField(path, label, hint, "globs", "none")
+
+
+def _limit(path: str, label: str, hint: str) -> SettingField:
+    return SettingField(path, label, hint, "limit")
+
+
+def _whole(path: str, label: str, hint: str) -> SettingField:
+    return SettingField(path, label, hint, "whole")
+
+
+SECTIONS: tuple[Section, ...] = (
+    Section(
+        "Guard on the robot",
+        "It holds drive commands to these limits on the robot itself, and stops the robot when they stop coming.",
+        (
+            _globs(
+                "guard.drive_topics",
+                "Drive topics",
+                "Topics that move the robot: Twist, TwistStamped or AckermannDriveStamped.",
+            ),
+            _whole(
+                "guard.deadman_ms",
+                "Stop without commands after (ms)",
+                "200 to 2000. When no command came for so long after one that moved, the robot is stopped.",
+            ),
+            _whole(
+                "guard.max_age_ms",
+                "Oldest command (ms)",
+                "200 to 2000. A command that is older when it arrives is dropped.",
+            ),
+            _limit("guard.max_speed_m_s", "Top speed (m/s)", "Faster commands are slowed to it."),
+            _limit("guard.max_turn_rad_s", "Top turn (rad/s)", "Faster turns are slowed to it."),
+            _limit(
+                "guard.max_acceleration_m_s2",
+                "Top acceleration (m/s²)",
+                "Limited only while the speed grows; braking is never delayed.",
+            ),
+            _limit(
+                "guard.max_turn_acceleration_rad_s2",
+                "Top turn acceleration (rad/s²)",
+                "Limited only while the turn grows.",
+            ),
+            _limit(
+                "guard.max_steering_rad",
+                "Widest steering (rad)",
+                "For robots that steer, as a car does.",
+            ),
+        ),
+    ),
+    Section(
+        "Observers",
+        "What connections that only watch may name.",
+        (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they see."),),
+    ),
+    Section(
+        "Drivers",
+        "What the connection of a driver may name.",
+        (
+            _globs("policy.drive.subscribe", "Subscribe to", "Topics that they see."),
+            _globs(
+                "policy.drive.publish",
+                "Publish to",
+                "Topics beside the drive topics, which are always theirs.",
+            ),
+            _globs(
+                "policy.drive.call", "Call", "Services and actions, beside the look-ups of /rosapi."
+            ),
+        ),
+    ),
+    Section(
+        "Managers",
+        "What the connection of a driver who manages the robot may name.",
+        (
+            _globs("policy.manage.subscribe", "Subscribe to", "Topics that they see."),
+            _globs(
+                "policy.manage.publish",
+                "Publish to",
+                "Topics beside the drive topics, which are always theirs.",
+            ),
+            _globs(
+                "policy.manage.call",
+                "Call",
+                "Services and actions, beside the look-ups of /rosapi.",
+            ),
+            _globs(
+                "policy.manage.serve",
+                "Serve",
+                "Services and actions that they may offer to the robot.",
+            ),
+        ),
+    ),
+    Section(
+        "Limits of each connection",
+        "More is refused, and counted in the list of drives.",
+        (
+            _whole("policy.limits.subscriptions", "Subscriptions", "1 to 10000."),
+            _whole("policy.limits.messages_per_s", "Messages a second", "1 to 100000."),
+            _whole("policy.limits.message_kb", "Largest message (KB)", "1 to 10240."),
+        ),
+    ),
+)

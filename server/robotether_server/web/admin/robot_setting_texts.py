@@ -1,0 +1,51 @@
+"""A robot's settings as texts, for the form of policy and guard and the robot's page. Pure."""
+
+from collections.abc import Mapping
+
+from robotether_server import robot_settings
+from robotether_server.problems import FieldInvalid
+from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
+
+
+def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Return what of policy and guard differs from the defaults, as labels and texts."""
+    try:
+        given = robot_settings.parse(settings).as_given()
+    except FieldInvalid as error:
+        # Somebody wrote by SQL what nobody may set.
+        return [("Not valid", error.detail)]
+    return [
+        (f"{section.title}: {field.label}", line_of(field, look_up(given, field.path)))
+        for section in SECTIONS
+        for field in section.fields
+        if is_in(given, field.path)
+    ]
+
+
+def line_of(field: SettingField, value: object) -> str:
+    """Return a value as one line; nothing has words of its own."""
+    return text_of(value).replace("\n", ", ") or field.empty
+
+
+def text_of(value: object) -> str:
+    """Return a value as its field takes it: names one a line, and nothing for no limit."""
+    if value is None:
+        return ""
+    if isinstance(value, list | tuple):
+        return "\n".join(map(str, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def is_in(settings: Mapping[str, object], path: str) -> bool:
+    """Tell whether something stands there, be it null."""
+    folder, _, last = path.rpartition(".")
+    found = look_up(settings, folder)
+    return isinstance(found, Mapping) and last in found
+
+
+def look_up(settings: Mapping[str, object], path: str) -> object:
+    """Return what stands at a path such as guard.deadman_ms; None where nothing does."""
+    found: object = settings
+    for step in path.split("."):
+        found = found.get(step) if isinstance(found, Mapping) else None
+    return found

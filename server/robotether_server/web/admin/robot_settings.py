@@ -1,0 +1,138 @@
+"""/admin/robots/NAME/settings: what the robot's guard does and who may send what, all that is in force in one form.
+
+The settings are kept as what differs from the defaults; relay and guard follow a change by themselves.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server import robot_settings
+from robotether_server.administration import robots
+from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.store import Transaction
+from robotether_server.store.audit import Source
+from robotether_server.web import deeds, visitors
+from robotether_server.web.admin import robot_page
+from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
+from robotether_server.web.admin.robot_setting_texts import line_of, look_up, text_of
+from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/settings")
+
+LONGEST_FIELD = 20_000
+NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
+
+Settings = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A field with the text that stands in it, and that of its default."""
+
+    field: SettingField
+    text: str
+    default: str
+
+
+@blueprint.route("", methods=METHODS)
+def show(name: str) -> AnyResponse | str | tuple[str, int]:
+    """Show the form, or save what it says."""
+    present = robot_page.get(name).robot.settings
+    if request.method == "GET":
+        return _page(name, present)
+    try:
+        settings = _from_form(present)
+        with parts().database.transaction() as tx:
+            robots.set_settings(tx, visitors.source(), name, settings)
+    except Problem as problem:
+        return _page(name, present, problem), problem.status
+    return deeds.go_on(
+        robot_page.page_of(name), f"The policy and the guard of robot {name} are set."
+    )
+
+
+@blueprint.route("/defaults", methods=METHODS)
+def to_defaults(name: str) -> AnyResponse:
+    """Go back to the defaults."""
+    present = robot_page.get(name).robot.settings
+    deed = Deed(
+        title=f"Policy and guard of robot {name} back to the defaults?",
+        effects=(
+            "No limits of speed and acceleration, 0.5 s until it stops by itself, drive topics /cmd_vel and */cmd_vel.",
+            "Observers subscribe to all, drivers drive, managers may do everything. The shell user stays.",
+            "It holds at once, also for who is connected.",
+        ),
+        undo="Set them again; the audit log keeps what they were.",
+        button="Back to the defaults",
+        done=f"The policy and the guard of robot {name} are the defaults.",
+        back=f"{robot_page.page_of(name)}/settings",
+        onward=robot_page.page_of(name),
+    )
+
+    def do(tx: Transaction, source: Source) -> None:
+        robots.set_settings(tx, source, name, _kept(present))
+
+    return deeds.run(deed, do)
+
+
+def _page(name: str, present: Mapping[str, object], problem: Problem | None = None) -> str:
+    try:
+        in_force = robot_settings.parse(present).as_dict()
+    except FieldInvalid as error:
+        # Somebody wrote by SQL what nobody may set; the form brings the robot back.
+        in_force, problem = robot_settings.DEFAULTS.as_dict(), problem or error
+    defaults = robot_settings.DEFAULTS.as_dict()
+    sections = [
+        (section, [_filled(field, in_force, defaults) for field in section.fields])
+        for section in SECTIONS
+    ]
+    return render_template(
+        "admin/robot_settings.html", name=name, sections=sections, problem=problem
+    )
+
+
+def _filled(field: SettingField, in_force: Settings, defaults: Settings) -> Filled:
+    text = text_of(look_up(in_force, field.path))
+    usual = line_of(field, look_up(defaults, field.path))
+    return Filled(field, request.form.get(field.path, text), usual)
+
+
+def _from_form(present: Mapping[str, object]) -> Settings:
+    """Return the settings of the form, unchecked, and those that it does not have."""
+    settings = _kept(present)
+    for section in SECTIONS:
+        for field in section.fields:
+            text = request.form.get(field.path)
+            if text is None or len(text) > LONGEST_FIELD:
+                raise FieldInvalid(f"cannot use {field.path}: it is missing or too long")
+            _put(settings, field.path, _value(field, text.strip()))
+    return settings
+
+
+def _value(field: SettingField, text: str) -> object:
+    """Return what the text means; what is no number goes on as it is, and is refused with its name."""
+    if field.kind == "globs":
+        return [line.strip() for line in text.splitlines() if line.strip()]
+    if not text and field.kind == "limit":
+        return None
+    return float(text) if NUMBER.fullmatch(text) else text
+
+
+def _kept(present: Mapping[str, object]) -> Settings:
+    return {name: value for name, value in present.items() if name not in ("guard", "policy")}
+
+
+def _put(settings: Settings, path: str, value: object) -> None:
+    folder, _, rest = path.partition(".")
+    if not rest:
+        settings[folder] = value
+        return
+    inner = settings.get(folder)
+    found: Settings = inner if isinstance(inner, dict) else {}
+    settings[folder] = found
+    _put(found, rest, value)

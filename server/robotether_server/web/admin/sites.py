@@ -1,0 +1,119 @@
+"""/admin/sites: sites of robots, so that a grant can be for all robots of one; /admin/sites/NAME: one of them."""
+
+from flask import Blueprint, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server.administration import sites as deeds_on_sites
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.problems import Problem
+from robotether_server.store import robots, sites
+from robotether_server.store.grants import LEVELS
+from robotether_server.web import deeds, forms, visitors
+from robotether_server.web.admin import grant_lists, robot_page
+from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.parts import parts
+
+blueprint = Blueprint("sites", __name__)
+
+PageAnswer = AnyResponse | str | tuple[str, int]
+
+
+@blueprint.get("/sites")
+def show_all() -> str:
+    """Show every site."""
+    return _list()
+
+
+@blueprint.post("/sites")
+def add() -> PageAnswer:
+    """Add a site."""
+    try:
+        name = forms.text("name", "Name", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            deeds_on_sites.add(tx, visitors.source(), name)
+    except Problem as problem:
+        return _list(problem), problem.status
+    return deeds.go_on(page_of(name), f"Site {name} is added. Put robots there, and give grants.")
+
+
+@blueprint.get("/sites/<name>")
+def show(name: str) -> str:
+    """Show one site."""
+    return render(name)
+
+
+@blueprint.route("/sites/<name>/robots", methods=METHODS)
+def place_here(name: str) -> PageAnswer:
+    """Put a robot at this site."""
+    if request.method == "GET":
+        return render(name)
+    try:
+        robot = forms.text("robot", "Robot", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            deeds_on_sites.place(tx, visitors.source(), robot, name)
+    except Problem as problem:
+        return render(name, problem), problem.status
+    return deeds.go_on(page_of(name), f"Robot {robot} is at site {name}.")
+
+
+@blueprint.route("/robots/<name>/site", methods=METHODS)
+def place(name: str) -> PageAnswer:
+    """Put this robot at a site, or at none."""
+    if request.method == "GET":
+        return robot_page.render(name)
+    try:
+        site = forms.optional_text("site", "Site", LONGEST_NAME)
+        with parts().database.transaction() as tx:
+            deeds_on_sites.place(tx, visitors.source(), name, site)
+    except Problem as problem:
+        return robot_page.render(name, problem), problem.status
+    words = f"at site {site}" if site else "at no site"
+    return deeds.go_on(robot_page.page_of(name), f"Robot {name} is {words}.")
+
+
+@blueprint.route("/sites/<name>/remove", methods=METHODS)
+def remove(name: str) -> AnyResponse:
+    """Remove a site."""
+    with parts().database.transaction() as tx:
+        found = sites.get(tx, name)
+    deed = Deed(
+        title=f"Remove site {name}?",
+        effects=(
+            "The grants for it go with it; what only these opened is cut within 2 seconds.",
+            f"Its {len(found.robots)} robots stay, at no site.",
+        ),
+        undo="A removed site cannot be brought back; add it anew, with robots and grants.",
+        button="Remove",
+        done=f"Site {name} is removed.",
+        back=page_of(name),
+        onward="/admin/sites",
+    )
+    return deeds.run(deed, lambda tx, source: deeds_on_sites.remove(tx, source, name))
+
+
+def render(name: str, problem: Problem | None = None) -> str:
+    """Return the page of a site, with what went wrong in one of its forms; raise RecordMissing."""
+    with parts().database.transaction() as tx:
+        site = sites.get(tx, name)
+        elsewhere = [one.robot for one in robots.list_all(tx) if one.robot.site != name]
+        return render_template(
+            "admin/site.html",
+            site=site,
+            others=elsewhere,
+            grants=grant_lists.for_site(tx, name),
+            choices=grant_lists.holders(tx),
+            levels=LEVELS,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def page_of(name: str) -> str:
+    """Return the path of a site's page."""
+    return f"/admin/sites/{name}"
+
+
+def _list(problem: Problem | None = None) -> str:
+    with parts().database.transaction() as tx:
+        found = sites.list_all(tx)
+    return render_template("admin/sites.html", sites=found, problem=problem, values=request.form)

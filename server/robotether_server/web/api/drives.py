@@ -1,0 +1,70 @@
+"""/api/v1/drives: who drove which robot, and how; everybody's own, managers' of their robots, admins' all."""
+
+from dataclasses import asdict
+from dataclasses import fields as members_of
+
+from flask import Response, jsonify, request
+
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.store import drives
+from robotether_server.store.drives import Drive, Search
+from robotether_server.store.users import User
+from robotether_server.web import exports, fields
+from robotether_server.web.api import callers
+from robotether_server.web.api.blueprint import blueprint
+from robotether_server.web.api.objects import plain
+from robotether_server.web.fields import Fields
+from robotether_server.web.parts import parts
+
+LARGEST_ID = 2**63 - 1
+USUAL_DRIVES = 100
+MOST_DRIVES = 500
+FILTERS = ("robot", "user", "since", "until", "before", "limit", "format")
+COLUMNS = tuple(member.name for member in members_of(Drive))
+
+
+@blueprint.get("/drives")
+def list_drives() -> Response:
+    """List drives, the newest first; `before` goes on where an earlier answer ended."""
+    with callers.any_user() as caller:
+        given = fields.query(request, FILTERS)
+        search = _search(given)
+        before = fields.number_in_query(given, "before", 1, LARGEST_ID)
+        limit = fields.number_in_query(given, "limit", 1, MOST_DRIVES)
+        if "format" not in given:
+            found = drives.find(
+                caller.tx, caller.user, search, before=before, limit=limit or USUAL_DRIVES
+            )
+            return jsonify({"drives": [plain(asdict(one)) for one in found]})
+        viewer = caller.user
+    kind = fields.choice(given, "format", exports.FORMATS)
+    return download(viewer, search, kind, before=before, limit=limit)
+
+
+def download(
+    viewer: User,
+    search: Search,
+    kind: exports.Format,
+    *,
+    before: int | None = None,
+    limit: int | None = None,
+) -> Response:
+    """Stream all drives that fit and that this user may know of."""
+    database = parts().database
+
+    def fetch(last: int | None, wanted: int) -> list[Drive]:
+        start = before if last is None else last
+        with database.transaction() as tx:
+            return drives.find(tx, viewer, search, before=start, limit=wanted)
+
+    found = (plain(asdict(one)) for one in exports.everything(fetch, limit))
+    return exports.answer(found, COLUMNS, kind, "robotether-drives")
+
+
+def _search(given: Fields) -> Search:
+    return Search(
+        robot=fields.optional_text(given, "robot", LONGEST_NAME),
+        user=fields.optional_text(given, "user", LONGEST_NAME),
+        since=fields.optional_moment(given, "since"),
+        until=fields.optional_moment(given, "until"),
+    )

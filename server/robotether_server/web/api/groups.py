@@ -1,0 +1,66 @@
+"""/api/v1/groups: groups of users, whose grants every member has; for admins."""
+
+from http import HTTPStatus
+
+from flask import Response, jsonify, request
+
+from robotether_server.administration import groups as deeds
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.store import groups
+from robotether_server.store.groups import Group
+from robotether_server.web import fields
+from robotether_server.web.api import callers
+from robotether_server.web.api.blueprint import blueprint
+
+
+@blueprint.get("/groups")
+def list_groups() -> Response:
+    """List the groups with their members."""
+    with callers.admin() as caller:
+        found = groups.list_all(caller.tx)
+    return jsonify({"groups": [_object(one) for one in found]})
+
+
+@blueprint.post("/groups")
+def add_group() -> tuple[Response, int]:
+    """Add a group without members."""
+    with callers.admin() as caller:
+        name = fields.text(fields.json_object(request, ("name",)), "name", LONGEST_NAME)
+        added = deeds.add(caller.tx, caller.source, name)
+    return jsonify(_object(added)), HTTPStatus.CREATED
+
+
+@blueprint.get("/groups/<group>")
+def show_group(group: str) -> Response:
+    """Show one group."""
+    with callers.admin() as caller:
+        found = groups.get(caller.tx, group)
+    return jsonify(_object(found))
+
+
+@blueprint.delete("/groups/<group>")
+def remove_group(group: str) -> tuple[str, int]:
+    """Remove the group with its grants; its members stay users."""
+    with callers.admin() as caller:
+        deeds.remove(caller.tx, caller.source, group)
+    return "", HTTPStatus.NO_CONTENT
+
+
+@blueprint.put("/groups/<group>/members/<user>")
+def add_member(group: str, user: str) -> Response:
+    """Make the user a member."""
+    with callers.admin() as caller:
+        changed = deeds.add_member(caller.tx, caller.source, group, user)
+    return jsonify(_object(changed))
+
+
+@blueprint.delete("/groups/<group>/members/<user>")
+def remove_member(group: str, user: str) -> tuple[str, int]:
+    """End the membership."""
+    with callers.admin() as caller:
+        deeds.remove_member(caller.tx, caller.source, group, user)
+    return "", HTTPStatus.NO_CONTENT
+
+
+def _object(group: Group) -> dict[str, object]:
+    return {"id": group.id, "name": group.name, "members": list(group.members)}

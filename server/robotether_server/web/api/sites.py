@@ -1,0 +1,53 @@
+"""/api/v1/sites: sites of robots, so that a grant can be for all robots of one; for admins.
+
+A robot is put at a site by PATCH /api/v1/robots/NAME.
+"""
+
+from http import HTTPStatus
+
+from flask import Response, jsonify, request
+
+from robotether_server.administration import sites as deeds
+from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.store import sites
+from robotether_server.store.sites import Site
+from robotether_server.web import fields
+from robotether_server.web.api import callers
+from robotether_server.web.api.blueprint import blueprint
+
+
+@blueprint.get("/sites")
+def list_sites() -> Response:
+    """List the sites with their robots."""
+    with callers.admin() as caller:
+        found = sites.list_all(caller.tx)
+    return jsonify({"sites": [_object(one) for one in found]})
+
+
+@blueprint.post("/sites")
+def add_site() -> tuple[Response, int]:
+    """Add a site without robots."""
+    with callers.admin() as caller:
+        name = fields.text(fields.json_object(request, ("name",)), "name", LONGEST_NAME)
+        added = deeds.add(caller.tx, caller.source, name)
+    return jsonify(_object(added)), HTTPStatus.CREATED
+
+
+@blueprint.get("/sites/<site>")
+def show_site(site: str) -> Response:
+    """Show one site."""
+    with callers.admin() as caller:
+        found = sites.get(caller.tx, site)
+    return jsonify(_object(found))
+
+
+@blueprint.delete("/sites/<site>")
+def remove_site(site: str) -> tuple[str, int]:
+    """Remove the site with its grants; its robots are at no site then."""
+    with callers.admin() as caller:
+        deeds.remove(caller.tx, caller.source, site)
+    return "", HTTPStatus.NO_CONTENT
+
+
+def _object(site: Site) -> dict[str, object]:
+    return {"id": site.id, "name": site.name, "robots": list(site.robots)}

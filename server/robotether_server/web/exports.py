@@ -1,0 +1,89 @@
+"""Records as a file, streamed however many they are: CSV for spreadsheets, or a JSON object a line for programs.
+
+Used by the API and the pages for the audit log and the drives. Must never give a spreadsheet a cell that it would run.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain, islice
+from typing import Literal, Protocol, TypeVar
+
+from flask import Response
+
+Format = Literal["csv", "jsonl"]
+FORMATS: tuple[Format, ...] = ("csv", "jsonl")
+TYPES: Mapping[Format, str] = {"csv": "text/csv; charset=utf-8", "jsonl": "application/jsonl"}
+PIECE = 500
+# With one of these a spreadsheet takes the text for a formula.
+RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+Object = Mapping[str, object]
+
+
+class Numbered(Protocol):
+    """A record that has a number."""
+
+    @property
+    def id(self) -> int:
+        """The number, by which the records are in order."""
+
+
+R = TypeVar("R", bound=Numbered)
+
+
+def everything(fetch: Callable[[int | None, int], list[R]], limit: int | None) -> Iterator[R]:
+    """Return one record after the other, `limit` at most.
+
+    `fetch` returns as many as it is told, the newest first, that come before the one with this id.
+    """
+    before: int | None = None
+    left = limit
+    while left is None or left > 0:
+        wanted = PIECE if left is None else min(PIECE, left)
+        found = fetch(before, wanted)
+        yield from found
+        if len(found) < wanted:
+            return
+        before = found[-1].id
+        left = None if left is None else left - len(found)
+
+
+def answer(
+    records: Iterable[Object], columns: Sequence[str], kind: Format, filename: str
+) -> Response:
+    """Return a response that streams the records; what fails at the first of them fails here."""
+    following = iter(records)
+    first = list(islice(following, 1))
+    every = chain(first, following)
+    lines = _csv_lines(every, columns) if kind == "csv" else _json_lines(every)
+    response = Response(lines, content_type=TYPES[kind])
+    response.headers["Content-Disposition"] = f'attachment; filename="{filename}.{kind}"'
+    return response
+
+
+def _json_lines(records: Iterable[Object]) -> Iterator[str]:
+    for record in records:
+        yield json.dumps(record) + "\n"
+
+
+def _csv_lines(records: Iterable[Object], columns: Sequence[str]) -> Iterator[str]:
+    yield _csv_line(columns)
+    for record in records:
+        yield _csv_line([_cell(record.get(column)) for column in columns])
+
+
+def _csv_line(cells: Sequence[str]) -> str:
+    line = io.StringIO()
+    csv.writer(line).writerow(cells)
+    return line.getvalue()
+
+
+def _cell(value: object) -> str:
+    """Return what stands in a cell; a text that a spreadsheet would run begins with an apostrophe."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return "'" + value if value.startswith(RUNS) else value
+    return json.dumps(value)

@@ -1,0 +1,80 @@
+"""What a page of a long list is asked for: names and days in its query; and the links that ask for the same again."""
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import Generic
+from urllib.parse import urlencode
+
+from flask import request
+
+from robotether_server import times
+from robotether_server.problems import FieldInvalid
+from robotether_server.web import exports, fields
+from robotether_server.web.exports import R
+
+LENGTH_OF_DAY_TEXT = 10
+PER_PAGE = 50
+# One more than is shown tells whether there is an older page.
+WANTED = PER_PAGE + 1
+Asked = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Page(Generic[R]):
+    """What one page of a list shows, and where the others are."""
+
+    shown: list[R]
+    older: str | None
+    newest: str | None
+
+
+def asked(names: tuple[str, ...]) -> Asked:
+    """Return what stands in the query under these names, empty where nothing does."""
+    return {name: request.args.get(name, "").strip() for name in names}
+
+
+def since(given: Asked) -> dt.datetime | None:
+    """Return the begin: of a day in UTC, or a moment; raise FieldInvalid."""
+    text = given["since"]
+    return times.day_or_moment("From", text, is_end=False) if text else None
+
+
+def until(given: Asked) -> dt.datetime | None:
+    """Return the first moment that is too late: that after a day in UTC, or a moment; raise FieldInvalid."""
+    text = given["until"]
+    if not text:
+        return None
+    found = times.day_or_moment("To", text, is_end=True)
+    try:
+        return found + dt.timedelta(seconds=1) if len(text) == LENGTH_OF_DAY_TEXT else found
+    except OverflowError as error:
+        raise FieldInvalid("cannot use To: there is no day after it") from error
+
+
+def link(path: str, given: Asked, **more: object) -> str:
+    """Return the path with what is asked for, and more."""
+    query = urlencode({name: value for name, value in given.items() if value} | more)
+    return f"{path}?{query}" if query else path
+
+
+def before() -> int | None:
+    """Return the id that the page ends before; None: it is the newest."""
+    return request.args.get("before", type=int)
+
+
+def page(path: str, given: Asked, found: list[R]) -> Page[R]:
+    """Return what to show of the WANTED that were looked for."""
+    shown = found[:PER_PAGE]
+    older = link(path, given, before=shown[-1].id) if len(found) > PER_PAGE else None
+    newest = link(path, given) if before() is not None else None
+    return Page(shown, older, newest)
+
+
+def files(path: str, given: Asked) -> list[tuple[str, str]]:
+    """Return the links to all that fits, by the kind of file."""
+    return [(kind, link(path + "/download", given, format=kind)) for kind in exports.FORMATS]
+
+
+def file_kind() -> exports.Format:
+    """Return which of them is asked for; raise FieldInvalid."""
+    return fields.choice(dict(request.args.items()), "format", exports.FORMATS)

@@ -1,0 +1,51 @@
+"""The pages of groups."""
+
+from __future__ import annotations
+
+from admin_visitor import send
+from robotether_server.store import Database, groups
+from web_visitor import Browser, audit_kinds
+
+
+def members(database: Database) -> tuple[str, ...]:
+    """Who is in the crew."""
+    with database.transaction() as tx:
+        return groups.get(tx, "crew").members
+
+
+def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -> None:
+    """Each with its page, its question and its line in the log."""
+    assert "There is no group yet" in admin.ask("GET", "/admin/groups").text
+    assert send(admin, "/admin/groups", name="crew").location == "/admin/groups/crew"
+    assert "Nobody is in it yet" in admin.ask("GET", "/admin/groups/crew").text
+    assert send(admin, "/admin/groups/crew/members", user="ann").location == "/admin/groups/crew"
+    assert members(database) == ("ann",)
+    assert "/admin/groups/crew" in admin.ask("GET", "/admin/users/ann").text
+    path = "/admin/groups/crew/members/ann/remove"
+    assert "Put ann in again" in admin.ask("GET", path).text
+    assert send(admin, path).location == "/admin/groups/crew"
+    assert members(database) == ()
+    assert "Remove group crew?" in admin.ask("GET", "/admin/groups/crew/remove").text
+    assert send(admin, "/admin/groups/crew/remove").location == "/admin/groups"
+    assert [kind for kind, *_ in audit_kinds(database)][-4:] == [
+        "group_added",
+        "group_member_added",
+        "group_member_removed",
+        "group_removed",
+    ]
+
+
+def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
+    """And the sentence."""
+    send(admin, "/admin/groups", name="crew")
+    for path, form in (
+        ("/admin/groups", {"name": "crew"}),
+        ("/admin/groups", {"name": "The Crew"}),
+        ("/admin/groups", {"name": ""}),
+        ("/admin/groups/crew/members", {"user": "ghost"}),
+        ("/admin/groups/crew/members", {"user": ""}),
+        ("/admin/groups/crew/members/ann/remove", {}),
+    ):
+        answer = send(admin, path, **form)
+        assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
+    assert admin.ask("GET", "/admin/groups/ghost").status_code == 404

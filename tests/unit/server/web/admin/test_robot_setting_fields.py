@@ -1,0 +1,20 @@
+"""The fields of the form for policy and guard."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.robot_settings import DEFAULTS
+from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
+from robotether_server.web.admin.robot_setting_texts import look_up
+
+FIELDS = [field for section in SECTIONS for field in section.fields]
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.path)
+def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
+    """Names are a list, a limit may be none, a whole number never is; and each says what it means."""
+    default = look_up(DEFAULTS.as_dict(), field.path)
+    kinds = {"globs": list, "limit": type(None), "whole": int}
+    assert isinstance(default, kinds[field.kind])
+    assert field.label
+    assert field.hint.endswith(".")

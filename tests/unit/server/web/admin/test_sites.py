@@ -1,0 +1,45 @@
+"""The pages of sites."""
+
+from __future__ import annotations
+
+from admin_visitor import send
+from robotether_server.store import Database, robots
+from web_visitor import Browser, audit_kinds
+
+
+def site_of(database: Database, robot: str) -> str | None:
+    """Where a robot is."""
+    with database.transaction() as tx:
+        return robots.get(tx, robot).site
+
+
+def test_site_is_added_filled_and_removed(admin: Browser, database: Database) -> None:
+    """From its own page and from the robot's."""
+    assert "There is no site yet" in admin.ask("GET", "/admin/robots/sim1").text
+    assert send(admin, "/admin/sites", name="lab").location == "/admin/sites/lab"
+    assert send(admin, "/admin/sites/lab/robots", robot="sim1").location == "/admin/sites/lab"
+    assert site_of(database, "sim1") == "lab"
+    assert "/admin/sites/lab" in admin.ask("GET", "/admin/robots?q=lab").text
+    assert send(admin, "/admin/robots/sim1/site", site="").location == "/admin/robots/sim1"
+    assert site_of(database, "sim1") is None
+    send(admin, "/admin/robots/sim2/site", site="lab")
+    assert "sim2" in admin.ask("GET", "/admin/sites").text
+    assert "Its 1 robots stay" in admin.ask("GET", "/admin/sites/lab/remove").text
+    assert send(admin, "/admin/sites/lab/remove").location == "/admin/sites"
+    assert site_of(database, "sim2") is None
+    kinds = [kind for kind, *_ in audit_kinds(database)]
+    assert kinds[-5:] == ["site_added", *["robot_site_set"] * 3, "site_removed"]
+
+
+def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
+    """And the sentence."""
+    send(admin, "/admin/sites", name="lab")
+    for path, form in (
+        ("/admin/sites", {"name": "lab"}),
+        ("/admin/sites", {"name": "a b"}),
+        ("/admin/sites/lab/robots", {"robot": "ghost"}),
+        ("/admin/robots/sim1/site", {"site": "ghost"}),
+    ):
+        answer = send(admin, path, **form)
+        assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
+    assert admin.ask("GET", "/admin/sites/ghost").status_code == 404

@@ -1,0 +1,91 @@
+"""Drives, as programs ask for them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pytest
+from api_visitor import Program
+from drive_records import add_drive
+from robotether_server.store import Database
+
+
+@pytest.fixture
+def drives(root: Program, ann: Program, admin_database: Database) -> list[int]:
+    """Ann's of sim1 and somebody's of sim2; their numbers. The programs come first: they make the users."""
+    assert root
+    assert ann
+    return [add_drive(admin_database, "sim1", "ann"), add_drive(admin_database, "sim2", "zoe")]
+
+
+def test_drive_is_told_in_full(ann: Program, drives: list[int]) -> None:
+    """Who, what, from when to when, why it ended, how far and fast, what was refused."""
+    (found,) = ann.get("/drives")["drives"]
+    assert found == {
+        "id": drives[0],
+        "robot": "sim1",
+        "user": "ann",
+        "fence": 13,
+        "started_at": "2026-01-31T12:00:00Z",
+        "ended_at": "2026-01-31T12:10:00Z",
+        "end_code": "lease_lost",
+        "distance_m": 12.34,
+        "turned_rad": 0.0,
+        "top_speed_m_s": 0.75,
+        "top_turn_rad_s": 0.0,
+        "messages": 4000,
+        "dropped_old": 2,
+        "refused": {"topic": 3},
+        "stops": 0,
+        "address": "198.51.100.7",
+    }
+
+
+def test_managers_see_their_robots_and_admins_all(
+    root: Program, ann: Program, drives: list[int]
+) -> None:
+    """As soon as they have the grant."""
+    assert [one["id"] for one in root.get("/drives")["drives"]] == drives[::-1]
+    root.ask("PUT", "/grants/ann/sim2", {"level": "drive"})
+    assert len(ann.get("/drives")["drives"]) == 1
+    root.ask("PUT", "/grants/ann/sim2", {"level": "manage"})
+    assert len(ann.get("/drives")["drives"]) == 2
+
+
+@pytest.mark.usefixtures("drives")
+@pytest.mark.parametrize(
+    ("query", "found"),
+    [
+        ("robot=sim1", 1),
+        ("user=zoe", 1),
+        ("robot=sim1&user=zoe", 0),
+        ("limit=1", 1),
+        ("since=2026-01-31T12:00:00Z", 2),
+        ("until=2026-01-31T12:00:00Z", 0),
+        ("before=1", 0),
+    ],
+)
+def test_drives_are_chosen(root: Program, query: str, found: int) -> None:
+    """In the list and in both files."""
+    assert len(root.get(f"/drives?{query}")["drives"]) == found
+    lines = root.ask("GET", f"/drives?{query}&format=jsonl").text.splitlines()
+    assert [json.loads(line) for line in lines] == root.get(f"/drives?{query}")["drives"]
+    rows = list(csv.DictReader(io.StringIO(root.ask("GET", f"/drives?{query}&format=csv").text)))
+    assert len(rows) == found
+    assert all(float(row["distance_m"]) == 12.34 for row in rows)
+
+
+@pytest.mark.parametrize(
+    "query", ["limit=0", "limit=501", "since=soon", "format=pdf", "what=x", "before=0", "user="]
+)
+def test_wrong_query_is_refused(ann: Program, query: str) -> None:
+    """With the name of what is wrong."""
+    assert ann.refused("GET", f"/drives?{query}") == (422, "field_invalid")
+
+
+def test_file_of_a_user_has_her_own_alone(ann: Program, drives: list[int]) -> None:
+    """As the list does."""
+    lines = ann.ask("GET", "/drives?format=jsonl").text.splitlines()
+    assert [json.loads(line)["id"] for line in lines] == drives[:1]

@@ -1,0 +1,111 @@
+"""The page of drives, for everybody with a login."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pytest
+from drive_records import add_drive
+from flask import Flask
+from robotether_server.store import Database
+from robotether_server.web.filters import PER_PAGE
+from web_visitor import Browser
+
+
+@pytest.fixture
+def admin(app: Flask) -> Browser:
+    """Root, logged in."""
+    browser = Browser(app.test_client())
+    browser.log_in("root")
+    return browser
+
+
+@pytest.fixture
+def ann(app: Flask) -> Browser:
+    """A user who is no admin, logged in."""
+    browser = Browser(app.test_client())
+    browser.log_in("ann")
+    return browser
+
+
+def test_admin_sees_all_and_user_her_own(
+    admin: Browser, ann: Browser, admin_database: Database
+) -> None:
+    """With what was commanded and refused."""
+    add_drive(admin_database, "sim2", "zoe")
+    page = admin.ask("GET", "/drives").text
+    for text in ("sim2", "zoe", "lease_lost", "12.3 m", "0.75 m/s", "2 too old, 3 topic"):
+        assert text in page
+    assert "No drive fits" in ann.ask("GET", "/drives").text
+    add_drive(admin_database, "sim1", "ann", ended_at=None, stops=1)
+    page = ann.ask("GET", "/drives").text
+    assert "goes on" in page
+    assert "1 stop" in page
+    assert "zoe" not in page
+    assert "/admin/" not in page
+
+
+def test_menu_leads_everybody_to_it(ann: Browser) -> None:
+    """And says so while the page is shown."""
+    link = '<a href="/drives"{} data-testid="menu-drives">'
+    assert link.format("") in ann.ask("GET", "/").text
+    assert link.format(' aria-current="page"') in ann.ask("GET", "/drives").text
+
+
+@pytest.mark.parametrize(
+    ("query", "found"),
+    [
+        ("robot=sim1", True),
+        ("robot=sim2", False),
+        ("user=zoe", False),
+        ("since=2026-01-31&until=2026-01-31", True),
+        ("since=2026-02-01", False),
+        ("until=2026-01-30", False),
+    ],
+)
+def test_drives_are_found(
+    admin: Browser, admin_database: Database, query: str, found: bool
+) -> None:
+    """By robot, user and day, in the list and in the file."""
+    add_drive(admin_database, "sim1", "ann")
+    assert ("drive-" in admin.ask("GET", f"/drives?{query}").text) is found
+    lines = admin.ask("GET", f"/drives/download?format=jsonl&{query}").text.splitlines()
+    assert [json.loads(line)["user"] for line in lines] == (["ann"] if found else [])
+
+
+def test_wrong_day_comes_back_with_the_form(admin: Browser) -> None:
+    """And the sentence."""
+    answer = admin.ask("GET", "/drives?since=soon")
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+    assert 'value="soon"' in answer.text
+    assert admin.ask("GET", "/drives/download?format=pdf").status_code == 422
+
+
+def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
+    """And a file has all of them."""
+    for fence in range(PER_PAGE + 1):
+        add_drive(admin_database, "sim1", "ann", fence=fence, messages=fence)
+    page = admin.ask("GET", "/drives").text
+    assert page.count('data-testid="drive-') == PER_PAGE
+    older = page.split('data-testid="older"')[0].rsplit('href="', 1)[1].split('"')[0]
+    assert admin.ask("GET", older).text.count('data-testid="drive-') == 1
+    rows = list(csv.DictReader(io.StringIO(admin.ask("GET", "/drives/download?format=csv").text)))
+    assert [int(row["messages"]) for row in rows] == list(range(PER_PAGE, -1, -1))
+
+
+def test_file_of_a_user_has_her_own_alone(ann: Browser, admin_database: Database) -> None:
+    """As the page does."""
+    add_drive(admin_database, "sim2", "zoe")
+    add_drive(admin_database, "sim1", "ann")
+    text = ann.ask("GET", "/drives/download?format=csv").text
+    assert ("ann" in text, "zoe" in text) == (True, False)
+
+
+def test_nobody_is_sent_to_log_in(browser: Browser) -> None:
+    """And back here afterwards."""
+    for path in ("/drives", "/drives/download?format=csv"):
+        answer = browser.ask("GET", path)
+        assert answer.status_code == 302
+        assert answer.location.startswith("/login?next=/drives")
