@@ -11,7 +11,7 @@ export class Banner {
     this.onRetry = onRetry;
   }
 
-  // `state` as of states.js; `facts` are {driving, drivers, since} for the sentence.
+  // `state` as of states.js; `facts` are {driving, armed, since} for the sentence.
   show(state, facts) {
     const text = texts[state.name];
     this.state = state;

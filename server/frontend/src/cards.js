@@ -24,6 +24,13 @@ export function healthText({ online, ros, video }) {
   return down.filter(Boolean).join(", ");
 }
 
+// Who drives, or is about to, and who asks for it.
+export function driverText({ control }) {
+  const { driver, reserved, waiting } = control ?? {};
+  const name = (driver ?? reserved)?.user ?? "";
+  return waiting && name ? texts.driverAsked(name, waiting.user) : name;
+}
+
 // Makes a card out of the page's template for a robot that the server did not render.
 export function newCard(template, { name }) {
   const card = template.content.firstElementChild.cloneNode(true);
@@ -41,7 +48,7 @@ export function fillCard(card, robot) {
   setText(part(card, "presence"), presenceText(robot));
   const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
   fillRow(card, "rtt", rtt);
-  fillRow(card, "drivers", texts.list(robot.drivers ?? []));
+  fillRow(card, "drivers", driverText(robot));
   fillRow(card, "observers", robot.observers ? String(robot.observers) : "");
   fillRow(card, "health", healthText(robot));
 }

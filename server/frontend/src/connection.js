@@ -23,19 +23,33 @@ export class Connection {
   // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
+  // `onLink(tell)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
+  // the relay says on it in operations of our own.
   constructor({
     requestTicket,
     openLink,
     prepare,
     onState,
     onLeaving = () => {},
+    onLink = () => {},
+    onOwn = () => {},
     now = () => performance.now(),
   }) {
-    Object.assign(this, { requestTicket, openLink, prepare, onState, onLeaving, now });
+    Object.assign(this, {
+      requestTicket,
+      openLink,
+      prepare,
+      onState,
+      onLeaving,
+      onLink,
+      onOwn,
+      now,
+    });
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
     this.link = null;
+    this.yielded = false;
     this.topics = new Set();
   }
 
@@ -72,6 +86,19 @@ export class Connection {
     this.connect();
   }
 
+  // For another ticket, as the page drives from now on or watches.
+  reopen() {
+    this.delays = backoff();
+    this.leave();
+    this.show(CONNECTING);
+    this.connect();
+  }
+
+  // Says an operation of our own on an open link, live or not, or not at all; gives which.
+  tell(operation) {
+    return this.link !== null && this.link.tell(operation);
+  }
+
   // Gives the function that ends the subscription.
   subscribe(spec, handler) {
     const entry = this.keep((link) => link.subscribe(spec, handler));
@@ -83,8 +110,8 @@ export class Connection {
     const entry = this.keep((link) => link.advertise(spec));
     return {
       end: () => this.release(entry),
-      publish: (message) => {
-        entry.channel?.publish(message);
+      publish: (message, stamp) => {
+        entry.channel?.publish(message, stamp);
         return entry.channel !== null;
       },
     };
@@ -128,6 +155,7 @@ export class Connection {
     this.link = this.openLink(url, {
       onOpen: current(() => this.confirm()),
       onMessage: current(() => (this.heardAt = this.now())),
+      onOwn: current((operation) => this.onOwn(operation)),
       onClose: current(({ code, reason }) =>
         this.settle(afterClose({ code, reason, wasLive: this.live })),
       ),
@@ -139,6 +167,7 @@ export class Connection {
   // with a reason. Only an answer from the robot itself makes the link live.
   async confirm() {
     const { link, attempt } = this;
+    this.onLink((operation) => link.tell(operation));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
     await this.prepare((service, request) => link.call(service, request));
@@ -149,6 +178,7 @@ export class Connection {
     clearTimeout(this.timer);
     this.connecting = false;
     this.delays = backoff();
+    this.yielded = false;
     this.heardAt = this.now();
     for (const entry of this.topics) entry.channel = entry.attach(this.link);
     this.show(LIVE);
@@ -165,16 +195,28 @@ export class Connection {
   }
 
   settle(state) {
+    this.leave();
+    this.show(state);
+    if (state.retry) this.timer = setTimeout(() => this.connect(), this.delay(state));
+  }
+
+  // Whoever loses the wheel sees on at once; but were that refused too, the next attempt has to wait.
+  delay({ lost }) {
+    const hurry = Boolean(lost) && !this.yielded;
+    this.yielded = hurry;
+    return hurry ? 0 : this.delays.next().value;
+  }
+
+  leave() {
     clearTimeout(this.timer);
     if (this.live) this.onLeaving();
     this.dropLink();
     this.connecting = false;
-    this.show(state);
-    if (state.retry) this.timer = setTimeout(() => this.connect(), this.delays.next().value);
   }
 
   dropLink() {
     this.attempt += 1;
+    if (this.link) this.onLink(null);
     this.link?.close();
     this.link = null;
     for (const entry of this.topics) entry.channel = null;

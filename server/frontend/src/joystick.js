@@ -6,7 +6,7 @@ const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the rob
 const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
 export class Joystick {
-  // `accepts()` says whether a press counts now.
+  // `accepts()` says whether a press counts now. `onHold` gets the input and its moment.
   constructor({ element, knob, accepts, onHold, onRelease }) {
     Object.assign(this, { element, knob, accepts, onHold, onRelease });
     this.pointer = null;
@@ -24,18 +24,25 @@ export class Joystick {
     this.pointer = event.pointerId;
     this.element.setPointerCapture(event.pointerId);
     this.element.dataset.held = "true";
+    this.pressed = this.measure();
     this.move(event);
   }
 
   move(event) {
     if (event.pointerId !== this.pointer) return;
     if (!(event.buttons & PRESSED)) return this.up(event); // a native menu or drag took the pointerup
+    const { centreX, centreY, radius } = this.pressed;
+    const x = event.clientX - centreX;
+    const y = event.clientY - centreY;
+    this.place(x, y, radius);
+    this.onHold(stick(x, y, radius), event.timeStamp);
+  }
+
+  // Once for each press: what moves the stick on the screen meanwhile must not steer.
+  measure() {
     const { left, top, width, height } = this.element.getBoundingClientRect();
     const radius = (width - this.knob.offsetWidth) / 2;
-    const x = event.clientX - (left + width / 2);
-    const y = event.clientY - (top + height / 2);
-    this.place(x, y, radius);
-    this.onHold(stick(x, y, radius));
+    return { centreX: left + width / 2, centreY: top + height / 2, radius };
   }
 
   up(event) {

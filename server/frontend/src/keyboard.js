@@ -18,12 +18,10 @@ const DIRECTIONS = {
 // A key held elsewhere repeats into a window that gets the focus, and not every browser says so.
 const FOCUS_MS = 300;
 
-const PRESSABLE = "button, a, summary";
-
 export class Keyboard {
-  // `accepts()` says whether a press counts now. `onLetGo()` asks to let go of everything.
-  constructor({ accepts, onHold, onRelease, onHalt, onLetGo }) {
-    Object.assign(this, { accepts, onHold, onRelease, onHalt, onLetGo });
+  // `accepts()` says whether a press counts now. `onHold` gets the input and its moment. `onLetGo()` asks to let go of everything.
+  constructor({ accepts, onHold, onRelease, onLetGo }) {
+    Object.assign(this, { accepts, onHold, onRelease, onLetGo });
     this.pressed = new Set();
     this.focusedAt = -Infinity;
   }
@@ -38,20 +36,14 @@ export class Keyboard {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
     if (event.ctrlKey || event.metaKey || event.altKey) return this.onLetGo();
     if (matches(event.target, TYPING)) return;
-    if (event.code === "Space") this.space(event);
-    else if (event.code in DIRECTIONS && !this.meantForSlider(event)) this.direction(event);
-  }
-
-  space(event) {
-    if (!matches(event.target, PRESSABLE)) event.preventDefault();
-    if (!event.repeat) this.onHalt();
+    if (event.code in DIRECTIONS && !this.meantForSlider(event)) this.direction(event);
   }
 
   direction(event) {
     event.preventDefault();
     if (!this.isNewPress(event) || !this.accepts()) return;
     this.pressed.add(event.code);
-    this.tell();
+    this.tell(event);
   }
 
   isNewPress({ repeat, timeStamp }) {
@@ -59,7 +51,7 @@ export class Keyboard {
   }
 
   up(event) {
-    if (this.pressed.delete(event.code)) this.tell();
+    if (this.pressed.delete(event.code)) this.tell(event);
   }
 
   drop() {
@@ -70,9 +62,9 @@ export class Keyboard {
     return event.code.startsWith("Arrow") && matches(event.target, "input[type=range]");
   }
 
-  tell() {
+  tell({ timeStamp }) {
     if (this.pressed.size === 0) this.onRelease();
-    else this.onHold(direction(this.pressed));
+    else this.onHold(direction(this.pressed), timeStamp);
   }
 }
 

@@ -5,14 +5,16 @@
 import { Ros, Service, Topic } from "roslib";
 import { JsonTransport } from "./transport.js";
 
-export function openLink(url, { onOpen, onMessage, onClose }) {
-  return new Link(url, { onOpen, onMessage, onClose });
+export function openLink(url, handlers) {
+  return new Link(url, handlers);
 }
 
 class Link {
-  constructor(url, { onOpen, onMessage, onClose }) {
+  // `onMessage` gets what the robot says, `onOwn` what the relay says in operations of our own.
+  constructor(url, { onOpen, onMessage, onOwn, onClose }) {
     this.transport = new JsonTransport(url);
     this.transport.on("message", onMessage);
+    this.transport.on("own", onOwn);
     this.ros = new Ros({ transportFactory: async () => this.transport });
     this.ros.on("connection", onOpen);
     this.ros.on("close", onClose);
@@ -38,11 +40,13 @@ class Link {
     return { end: () => topic.unsubscribe() };
   }
 
+  // What is published may carry `robotether`, the moment of a drive command, which roslib has no place for.
   advertise(spec) {
     const topic = this.topic(spec);
     topic.advertise();
     return {
-      publish: (message) => topic.publish(message),
+      publish: (msg, robotether) =>
+        this.transport.send({ op: "publish", topic: spec.name, msg, robotether }),
       end: () => topic.unadvertise(),
     };
   }
@@ -57,6 +61,13 @@ class Link {
         (values) => resolve({ ok: false, values }),
       );
     });
+  }
+
+  // Sends an operation of our own now or not at all, and says which.
+  tell(operation) {
+    const open = this.transport.isOpen();
+    if (open) this.transport.send(operation);
+    return open;
   }
 
   get backlog() {

@@ -1,4 +1,5 @@
-// What a closed connection or a refused ticket means: the state to show and whether to try again.
+// What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
+// why this page may no longer drive.
 // Pure; connection.js acts on it. Close codes are those of docs/protocols.md.
 
 import { reasons } from "./texts.js";
@@ -11,23 +12,29 @@ export const NAMES = [
   "link_lost",
   "server_unreachable",
   "not_allowed",
-  "superseded",
+  "lease_unavailable",
 ];
 
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
+// The robot is there, but this page no longer drives it: it goes on as an observer, at once.
+const unseated = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
 const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
 
 const BY_CLOSE_CODE = {
   1001: () => retrying("server_unreachable", reasons.restarting),
   1009: () => retrying("link_lost"),
   4001: () => final("not_allowed", reasons.grant),
-  4002: () => final("superseded"),
+  4002: unseated("superseded"),
+  4003: unseated("robot_stopped"),
+  4009: unseated("lease_held"),
+  4010: unseated("lease_lost"),
   4408: () => retrying("link_lost"),
   4413: () => retrying("link_lost"),
   4429: () => retrying("server_unreachable", reasons.crowded),
   4503: (reason) => retrying("offline", reason),
   4504: () => retrying("rosbridge_down"),
   4505: () => retrying("link_lost"),
+  4510: () => retrying("lease_unavailable"),
 };
 
 export const CONNECTING = retrying("connecting");

@@ -5,10 +5,12 @@
 const PERIOD_MS = 50;
 const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
 const GAP_MS = 500; // after as long without a command the robot has stopped by itself
+const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
 const STILL = { forward: 0, turn: 0 };
 
 export class Teleop {
-  // `publish({forward, turn})` in m/s and rad/s; `mayQueue()` is false while old commands wait to be sent;
+  // `publish({forward, turn}, moment)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
+  // `moment()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
   // `onDrop()` tells the inputs that what they hold no longer counts. `now()` must go on while the
   // machine sleeps, which performance.now() does not everywhere.
   constructor({
@@ -18,8 +20,9 @@ export class Teleop {
     onDrop = () => {},
     onWanted = () => {},
     now = () => Date.now(),
+    moment = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, mayQueue, onDrop, onWanted, now });
+    Object.assign(this, { publish, limits, mayQueue, onDrop, onWanted, now, moment });
     this.armed = false;
     this.held = new Map();
     this.zerosLeft = 0;
@@ -32,12 +35,12 @@ export class Teleop {
     this.armed = armed;
   }
 
-  // `input` names keyboard or joystick; values from -1 to 1, left and forward positive.
-  hold(input, { forward, turn }) {
+  // `input` names keyboard or joystick; values from -1 to 1, left and forward positive; `at` is the event's moment.
+  hold(input, { forward, turn }, at = this.moment()) {
     if (!this.armed) return;
     const starting = this.held.size === 0;
     this.held.set(input, { forward, turn });
-    if (starting) this.start();
+    if (starting) this.start(at);
   }
 
   release(input) {
@@ -70,16 +73,16 @@ export class Teleop {
     };
   }
 
-  start() {
+  start(at) {
     this.zerosLeft = 0;
     this.restartTimer();
-    this.send();
+    this.sendWanted(Math.min(at, this.moment()));
   }
 
   zero() {
     this.zerosLeft = ZEROS;
     this.restartTimer();
-    this.send();
+    this.sendZero();
   }
 
   drop() {
@@ -91,20 +94,37 @@ export class Teleop {
   }
 
   restartTimer() {
-    this.sentAt = this.now();
+    this.sentAt = this.tickedAt = this.now();
+    this.seenAt = this.moment();
     clearInterval(this.timer);
-    this.timer = setInterval(() => this.send(), PERIOD_MS);
+    this.timer = setInterval(() => this.tick(), PERIOD_MS);
   }
 
-  send() {
+  tick() {
+    const stale = this.late || this.stuck;
+    const seenAt = this.see();
     if (this.held.size === 0 && this.zerosLeft === 0) clearInterval(this.timer);
-    else if (this.stalled) this.dropStale();
-    else if (this.held.size > 0) this.sendWanted();
+    else if (stale) this.dropStale();
+    else if (this.held.size > 0) this.sendWanted(seenAt);
     else this.sendZero();
   }
 
-  // True when this page was frozen, this machine asleep or the network stuck since the last command.
-  get stalled() {
+  // The moment for which this tick can answer. A late one may run before the release that came meanwhile, so
+  // it answers for no more than the time at which it should have run.
+  see() {
+    const due = this.seenAt + PERIOD_MS;
+    this.tickedAt = this.now();
+    this.seenAt = this.moment();
+    return Math.min(due, this.seenAt);
+  }
+
+  // True when this page was frozen or throttled, or this machine asleep.
+  get late() {
+    return Math.abs(this.now() - this.tickedAt) > PERIOD_MS + LATE_MS;
+  }
+
+  // True when the network took nothing for as long as the robot waits.
+  get stuck() {
     return Math.abs(this.now() - this.sentAt) > GAP_MS;
   }
 
@@ -114,21 +134,22 @@ export class Teleop {
     else this.drop();
   }
 
-  sendWanted() {
+  sendWanted(at) {
     const wanted = this.wanted;
     this.onWanted(wanted);
-    if (this.mayQueue()) this.pass(wanted);
+    if (this.mayQueue()) this.pass(wanted, at);
   }
 
+  // Zero is meant whenever it is sent.
   sendZero() {
     this.zerosLeft -= 1;
     this.onWanted(STILL);
-    this.pass(STILL);
+    this.pass(STILL, this.moment());
   }
 
-  pass(twist) {
+  pass(twist, at) {
     this.sentAt = this.now();
-    this.publish(twist);
+    this.publish(twist, at);
   }
 }
 

@@ -10,7 +10,10 @@ export const connection = {
   connecting: { title: "Connecting", detail: () => "Opening the connection to the robot." },
   live: {
     title: "Live",
-    detail: ({ driving, drivers }) => (driving ? "Ready to drive." : watching(drivers)),
+    detail: ({ driving, armed }) => {
+      if (!driving) return "You are watching.";
+      return armed ? "Ready to drive." : "Press Start driving when you are ready.";
+    },
   },
   offline: {
     title: "Robot offline",
@@ -39,11 +42,61 @@ export const connection = {
     detail: ({ reason }) => reason || "Your account may not open this robot.",
     action: "Reload",
   },
-  superseded: {
-    title: "Continued elsewhere",
-    detail: () => "You opened this robot in another window, and that one took over.",
-    action: "Continue here",
+  lease_unavailable: {
+    title: "Control unavailable",
+    detail: () => "The server cannot hand out the control now; this page keeps trying.",
+    action: "Try now",
   },
+};
+
+// Who drives, and why this page does or does not.
+export const control = {
+  nobody: "Nobody drives.",
+  you: (since) => `You drive since ${since}.`,
+  yourOther: (since) => `You drive in another window since ${since}.`,
+  other: (user, since) => `${user} drives since ${since}.`,
+  reservedForYou: "The control is kept for you.",
+  reserved: (user) => `The control goes to ${user}.`,
+  waiting: (user) => `${user} asks for the control.`,
+  guardDown: "The robot's guard does not answer: it takes no commands until it is back.",
+  guardOff: "This robot's guard is switched off: it does not stop by itself.",
+  asks: (user) => `${user} asks for control.`,
+  passes: (seconds) => `Without an answer it passes on in ${seconds} s, unless you drive.`,
+  arrives: (user, seconds) => `You asked ${user}. Without an answer you get the control in ${seconds} s.`,
+  takeSure: (user) => `Take the control from ${user}? The robot stops, and ${user} can only watch.`,
+  failed: (detail) => detail || "The server does not answer. Try again.",
+};
+
+// By why the seat changed, as in seat.js.
+export const seat = {
+  lease_held: () => "The control is somebody else's, so you are watching.",
+  lease_lost: ({ reason }) => `You no longer drive: ${reason || "somebody else has the control"}.`,
+  superseded: () => "You went on in another window, so this one is watching.",
+  robot_stopped: () => "The robot was stopped, so you are watching.",
+  stopped_meanwhile: () => "The robot was stopped, so nobody gets the control.",
+  refused: ({ by }) => `${by} said no.`,
+  arrived: () => "You have the control now.",
+  released: () => "The robot is released.",
+  left: () => "You gave up the control.",
+  failed: ({ reason }) => reason,
+};
+
+export const stop = {
+  none: () => "",
+  asked: () => "Stopping.",
+  heard: () => "Stopping: not confirmed by the robot yet.",
+  unheard: () => "Not stopped: no answer from the server. Trying again.",
+  failed: () => "Not stopped: no answer from the server. Press Stop again.",
+  refused: ({ detail }) => `Not stopped: ${detail || "the server refused it"}.`,
+  stopping: ({ by, at }) => `Stopping: not confirmed by the robot yet. ${by} pressed Stop at ${at}.`,
+  stopped: ({ by, at }) => `Stopped by ${by} at ${at}.`,
+};
+
+export const release = {
+  idle: "Hold to release",
+  held: "Keep holding",
+  once: "Press again to release",
+  failed: (detail) => `Not released: ${detail || "no answer from the server"}.`,
 };
 
 export const reasons = {
@@ -61,11 +114,6 @@ export const logIn = "Log in";
 function offlineSince(since, reason) {
   if (since) return `Since ${since}. `;
   return reason ? `The server says: ${reason}. ` : "";
-}
-
-function watching(drivers) {
-  if (drivers.length === 0) return "You are watching. Nobody is driving.";
-  return `You are watching. ${list(drivers)} ${drivers.length === 1 ? "is" : "are"} driving.`;
 }
 
 export const picture = {
@@ -99,8 +147,17 @@ export const fleet = {
   rtt: (ms) => `${ms} ms`,
   ros: "rosbridge does not answer",
   video: "video does not answer",
+  driverAsked: (driver, asking) => `${driver}; ${asking} asks for the control`,
+  stopAll: "Stop all robots",
+  stopSite: (site) => `Stop site ${site}`,
+  stopResult: ({ name, stopped, confirmed }) => {
+    if (!stopped) return `${name}: not stopped`;
+    return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
+  },
+  stopNone: "There was no robot to stop.",
+  stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
+  stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
-  list,
 };
 
 export const feed = {
@@ -109,8 +166,3 @@ export const feed = {
   lost: "Connection lost, states may be old. Reconnecting.",
   login: "Your login has ended. Reload to log in.",
 };
-
-function list(names) {
-  if (names.length < 2) return names.join("");
-  return `${names.slice(0, -1).join(", ")} and ${names.at(-1)}`;
-}

@@ -1,9 +1,12 @@
 // The way roslib's Ros sends and receives: JSON text over a WebSocket, without the decoders for
 // compressed messages that roslib brings (the pages never ask for compression).
+// Operations of our own (docs/protocols.md) go to `own` handlers alone: roslib does not know them.
+
+const OWN = "robotether.";
 
 export class JsonTransport {
   constructor(url) {
-    this.handlers = { open: [], close: [], error: [], message: [] };
+    this.handlers = { open: [], close: [], error: [], message: [], own: [] };
     this.socket = new WebSocket(url);
     this.socket.onopen = (event) => this.emit("open", event);
     this.socket.onclose = (event) => this.emit("close", event);
@@ -28,7 +31,7 @@ export class JsonTransport {
     } catch {
       return; // one broken message from a robot must not end the session
     }
-    if (message && typeof message.op === "string") this.emit("message", message);
+    if (message && typeof message.op === "string") this.emit(kind(message), message);
   }
 
   send(message) {
@@ -60,3 +63,5 @@ export class JsonTransport {
     return this.socket.readyState === WebSocket.CLOSED;
   }
 }
+
+const kind = ({ op }) => (op.startsWith(OWN) ? "own" : "message");

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { healthText, inOrder, presenceText } from "../src/cards.js";
+import { driverText, healthText, inOrder, presenceText } from "../src/cards.js";
 
 test("online robots come first, then names as a person counts them", () => {
   const robots = [
@@ -27,4 +27,13 @@ test("only an online robot's health calls for attention", () => {
     healthText({ online: true, ros: "down", video: "down" }),
     "rosbridge does not answer, video does not answer",
   );
+});
+
+test("a card tells who drives, who gets the control and who asks for it", () => {
+  const ann = { user: "ann", since: "2026-01-01T12:03:00Z" };
+  const ben = { user: "ben", since: "2026-01-01T12:04:00Z" };
+  assert.equal(driverText({}), "");
+  assert.equal(driverText({ control: { driver: ann } }), "ann");
+  assert.equal(driverText({ control: { driver: null, reserved: ben } }), "ben");
+  assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for the control");
 });

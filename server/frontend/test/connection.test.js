@@ -4,7 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { Connection } from "../src/connection.js";
 import { TicketRefused } from "../src/tickets.js";
 
-let clock, links, tickets, refusal, states, prepared, connection;
+let clock, links, tickets, refusal, states, prepared, tellers, own, connection;
 
 // A link as link.js makes it, that notes what it is told and lets the test play the server.
 function fakeLink(url, handlers) {
@@ -21,6 +21,8 @@ function fakeLink(url, handlers) {
     },
     advertise: () => ({ publish: (message) => link.published.push(message), end() {} }),
     call: () => new Promise((resolve) => (link.answer = resolve)),
+    tell: (operation) => link.told.push(operation) > 0,
+    told: [],
     close: () => (link.closed = true),
   };
   links.push(link);
@@ -33,6 +35,8 @@ beforeEach(() => {
   clock = tickets = prepared = 0;
   links = [];
   states = [];
+  tellers = [];
+  own = [];
   refusal = null;
   connection = new Connection({
     requestTicket: async () => {
@@ -46,6 +50,8 @@ beforeEach(() => {
       prepared += 1;
     },
     onState: ({ name }) => states.push(name),
+    onLink: (tell) => tellers.push(tell),
+    onOwn: ({ op }) => own.push(op),
     now: () => clock,
   });
 });
@@ -231,17 +237,63 @@ test("news during an attempt or on a live link does nothing", async () => {
   assert.equal(tickets, 1);
 });
 
-test("a connection that another window took over comes back only when asked to", async () => {
+for (const code of [4002, 4003, 4009, 4010]) {
+  test(`whoever loses the wheel by ${code} sees on at once`, async () => {
+    connection.start();
+    await goLive();
+    links[0].onClose({ code, reason: "" });
+    await pass(0);
+    assert.equal(links.length, 2);
+    await goLive();
+    assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
+  });
+}
+
+test("a server that lets nobody drive is not asked over and over", async () => {
+  connection.start();
+  await settle();
+  for (let i = 0; i < 4; i++) {
+    links.at(-1).onClose({ code: 4009, reason: "" });
+    await pass(0);
+  }
+  assert.equal(links.length, 2);
+});
+
+test("another ticket is asked for as the page drives or watches from now on", async () => {
   connection.start();
   await goLive();
-  links[0].onClose({ code: 4002, reason: "" });
-  connection.retryNow();
-  await pass(60_000);
-  assert.equal(links.length, 1);
-  assert.equal(states.at(-1), "superseded");
-  connection.retryNow({ asked: true });
+  connection.reopen();
+  assert.equal(links[0].closed, true);
   await goLive();
-  assert.equal(states.at(-1), "live");
+  assert.equal(links.length, 2);
+  assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
+  links[0].onClose({ code: 1000, reason: "" });
+  assert.equal(connection.live, true);
+});
+
+test("operations of our own go out on an open link, also before the robot has answered, and never later", async () => {
+  assert.equal(connection.tell({ op: "robotether.stop" }), false);
+  connection.start();
+  await settle();
+  links[0].onOpen();
+  assert.equal(connection.tell({ op: "robotether.stop" }), true);
+  assert.deepEqual(links[0].told, [{ op: "robotether.stop" }]);
+  tellers[0]({ op: "robotether.beat" });
+  assert.equal(links[0].told.length, 2);
+  links[0].onClose({ code: 4505, reason: "" });
+  assert.equal(tellers[1], null);
+  assert.equal(connection.tell({ op: "robotether.stop" }), false);
+});
+
+test("what the relay says is no sign of life of the robot", async () => {
+  connection.start();
+  await goLive();
+  for (let i = 0; i < 7; i++) {
+    links[0].onOwn({ op: "robotether.beat" });
+    await pass(1000);
+  }
+  assert.equal(own.length, 7);
+  assert.equal(states.at(-1), "link_lost");
 });
 
 test("a missing grant ends the attempts", async () => {

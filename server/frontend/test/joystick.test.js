@@ -91,3 +91,22 @@ test("a pointer that moves without being pressed has been let go elsewhere", () 
   pointer("pointermove", 1, 120, 20, 1);
   assert.equal(told.at(-1), "released");
 });
+
+test("a stick that the page moves while it is pressed does not steer", () => {
+  pointer("pointerdown", 1, 120, 20);
+  const pressed = told.at(-1);
+  element.getBoundingClientRect = () => ({ left: 0, top: 60, width: 240, height: 240 });
+  pointer("pointermove", 1, 120, 20);
+  assert.deepEqual(told.at(-1), pressed);
+  pointer("pointerup", 1, 120, 20, 0);
+  pointer("pointerdown", 1, 120, 180);
+  assert.deepEqual(told.at(-1), { forward: 0, turn: 0 });
+});
+
+test("a hold has the moment of its event", () => {
+  const moments = [];
+  joystick.onHold = (_, at) => moments.push(at);
+  const event = { pointerId: 1, clientX: 120, clientY: 20, button: 0, buttons: 1, timeStamp: 77.5 };
+  element.handlers.pointerdown({ ...event, preventDefault() {} });
+  assert.deepEqual(moments, [77.5]);
+});

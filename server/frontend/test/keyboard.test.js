@@ -26,7 +26,6 @@ beforeEach(() => {
     accepts: () => armed,
     onHold: (input) => told.push(input),
     onRelease: () => told.push("released"),
-    onHalt: () => told.push("halt"),
     onLetGo: () => told.push("let go"),
   });
 });
@@ -78,19 +77,18 @@ test("arrow keys on a slider move the slider, letters still drive", () => {
   assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
 });
 
-test("the space bar halts, without scrolling the page", () => {
+test("the space bar is not this input's: it stops the robot", () => {
   const space = key("Space");
   keyboard.down(space);
-  keyboard.down(key("Space", { repeat: true }));
-  assert.deepEqual(told, ["halt"]);
-  assert.equal(space.prevented, true);
+  assert.deepEqual(told, []);
+  assert.equal(space.prevented, false);
 });
 
-test("the space bar on a button halts and still presses the button", () => {
-  const space = key("Space", { target: element("button") });
-  keyboard.down(space);
-  assert.deepEqual(told, ["halt"]);
-  assert.equal(space.prevented, false);
+test("a press is told with its own moment", () => {
+  const moments = [];
+  keyboard.onHold = (_, at) => moments.push(at);
+  keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
+  assert.deepEqual(moments, [1234.5]);
 });
 
 for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {

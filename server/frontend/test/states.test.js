@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMES, afterClose, afterTicketRefusal } from "../src/states.js";
-import { connection as texts } from "../src/texts.js";
+import { connection as texts, seat as notes } from "../src/texts.js";
 
 const shown = (code, wasLive = false) => {
   const { name, retry } = afterClose({ code, wasLive });
@@ -11,15 +11,28 @@ const shown = (code, wasLive = false) => {
 
 test("each close code of the contract has its own state", () => {
   assert.equal(shown(4001), "not_allowed final");
-  assert.equal(shown(4002), "superseded final");
   assert.equal(shown(4503), "offline retry");
   assert.equal(shown(4504), "rosbridge_down retry");
   assert.equal(shown(4505), "link_lost retry");
+  assert.equal(shown(4510), "lease_unavailable retry");
   assert.equal(shown(4408), "link_lost retry");
   assert.equal(shown(4413), "link_lost retry");
   assert.equal(shown(4429), "server_unreachable retry");
   assert.equal(shown(1009), "link_lost retry");
   assert.equal(shown(1001), "server_unreachable retry");
+});
+
+test("each way to lose the wheel has a sentence of its own, and the page goes on", () => {
+  const lost = [4002, 4003, 4009, 4010].map((code) => afterClose({ code, reason: "ben has it" }));
+  assert.deepEqual(
+    lost.map(({ lost }) => lost),
+    ["superseded", "robot_stopped", "lease_held", "lease_lost"],
+  );
+  assert.ok(lost.every(({ retry }) => retry));
+  const sentences = lost.map(({ lost, reason }) => notes[lost]({ reason }));
+  assert.equal(new Set(sentences).size, 4);
+  assert.match(sentences[3], /ben has it/);
+  assert.equal(afterClose({ code: 4505 }).lost, undefined);
 });
 
 test("a cut without a code is a lost link when it was live, else an unreachable server", () => {
@@ -48,16 +61,16 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
 });
 
 test("every state has a title and a sentence", () => {
-  const facts = { driving: false, drivers: ["ann"], since: "12:03", reason: "" };
+  const facts = { driving: false, armed: false, since: "12:03", reason: "" };
   for (const name of NAMES) {
     assert.ok(texts[name].title, name);
     assert.ok(texts[name].detail(facts), name);
   }
 });
 
-test("an observer reads who drives", () => {
-  const detail = (drivers) => texts.live.detail({ driving: false, drivers });
-  assert.match(detail([]), /Nobody is driving/);
-  assert.match(detail(["ann"]), /ann is driving/);
-  assert.match(detail(["ann", "bob"]), /ann and bob are driving/);
+test("only who may send reads that the robot is ready", () => {
+  const detail = (driving, armed) => texts.live.detail({ driving, armed });
+  assert.match(detail(false, false), /watching/);
+  assert.match(detail(true, true), /Ready/);
+  assert.match(detail(true, false), /Start driving/);
 });

@@ -6,23 +6,25 @@ import { Teleop } from "../src/teleop.js";
 const FORWARD = { forward: 1, turn: 0 };
 const STILL = { forward: 0, turn: 0 };
 
-let clock, sent, wanted, drops, mayQueue, teleop;
+let clock, moment, sent, moments, wanted, drops, mayQueue, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
-  clock = 0;
+  clock = moment = 0;
   sent = [];
+  moments = [];
   wanted = [];
   drops = 0;
   mayQueue = true;
   teleop = new Teleop({
-    publish: (twist) => sent.push(twist),
+    publish: (twist, at) => sent.push(twist) && moments.push(at),
     limits: { linear: 0.5, angular: 2 },
     mayQueue: () => mayQueue,
     onDrop: () => (drops += 1),
     onWanted: (twist) => wanted.push(twist),
     now: () => clock,
+    moment: () => moment,
   });
   teleop.arm(true);
   drops = 0;
@@ -31,12 +33,19 @@ beforeEach(() => {
 function pass(ms) {
   for (const end = clock + ms; clock < end; ) {
     clock += 10;
+    moment += 10;
     mock.timers.tick(10);
   }
 }
 
 // What a frozen tab, a sleeping machine or an open dialog does: time passes and no timer runs.
 function freeze(ms) {
+  clock += ms;
+  moment += ms;
+}
+
+// A sleep of the machine, in which the clock of events stands still.
+function sleep(ms) {
   clock += ms;
 }
 
@@ -160,11 +169,58 @@ test("zeros that a freeze held back are not sent after it, since somebody else m
   assert.deepEqual(sent, []);
 });
 
-test("a busy page that is late by less than the robot's own patience drives on", () => {
+test("a busy page that is late by less than 300 ms drives on", () => {
   teleop.hold("keyboard", FORWARD);
-  freeze(400);
+  freeze(290);
   pass(1000);
   assert.deepEqual(sent.at(-1), { forward: 0.5, turn: 0 });
+});
+
+test("a timer that is late by more than 300 ms sends zero and needs a new press", () => {
+  teleop.hold("keyboard", FORWARD);
+  pass(500);
+  sent.length = drops = 0;
+  freeze(340);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+  assert.equal(drops, 1);
+});
+
+test("a machine that slept does not drive on, although the clock of events stood still", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  sleep(60_000);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+});
+
+test("a press has the moment of its event, and what is held the moment at which that was seen", () => {
+  moment = 1000;
+  teleop.hold("keyboard", FORWARD, 960);
+  pass(100);
+  assert.deepEqual(moments, [960, 1050, 1100]);
+});
+
+test("a moment that lies ahead, of a browser with another clock, is that of now", () => {
+  moment = 1000;
+  teleop.hold("keyboard", FORWARD, 1_700_000_000_000);
+  assert.deepEqual(moments, [1000]);
+});
+
+test("a late timer answers for the time at which it should have run, not for later", () => {
+  teleop.hold("keyboard", FORWARD, 0);
+  freeze(200);
+  pass(50);
+  assert.deepEqual(moments, [0, 50]);
+  pass(50);
+  assert.equal(moments.at(-1), 300);
+});
+
+test("zero is meant whenever it is sent", () => {
+  teleop.hold("keyboard", FORWARD, 0);
+  freeze(250);
+  teleop.release("keyboard");
+  assert.equal(moments.at(-1), 250);
 });
 
 test("nothing is sent while disarmed, not even by halt", () => {

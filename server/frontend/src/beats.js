@@ -1,0 +1,49 @@
+// This page's clock against the relay's, by beats over the rosbridge connection (docs/protocols.md, "Age").
+// An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
+// nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
+
+const PERIOD_MS = 250;
+const KEPT_MS = 10_000;
+
+export class Beats {
+  // `now()` is the clock of event.timeStamp.
+  constructor({ now = () => performance.now() } = {}) {
+    this.now = now;
+    this.samples = [];
+  }
+
+  // `send(message)` sends on the connection that has just opened. What another one told is forgotten: it may
+  // have been another relay, which has another clock.
+  start(send) {
+    this.stop();
+    this.send = send;
+    this.timer = setInterval(() => this.beat(), PERIOD_MS);
+    this.beat();
+  }
+
+  stop() {
+    clearInterval(this.timer);
+    this.samples = [];
+  }
+
+  beat() {
+    this.send({ op: "robotether.beat", t_ms: this.now() });
+  }
+
+  hear({ relay_ms }) {
+    if (!Number.isFinite(relay_ms)) return;
+    const at = this.now();
+    this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
+  }
+
+  // What {robotether} of a drive message is to say of the moment `t_ms`; undefined while nothing is known,
+  // and then the relay goes by its own pings.
+  stamp(t_ms) {
+    const known = this.fresh(this.now()).map(({ ahead }) => ahead);
+    return known.length ? { t_ms: t_ms + Math.max(...known) } : undefined;
+  }
+
+  fresh(at) {
+    return this.samples.filter((sample) => at - sample.at <= KEPT_MS);
+  }
+}

@@ -1,0 +1,24 @@
+// The server's time of day, for countdowns: this machine's own may be minutes off. Pure.
+
+const HALF_SECOND_MS = 500; // the header Date has whole seconds, cut off
+
+export class ServerClock {
+  constructor(now = () => Date.now()) {
+    this.now = now;
+    this.aheadMs = 0;
+  }
+
+  // `date` is the header Date of an answer that has just come.
+  hear(date) {
+    const told = Date.parse(date ?? "");
+    if (Number.isFinite(told)) this.aheadMs = told + HALF_SECOND_MS - this.now();
+  }
+
+  // Whole seconds until a time of day as the server writes it; never less than 0.
+  secondsUntil(iso) {
+    const left = Date.parse(iso) - this.now() - this.aheadMs;
+    return Math.max(0, Math.ceil(left / 1000)) || 0;
+  }
+}
+
+export const serverClock = new ServerClock();

@@ -1,0 +1,71 @@
+// The drive page's Stop button, what is known of the stop, and the button to hold for its release.
+
+import { release, stop } from "./calls.js";
+import { Hold } from "./hold.js";
+import { byTestId, localTime, part, setText } from "./page.js";
+import { stopOnSpace } from "./stopkey.js";
+import { Stopping, sameStop } from "./stopping.js";
+import { release as releaseTexts, stop as texts } from "./texts.js";
+
+export class StopBar {
+  // `halt()` ends what this page commands; `tell()` says the stop on the page's own connection;
+  // `onReleased()` comes when this page's person released the robot.
+  constructor(root, { robot, halt, tell, onReleased }) {
+    Object.assign(this, { robot, halt, onReleased });
+    this.element = byTestId(root, "stop-bar");
+    this.release = byTestId(root, "release"); // drivers have one
+    this.failure = "";
+    this.stopping = new Stopping({ tell, post: () => stop(robot), onChange: () => this.show() });
+    this.listen(byTestId(root, "stop"));
+  }
+
+  // On the press, not on the click: a second finger beside the stick makes no click. What is left for
+  // click is the keyboard and assistive technology (detail 0).
+  listen(button) {
+    button.addEventListener("pointerdown", () => this.press());
+    button.addEventListener("click", ({ detail }) => detail === 0 && this.press());
+    stopOnSpace(window, () => this.press());
+    if (!this.release) return;
+    this.hold = new Hold({
+      onDone: () => this.letGo(),
+      onState: (state) => this.showHold(state),
+    });
+    this.hold.listen(this.release);
+  }
+
+  press() {
+    this.failure = "";
+    this.stopping.press(); // first of all: halting may wait for nothing, but might fail
+    this.halt();
+    this.hold?.cancel();
+  }
+
+  hear(stopped) {
+    if (!stopped) this.failure = "";
+    // Who holds the button has yet to see the other stop.
+    if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
+    this.stopping.hear(stopped);
+  }
+
+  show() {
+    const { kind, by, at, detail } = this.stopping.shown;
+    this.element.dataset.stop = kind;
+    const words = texts[kind]({ by, at: localTime(at), detail });
+    setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
+    if (this.release) this.release.hidden = !this.stopping.stopped;
+  }
+
+  showHold(state) {
+    this.release.dataset.hold = state;
+    setText(part(this.release, "release-text"), releaseTexts[state]);
+  }
+
+  async letGo() {
+    const { stopped } = this.stopping;
+    if (!stopped) return;
+    const answer = await release(this.robot, stopped);
+    if (answer.ok) return this.onReleased();
+    this.failure = releaseTexts.failed(answer.detail);
+    this.show();
+  }
+}

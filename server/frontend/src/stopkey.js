@@ -1,0 +1,24 @@
+// The space bar stops the robot wherever it is pressed on the drive page, except in a text that is being typed
+// and on a button that is there to be held. It neither scrolls nor presses what has the focus.
+
+import { matches } from "./page.js";
+
+const TEXT = "input:not([type=range]), textarea, [contenteditable]";
+const HELD = "[data-hold]";
+
+export function stopOnSpace(target, onStop) {
+  target.addEventListener("keydown", (event) => meant(event) && act(event, onStop), { capture: true });
+  // Firefox presses a button on the keyup.
+  target.addEventListener("keyup", (event) => meant(event) && event.preventDefault(), { capture: true });
+}
+
+function act(event, onStop) {
+  event.preventDefault();
+  event.stopPropagation();
+  if (!event.repeat) onStop();
+}
+
+export function meant({ code, target, ctrlKey, altKey, metaKey, isComposing }) {
+  if (code !== "Space" || ctrlKey || altKey || metaKey || isComposing) return false;
+  return !matches(target, TEXT) && !matches(target, HELD);
+}

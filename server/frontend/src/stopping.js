@@ -1,0 +1,80 @@
+// What the Stop button does: says it on every way that there is, none waiting for another, and says again
+// until the server has it. What it shows is what is confirmed and nothing more. Pure but for its timer.
+
+const AGAIN_MS = 1000;
+const TRIES = 15;
+const HEARD_MS = 5000; // by then the control object has come, or the stop is released again
+
+// `a` and `b` as in the control object; the robot's confirmation makes no other stop of one.
+export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;
+
+export class Stopping {
+  // `tell()` says it on the page's own connection, if that is open; `post()` asks the API and gives
+  // {ok, status, detail}. `onChange()` tells that `shown` may be another.
+  constructor({ tell, post, onChange }) {
+    Object.assign(this, { tell, post, onChange });
+    this.stopped = null; // as in the control object
+    this.state = "idle"; // "asked": no answer yet; "heard": the server has it; "unheard", "failed", "refused"
+    this.detail = "";
+    this.round = 0;
+  }
+
+  press() {
+    this.round += 1;
+    this.state = "asked";
+    this.attempt(this.round, TRIES);
+    this.onChange();
+  }
+
+  async attempt(round, tries) {
+    clearTimeout(this.timer);
+    this.tell();
+    const answer = await this.post();
+    if (round === this.round) this.settle(answer, round, tries - 1);
+  }
+
+  settle({ ok, status, detail }, round, tries) {
+    if (this.state === "idle") return; // the control object has told meanwhile
+    this.detail = detail;
+    this.state = ok ? "heard" : refusal(status, tries);
+    if (ok) this.later(HEARD_MS, () => this.rest());
+    else if (this.state === "unheard") this.later(AGAIN_MS, () => this.attempt(round, tries));
+    this.onChange();
+  }
+
+  later(ms, act) {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(act, ms);
+  }
+
+  // `stopped` of the control object.
+  hear(stopped) {
+    const before = this.stopped;
+    this.stopped = stopped ?? null;
+    // An earlier stop, or its release, says nothing of one that is still on its way.
+    const onItsWay = ["asked", "unheard"].includes(this.state);
+    const another = this.stopped && !sameStop(before, this.stopped);
+    if (another || (before && !onItsWay)) this.rest();
+    else this.onChange();
+  }
+
+  rest() {
+    clearTimeout(this.timer);
+    this.state = "idle";
+    this.onChange();
+  }
+
+  // {kind, by, at, detail}: "none", "asked", "heard", "unheard" (tried again), "failed", "refused", "stopping"
+  // (the robot has not confirmed it), "stopped".
+  get shown() {
+    if (!this.stopped) return { kind: this.state === "idle" ? "none" : this.state, detail: this.detail };
+    const { by, at, confirmed } = this.stopped;
+    return { kind: confirmed ? "stopped" : "stopping", by, at };
+  }
+}
+
+// An answer that another attempt cannot change ends them.
+function refusal(status, tries) {
+  if (status !== 0 && status !== 429 && status < 500) return "refused";
+  return tries > 0 ? "unheard" : "failed";
+}

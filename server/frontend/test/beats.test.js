@@ -1,0 +1,74 @@
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { Beats } from "../src/beats.js";
+
+const AHEAD_MS = 5000; // of the relay's clock before this page's
+
+let clock, sent, beats;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setInterval"] });
+  clock = 100;
+  sent = [];
+  beats = new Beats({ now: () => clock });
+  beats.start((message) => sent.push(message));
+});
+
+// The relay answers at once; the way back takes `back` ms.
+function answer(back) {
+  const relay_ms = clock + AHEAD_MS;
+  clock += back;
+  beats.hear({ relay_ms });
+}
+
+test("a beat goes out at once and then every 250 ms, until the connection ends", () => {
+  assert.deepEqual(sent, [{ op: "robotether.beat", t_ms: 100 }]);
+  mock.timers.tick(1000);
+  assert.equal(sent.length, 5);
+  beats.stop();
+  mock.timers.tick(1000);
+  assert.equal(sent.length, 5);
+});
+
+test("nothing is known before the first answer, and nothing of an earlier connection after the next one", () => {
+  assert.equal(beats.stamp(100), undefined);
+  answer(10);
+  assert.ok(beats.stamp(100));
+  beats.start(() => {});
+  assert.equal(beats.stamp(100), undefined);
+});
+
+test("the answer that came fastest counts, so that a moment is told too early by no more than that", () => {
+  answer(300);
+  assert.equal(beats.stamp(1000).t_ms, 1000 + AHEAD_MS - 300);
+  answer(20);
+  answer(400);
+  assert.equal(beats.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
+});
+
+test("answers older than 10 s no longer count: clocks drift, and a sleep stops one of them", () => {
+  answer(20);
+  clock += 9000;
+  answer(80);
+  assert.equal(beats.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
+  clock += 1000;
+  assert.equal(beats.stamp(1000).t_ms, 1000 + AHEAD_MS - 80);
+  clock += 10_000;
+  assert.equal(beats.stamp(1000), undefined);
+});
+
+test("a moment is never told later than it was, whatever the ways take", () => {
+  for (const back of [5, 90, 0, 700, 33]) {
+    answer(back);
+    const { t_ms } = beats.stamp(clock);
+    assert.ok(t_ms <= clock + AHEAD_MS, `${t_ms} is later than ${clock + AHEAD_MS}`);
+  }
+});
+
+test("an answer without the relay's time changes nothing", () => {
+  beats.hear({});
+  beats.hear({ relay_ms: "soon" });
+  assert.equal(beats.stamp(100), undefined);
+});

@@ -1,0 +1,90 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, test } from "node:test";
+
+import { openLink } from "../src/link.js";
+
+let socket, told, link;
+const original = globalThis.WebSocket;
+
+class FakeSocket {
+  static CONNECTING = 0;
+  static OPEN = 1;
+  static CLOSING = 2;
+  static CLOSED = 3;
+  readyState = FakeSocket.CONNECTING;
+  sent = [];
+
+  constructor() {
+    socket = this;
+  }
+
+  send(text) {
+    this.sent.push(JSON.parse(text));
+  }
+
+  close() {}
+}
+
+beforeEach(async () => {
+  globalThis.WebSocket = FakeSocket;
+  told = { robot: [], relay: [], opened: 0 };
+  link = openLink("wss://server/ros", {
+    onOpen: () => (told.opened += 1),
+    onMessage: (message) => told.robot.push(message.op),
+    onOwn: (message) => told.relay.push(message),
+    onClose: () => {},
+  });
+  for (let i = 0; i < 5; i++) await Promise.resolve(); // roslib waits for its transport
+});
+
+afterEach(() => {
+  globalThis.WebSocket = original;
+});
+
+function open() {
+  socket.readyState = FakeSocket.OPEN;
+  socket.onopen({});
+}
+
+const receive = (message) => socket.onmessage({ data: JSON.stringify(message) });
+
+test("operations of our own reach their handler and not roslib's", () => {
+  open();
+  assert.equal(told.opened, 1);
+  receive({ op: "robotether.control", control: { driver: null } });
+  receive({ op: "status", level: "error", msg: "cannot publish to /x" });
+  assert.deepEqual(told.relay, [{ op: "robotether.control", control: { driver: null } }]);
+  assert.deepEqual(told.robot, ["status"]);
+});
+
+test("what is no message of rosbridge ends nothing", () => {
+  open();
+  socket.onmessage({ data: "{" });
+  socket.onmessage({ data: "null" });
+  socket.onmessage({ data: new ArrayBuffer(1) });
+  receive({ op: 5 });
+  assert.deepEqual(told.robot, []);
+});
+
+test("an operation of our own is sent now or never", () => {
+  assert.equal(link.tell({ op: "robotether.stop" }), false);
+  open();
+  assert.deepEqual(socket.sent, []);
+  assert.equal(link.tell({ op: "robotether.stop" }), true);
+  assert.deepEqual(socket.sent, [{ op: "robotether.stop" }]);
+  socket.readyState = FakeSocket.CLOSING;
+  assert.equal(link.tell({ op: "robotether.stop" }), false);
+});
+
+test("a command carries its moment beside the message", () => {
+  open();
+  const channel = link.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
+  channel.publish({ linear: {} }, { t_ms: 5 });
+  channel.publish({ linear: {} }, undefined);
+  const [advertise, ...published] = socket.sent;
+  assert.equal(advertise.op, "advertise");
+  assert.deepEqual(published, [
+    { op: "publish", topic: "/cmd_vel", msg: { linear: {} }, robotether: { t_ms: 5 } },
+    { op: "publish", topic: "/cmd_vel", msg: { linear: {} } },
+  ]);
+});

@@ -1,0 +1,162 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { Seat } from "../src/seat.js";
+
+const SINCE = "2026-01-01T12:03:00Z";
+const ann = { user: "ann", since: SINCE, fence: 1 };
+const ben = { user: "ben", since: SINCE, passes_at: SINCE };
+const me = { user: "me", since: SINCE, passes_at: SINCE };
+const stopped = { by: "ben", at: SINCE, confirmed: true };
+
+let moves, seat;
+
+function sitDown(level) {
+  moves = [];
+  seat = new Seat({ me: "me", level, onMove: () => moves.push(seat.mode) });
+}
+
+beforeEach(() => sitDown("drive"));
+
+function askAnn() {
+  seat.lose("lease_held", "");
+  seat.hear({ driver: ann });
+  seat.ask();
+  seat.hear({ driver: ann, waiting: me });
+}
+
+test("who may drive begins as a driver, who may not watches", () => {
+  assert.equal(seat.mode, "drive");
+  assert.equal(seat.armed, true);
+  sitDown("observe");
+  assert.equal(seat.mode, "observe");
+  assert.deepEqual(seat.deeds(true), []);
+});
+
+for (const why of ["superseded", "robot_stopped", "lease_held", "lease_lost"]) {
+  test(`after ${why} the page watches, not armed, and does not come back by itself`, () => {
+    seat.lose(why, "reason");
+    assert.equal(seat.mode, "observe");
+    assert.equal(seat.armed, false);
+    seat.hear({ driver: null });
+    seat.hear({ driver: null, reserved: me });
+    assert.equal(seat.mode, "observe");
+    assert.deepEqual(moves, []);
+  });
+}
+
+test("control that is kept for who asked is taken, not armed, and drives after a word of the person", () => {
+  askAnn();
+  seat.hear({ driver: null, reserved: me });
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(seat.armed, false);
+  assert.equal(seat.note.why, "arrived");
+  assert.deepEqual(seat.deeds(true), ["arm", "leave"]);
+  seat.arm();
+  assert.equal(seat.armed, true);
+});
+
+test("control that comes before the question was seen standing is taken as well", () => {
+  seat.lose("lease_held", "");
+  seat.ask();
+  seat.hear({ driver: null, reserved: me });
+  assert.deepEqual(moves, ["drive"]);
+});
+
+test("a driver who leaves leaves the control to who asked", () => {
+  askAnn();
+  seat.hear({ driver: null });
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(seat.armed, false);
+});
+
+test("a question that is gone while the driver stays was refused", () => {
+  askAnn();
+  seat.hear({ driver: ann, waiting: null });
+  assert.deepEqual(seat.note, { why: "refused", by: "ann" });
+  assert.equal(seat.asked, null);
+  seat.hear({ driver: null, reserved: me });
+  assert.deepEqual(moves, []);
+});
+
+test("news from before the question is no refusal", () => {
+  seat.lose("lease_held", "");
+  seat.ask();
+  seat.hear({ driver: ann });
+  assert.equal(seat.asked, "sent");
+});
+
+test("a question that was withdrawn brings no control", () => {
+  askAnn();
+  seat.forget();
+  seat.hear({ driver: null, reserved: me });
+  assert.deepEqual(moves, []);
+});
+
+test("a stop ends the question, whatever else the news says", () => {
+  askAnn();
+  seat.hear({ driver: null, stopped });
+  assert.equal(seat.asked, null);
+  assert.equal(seat.note.why, "stopped_meanwhile");
+  assert.deepEqual(moves, []);
+});
+
+test("a question answered for another window of the same person ends here", () => {
+  askAnn();
+  seat.hear({ driver: { ...ann, user: "me" } });
+  assert.equal(seat.asked, null);
+  assert.deepEqual(moves, []);
+});
+
+test("after a release the page drives again, not armed", () => {
+  seat.lose("robot_stopped", "");
+  seat.drive("released");
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(seat.armed, false);
+});
+
+test("who takes the wheel by a press is armed at once", () => {
+  seat.lose("superseded", "");
+  seat.drive();
+  assert.equal(seat.armed, true);
+});
+
+test("who gives up the control watches", () => {
+  seat.leave();
+  assert.deepEqual(moves, ["observe"]);
+  assert.equal(seat.armed, false);
+  assert.equal(seat.note.why, "left");
+});
+
+test("only the driver's own page is asked", () => {
+  seat.hear({ driver: { ...ann, user: "me" }, waiting: ben });
+  assert.equal(seat.asking.user, "ben");
+  seat.lose("superseded", "");
+  assert.equal(seat.asking, null);
+});
+
+test("what can be done depends on who drives, who waits and whether the robot is stopped", () => {
+  const offered = (control) => {
+    seat.hear(control);
+    return seat.deeds(true);
+  };
+  seat.lose("lease_held", "");
+  assert.deepEqual(offered({ driver: null }), ["drive"]);
+  assert.deepEqual(offered({ driver: { ...ann, user: "me" } }), ["drive"]);
+  assert.deepEqual(offered({ driver: null, reserved: ben }), []);
+  assert.deepEqual(offered({ driver: ann }), ["ask"]);
+  assert.deepEqual(offered({ driver: ann, waiting: ben }), []);
+  assert.deepEqual(offered({ driver: null, stopped }), []);
+  seat.ask();
+  assert.deepEqual(offered({ driver: ann, waiting: me }), ["withdraw"]);
+  assert.deepEqual(seat.deeds(false), []);
+});
+
+test("a manager can take the control, also while asking", () => {
+  sitDown("manage");
+  seat.lose("lease_held", "");
+  seat.hear({ driver: ann });
+  assert.deepEqual(seat.deeds(true), ["ask", "take"]);
+  seat.ask();
+  assert.deepEqual(seat.deeds(true), ["withdraw", "take"]);
+});
