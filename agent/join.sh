@@ -30,6 +30,8 @@ usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of t
   --mac MAC                the MAC that names the robot
   --allow-local-mac        a locally administered MAC may name it
   --rosbridge-url URL      where rosbridge is, if not at ws://127.0.0.1:9090
+  --no-guard               a bare forward to rosbridge: nothing stops the robot when its commands stop
+  --http-proxy URL         http://[USER:PASSWORD@]HOST:PORT that the agent goes through; this line itself goes by https_proxy
   --wheelhouse DIR         take Python packages from this folder, not from the internet
   --image                  prepare an SD card image: install and enable, but neither join nor start
 TEXT
@@ -72,16 +74,17 @@ at_exit() {
 # --- the options ---
 
 read_options() {
-  server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse=''
+  server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse='' proxy='' no_guard=''
   image='' uninstall='' yes=''
   while [ $# -gt 0 ]; do
     case $1 in
-      --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --wheelhouse)
+      --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --http-proxy | --wheelhouse)
         [ $# -ge 2 ] || fail "cannot use $1: its value is missing"
         take_value "$1" "$2"
         shift
         ;;
       --allow-local-mac) local_mac=true ;;
+      --no-guard) no_guard=1 ;;
       --image) image=1 ;;
       --uninstall) uninstall=1 ;;
       --yes) yes=1 ;;
@@ -95,7 +98,7 @@ read_options() {
 # The values become lines of a TOML file and arguments: none needs a quote, a blank or a backslash.
 take_value() {
   case $2 in
-    '' | -* | *[!A-Za-z0-9._:/@+=,[\]-]*) fail "cannot use $1 '$2': allowed are letters, digits and ._:/@+=,[]-" ;;
+    '' | -* | *[!A-Za-z0-9._:/@+=,%[\]-]*) fail "cannot use $1 '$2': allowed are letters, digits and ._:/@+=,%[]-" ;;
   esac
   case $1 in
     --server) server=$2 ;;
@@ -105,6 +108,7 @@ take_value() {
     --interface) interface=$2 ;;
     --mac) mac=$2 ;;
     --rosbridge-url) rosbridge=$2 ;;
+    --http-proxy) proxy=$2 ;;
     --wheelhouse) wheelhouse=$2 ;;
   esac
 }
@@ -321,6 +325,8 @@ write_config() { # file
   set_text "$1" interface "$interface"
   set_text "$1" name "$name"
   set_text "$1" rosbridge_url "$rosbridge"
+  set_text "$1" http_proxy "$proxy"
+  if [ -n "$no_guard" ]; then set_text "$1" guard off; fi
   if [ -n "$local_mac" ]; then set_key "$1" allow_local_mac true; fi
   if [ -n "$token" ]; then remove_key "$1" token; set_text "$1" token_file "$TOKEN"; fi
 }
@@ -336,6 +342,7 @@ ensure_config() {
   if [ -d /etc/robotether ]; then keep_copy "$CONFIG"; keep_copy "$TOKEN"; else on_failure 'rm -rf /etc/robotether'; fi
   install -d -m 755 /etc/robotether
   install -m 644 "$work/agent.toml" "$CONFIG"
+  if grep -q '^http_proxy.*@' "$CONFIG"; then chgrp "$ACCOUNT" "$CONFIG" && chmod 640 "$CONFIG"; fi
   if [ -z "$token" ]; then return; fi
   install -m 640 -o root -g "$ACCOUNT" /dev/null "$TOKEN"
   printf '%s\n' "$token" > "$TOKEN"

@@ -1,7 +1,7 @@
 """The agent's main loop: who this robot is, its place on the server, its connections, its status.
 
-Started by the cli's `run`. Ends only on a problem that no retry mends, or when it is cancelled; it then
-leaves no SSH client, no control socket and no half-written file behind.
+Started by the cli's `run`. Ends only on a problem that no retry mends, or when it is cancelled; the guard then
+stops the robot first, and no process, no control socket and no half-written file is left behind.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import suppress
 from functools import partial
 from random import Random
 from typing import Any
@@ -19,9 +20,18 @@ from robotether_agent.connection import Role
 from robotether_agent.dialer import Dialer
 from robotether_agent.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
+from robotether_agent.guard_keeper import GuardKeeper, GuardView
+from robotether_agent.guard_process import guard_command
 from robotether_agent.health import Health
+from robotether_agent.media.door import MediaDoor
 from robotether_agent.notify import Notifier
-from robotether_agent.problems import KeyRefused, Problem, ServerUnreachable, SessionEnded
+from robotether_agent.problems import (
+    KeyRefused,
+    Problem,
+    ServerUnreachable,
+    SessionEnded,
+    StateUnusable,
+)
 from robotether_agent.session import Checked, Config, Session
 from robotether_agent.settings import Settings
 from robotether_agent.ssh_command import Forward, Target, forward_to
@@ -31,6 +41,7 @@ from robotether_agent.tasks import first_of
 from robotether_agent.wishes import Wishes
 
 STATUS_EVERY_S = 2.0
+LOCALHOST = "127.0.0.1"
 # The server's word for a shell that an admin has switched off.
 SHELL_OFF = "shell_off"
 
@@ -52,6 +63,8 @@ class Agent:
         self._session_up = asyncio.Event()
         self._wishes = Wishes(allows_shell=bool(settings.shell_address))
         self._recheck = asyncio.Event()
+        self._guard_moved = asyncio.Event()
+        self._guard = self._keeper() if settings.guard == "on" else None
 
     async def run(self) -> None:
         """Keep the robot connected."""
@@ -62,15 +75,36 @@ class Agent:
             # Ready means running, not connected: the boot must not wait for a server that is down.
             self._notifier.ready()
             try:
-                await first_of(*self._work())
+                # In this order: the guard stops the robot while its tunnels still stand.
+                await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
             except Problem as problem:
                 self._board.tell(problem, "stopped")
                 raise
             finally:
                 self._notifier.stopping()
                 self._board.set(
-                    state="stopped", rtt_ms=-1.0, video_tunnel="closed", shell_tunnel="off"
+                    state="stopped",
+                    rtt_ms=-1.0,
+                    video_tunnel="closed",
+                    shell_tunnel="off",
+                    guard="off" if self._guard is None else "down",
                 )
+
+    def _keeper(self) -> GuardKeeper:
+        ours = self._settings
+        command = guard_command(ours.state_dir, ours.run_dir, ours.log_level)
+        return GuardKeeper(ours.rosbridge_url, command, on_change=self._show_guard)
+
+    async def _keep_guard(self) -> None:
+        if self._guard is None:
+            log.warning("the guard is off: nothing stops this robot when commands stop")
+            self._board.set(guard="off")
+            await asyncio.Event().wait()
+        else:
+            with suppress(StateUnusable):
+                # The session's attempts tell of it; a robot in motion needs its guard all the same.
+                ensure_directory(self._settings.state_dir, "state_dir", 0o700)
+            await self._guard.run()
 
     def _work(self) -> list[Coroutine[Any, Any, None]]:
         def keep(
@@ -96,10 +130,12 @@ class Agent:
         self._board.set(state="connecting", robot=enrolment.robot)
         role = Role(
             kind="session",
-            forward=lambda config: forward_to(self._settings.rosbridge_url, config.ros_port),
+            forward=self._ros_forward,
+            moved=self._guard_moved,
             on_up=partial(self._session_is_up, uptime),
             health=self._health,
             recheck=self._recheck,
+            guard=self._guard,
         )
         try:
             await self._dialer.connect(enrolment, await self._enroller.key(), role)
@@ -118,12 +154,18 @@ class Agent:
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
+        door = MediaDoor(self._settings.video_url)
+        port = await door.start()
         role = Role(
             kind="media",
-            forward=lambda config: forward_to(self._settings.video_url, config.video_port),
+            forward=lambda config: Forward(config.video_port, LOCALHOST, port),
             on_up=partial(self._media_is_up, uptime),
+            door=door,
         )
-        await self._connect(role)
+        try:
+            await self._connect(role)
+        finally:
+            await door.close()
 
     async def _shell_attempt(self, uptime: Uptime) -> None:
         await self._wishes.shell.wait()
@@ -140,6 +182,13 @@ class Agent:
             self._wishes.shell.clear()
             self._board.set(shell_tunnel="off")
             log.info("robot %s: the server wants no shell any more", self._board.status.robot)
+
+    def _ros_forward(self, config: Config) -> Forward | None:
+        """Return the forward to the guard, which there is none of while there is no guard."""
+        if self._guard is None:
+            return forward_to(self._settings.rosbridge_url, config.ros_port)
+        port = self._guard.view.port
+        return None if port is None else Forward(config.ros_port, LOCALHOST, port)
 
     def _shell_forward(self, config: Config) -> Forward | None:
         if config.shell_port is None:
@@ -211,6 +260,11 @@ class Agent:
 
     def _no_rotation(self, problem: Problem) -> None:
         self._board.set(new_key=str(problem))
+
+    def _show_guard(self, view: GuardView) -> None:
+        self._guard_moved.set()
+        stopped_by = (view.by or "somebody") if view.stopped else ""
+        self._board.set(guard=view.state, guard_detail=view.detail, stopped_by=stopped_by)
 
     async def _show_health(self) -> None:
         report = self._health.report

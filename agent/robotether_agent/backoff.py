@@ -8,10 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from random import Random
 
-from robotether_agent.problems import Problem, Retry
+from robotether_agent.problems import Problem, Retry, ServerSilent
 
 FIRST_S = 0.5
 LAST_S = 15.0
+# Where the attempt itself waited for an answer, or the server is known to answer now.
+AT_ONCE_S = (0.02, 0.2)
+# After silence on a connection that had stood: the network's, or this machine slept. A server that fell silent towards
+# its whole fleet has seen the others off at the same moment, which this spreads.
+AFTER_SILENCE_S = (0.02, 0.5)
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)
 # A connection that stood this long was a good one: what follows is a new trouble, not the old one.
@@ -33,6 +38,8 @@ def retry_or_give_up(problem: Problem, soon: Iterator[float], rng: Random) -> fl
     """Return the seconds to wait before the next try after `problem`, or None to give up."""
     if problem.retry is Retry.NEVER:
         return None
+    if problem.retry is Retry.AT_ONCE:
+        return rng.uniform(*AT_ONCE_S)
     if problem.retry is Retry.ASK_AGAIN:
         return rng.uniform(*ASK_AGAIN_S)
     if problem.retry is Retry.SLOWLY:
@@ -51,4 +58,6 @@ class Backoff:
         """Return the seconds to wait after `problem` ended a connection that stood `stood_s`."""
         if stood_s >= STABLE_S:
             self._soon = delays(self._rng)
+            if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
+                return self._rng.uniform(*AFTER_SILENCE_S)
         return retry_or_give_up(problem, self._soon, self._rng)

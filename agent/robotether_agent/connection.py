@@ -9,13 +9,15 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import NoReturn
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
 
-from robotether_agent import __version__
+from robotether_agent import __version__, reach
+from robotether_agent.guard_keeper import GuardKeeper
 from robotether_agent.health import Health
+from robotether_agent.media.door import MediaDoor
 from robotether_agent.session import Config, Session
 from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
 from robotether_agent.tasks import first_of, within
@@ -35,36 +37,62 @@ class Role:
     kind: Kind
     # The forward that a configuration asks for on this connection, if any.
     forward: Callable[[Config], Forward | None]
+    # Set when the same configuration may ask for another forward now.
+    moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Told when the forward stands, for the first time and after each change.
     on_up: Callable[[Target, Config, Session], None]
     # Reported to the server, on the session only.
     health: Health | None = None
     # Set when the server's own view of the forwards may be another one; on the session only.
     recheck: asyncio.Event | None = None
+    # What paces the streams on this connection by how it does; on the media one only.
+    door: MediaDoor | None = None
+    # What stops the robot, joined to the session only; None is a bare forward.
+    guard: GuardKeeper | None = None
 
 
 async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
     """Connect, keep the forward, and serve the session until a Problem is raised."""
     tunnel = await Tunnel.open(target, files, role.kind)
     try:
-        session = Session(tunnel.lines_in, tunnel.lines_out)
-        await first_of(
-            session.run(),
-            _keep_forward(tunnel, session, role, target),
-            *([] if role.health is None else [_report(session, role.health)]),
-            *([] if role.recheck is None else [_ask_for_checks(session, role.recheck)]),
-        )
+        if role.door is not None:
+            role.door.use(tunnel.socket)
+        session = Session(tunnel.lines_in, tunnel.lines_out, orders=role.guard)
+        await first_of(*_work(tunnel, session, role, target))
         raise await tunnel.why_ended(was_connected=session.config is not None)
     finally:
+        if role.guard is not None:
+            # Before the client ends, which may take seconds.
+            role.guard.session_lost()
+        if role.door is not None:
+            role.door.hold()
         await tunnel.close()
 
 
+def _work(
+    tunnel: Tunnel, session: Session, role: Role, target: Target
+) -> list[Coroutine[Any, Any, None]]:
+    work = [
+        session.run(),
+        _keep_forward(tunnel, session, role, target),
+        reach.watch(session, tunnel, target),
+    ]
+    if role.health is not None:
+        work.append(_report(session, role.health, role.guard))
+    if role.recheck is not None:
+        work.append(_ask_for_checks(session, role.recheck))
+    if role.guard is not None:
+        work.append(_tell_guard(session, role.guard))
+    return work
+
+
 async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Target) -> None:
-    """Make the live connection's forward follow the configuration."""
-    config: Config | None = None
+    """Make the live connection's forward follow the configuration, and the guard's port."""
     open_now: Forward | None = None
+    told: tuple[Config, Forward | None] | None = None
+    config = await session.new_config(None)
     while True:
-        config = await session.new_config(config)
+        role.moved.clear()
         wanted = role.forward(config)
         if wanted != open_now:
             if open_now is not None:
@@ -72,8 +100,24 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ta
             if wanted is not None:
                 await tunnel.add(wanted)
                 _log_forward(config, wanted)
-            open_now = wanted
-        role.on_up(target, config, session)
+        open_now = wanted
+        if told != (config, wanted):
+            role.on_up(target, config, session)
+            told = (config, wanted)
+        config = await _news(session, config, role.moved)
+
+
+async def _news(session: Session, known: Config, moved: asyncio.Event) -> Config:
+    """Return the newest configuration when it, or where its forward leads, is another one."""
+
+    async def new_config() -> None:
+        await session.new_config(known)
+
+    async def has_moved() -> None:
+        await moved.wait()
+
+    await first_of(new_config(), has_moved())
+    return session.config or known
 
 
 def _log_forward(config: Config, forward: Forward) -> None:
@@ -97,9 +141,10 @@ async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
             await within(CHECK_EVERY_S - CHECK_PAUSE_S, recheck.wait())
 
 
-async def _report(session: Session, health: Health) -> None:
+async def _report(session: Session, health: Health, guard: GuardKeeper | None) -> None:
     """Tell the server who this is, and how the robot's services are at each change."""
-    session.send({"type": "hello", "hostname": socket.gethostname(), "agent_version": __version__})
+    who = {"hostname": socket.gethostname(), "agent_version": __version__}
+    session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
     await session.new_config(None)
     report = health.report
     while True:
@@ -107,3 +152,11 @@ async def _report(session: Session, health: Health) -> None:
             {"type": "health", "ros": report.ros, "video": report.video, "detail": report.detail}
         )
         report = await health.changed(report)
+
+
+async def _tell_guard(session: Session, guard: GuardKeeper) -> None:
+    """Pass on what the guard says."""
+    await session.new_config(None)
+    with guard.following() as lines:
+        while True:
+            session.send(await lines.get())

@@ -22,6 +22,7 @@ from robotether_agent.keys import KeyPair
 from robotether_agent.problems import (
     AnswerInvalid,
     JoinRefused,
+    Problem,
     ServerUnreachable,
     SettingsInvalid,
     StateUnusable,
@@ -29,6 +30,7 @@ from robotether_agent.problems import (
 )
 from robotether_agent.settings import Settings
 from robotether_agent.supervisor import Repeats
+from robotether_agent.tasks import within
 
 # Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
 TOKEN_USELESS = frozenset(
@@ -44,6 +46,9 @@ HARMLESS_ONCE_ENROLLED = (
     SettingsInvalid,
     StateUnusable,
 )
+
+# An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
+QUICK_ANSWER_S = 4.0
 
 log = logging.getLogger(__name__)
 
@@ -97,13 +102,24 @@ class Enroller:
         asks = self._doubted or await self.next_key() is not None
         if known is not None and usable and not asks:
             return known
-        try:
+        if known is None or not usable:
             return await self.join()
+        try:
+            # A web that does not answer must not keep a robot waiting whose tunnel may stand in a moment.
+            return await within(QUICK_ANSWER_S, self.join())
         except HARMLESS_ONCE_ENROLLED as problem:
-            if known is None or not usable:
-                raise
             self._repeats.tell("join", problem)
-            return known
+        except asyncio.TimeoutError:
+            log.debug("the web did not answer in %g s: going by what is known", QUICK_ANSWER_S)
+            self._doubted = False
+        return known
+
+    async def refresh(self) -> None:
+        """Ask where the server is now, for as long as it takes; what goes wrong is only told."""
+        try:
+            await self.join()
+        except Problem as problem:
+            self._repeats.tell("join", problem)
 
     async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""

@@ -1,7 +1,7 @@
 """Typed getters for every field that comes from outside (join answers, session lines, own JSON files).
 
 Each names the field in its error, so that a wrong answer can be understood from one log line.
-Never hands on a value that was not checked.
+Never hands on a value that was not checked. `line_of` writes the lines that the other side reads so.
 """
 
 from __future__ import annotations
@@ -25,12 +25,24 @@ def parse_object(data: bytes | str, what: str) -> JsonObject:
         value = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise FieldError(f"{what} is not JSON: {error}") from error
-    return _object(value, what)
+    return as_object(value, what)
+
+
+def line_of(message: JsonObject) -> bytes:
+    """Return a message as one line of JSON in UTF-8, for the session and the guard's pipes."""
+    return json.dumps(message, separators=(",", ":")).encode() + b"\n"
+
+
+def as_object(value: object, what: str) -> JsonObject:
+    """Return `value` if it is a JSON object; `what` names it in errors."""
+    if not isinstance(value, dict):
+        raise FieldError(f"{what} must be a JSON object, not {_shown(value)}")
+    return cast("JsonObject", value)
 
 
 def get_object(obj: JsonObject, name: str) -> JsonObject:
     """Return the JSON object at `name`."""
-    return _object(_present(obj, name), name)
+    return as_object(_present(obj, name), name)
 
 
 def get_text(obj: JsonObject, name: str, *, default: str | None = None, limit: int = 500) -> str:
@@ -97,12 +109,6 @@ def _present(obj: JsonObject, name: str) -> object:
     if name not in obj:
         raise FieldError(f"field {name} is missing")
     return obj[name]
-
-
-def _object(value: object, what: str) -> JsonObject:
-    if not isinstance(value, dict):
-        raise FieldError(f"{what} must be a JSON object, not {_shown(value)}")
-    return cast("JsonObject", value)
 
 
 def _list(obj: JsonObject, name: str, limit: int) -> list[object]:

@@ -15,6 +15,8 @@ from http import HTTPStatus
 
 import aiohttp
 
+from robotether_agent.dialing.http_proxy import ADVICE as ADVICE_ON_PROXY
+from robotether_agent.dialing.http_proxy import LOGIN_ADVICE, proxy_of
 from robotether_agent.enrolment import SshAccess, parse_host_keys, parse_ssh
 from robotether_agent.fields import (
     FieldError,
@@ -136,6 +138,8 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
             advice="compare it with the one that the server printed and correct tls_fingerprint, or find out who is in "
             "between, such as a captive portal",
         ) from error
+    except (aiohttp.ClientProxyConnectionError, aiohttp.ClientHttpProxyError) as error:
+        raise _no_way_through(settings, error) from error
     except aiohttp.ClientConnectorCertificateError as error:
         raise _untrusted(settings, error.certificate_error) from error
     except (aiohttp.ClientError, OSError, ValueError) as error:
@@ -182,7 +186,11 @@ async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
     async with (
         aiohttp.ClientSession() as http,
         http.post(
-            url, json=request.body(), ssl=_trust(settings), allow_redirects=False
+            url,
+            json=request.body(),
+            ssl=_trust(settings),
+            allow_redirects=False,
+            proxy=settings.http_proxy,
         ) as response,
     ):
         body = bytearray()
@@ -218,6 +226,24 @@ def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
         f"cannot trust the certificate of {settings.server}: {printable(str(error))}",
         advice=f"set tls_fingerprint or ca_file, see that this robot's clock is right (it says {now}), and that no "
         "captive portal is in between",
+    )
+
+
+def _no_way_through(
+    settings: Settings, error: aiohttp.ClientProxyConnectionError | aiohttp.ClientHttpProxyError
+) -> ServerUnreachable:
+    """Return what the HTTP proxy answers, or that it does not."""
+    proxy = proxy_of(settings.http_proxy)
+    if isinstance(error, aiohttp.ClientHttpProxyError):
+        why = f"{proxy} answers {error.status} {printable(error.message, 80)}".rstrip()
+        wants_password = error.status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED
+        return ServerUnreachable(
+            f"cannot reach https://{settings.server}: {why}",
+            advice=LOGIN_ADVICE if wants_password else ADVICE_ON_PROXY,
+        )
+    why = f"{proxy} cannot be reached: {printable(str(error.os_error))}"
+    return ServerUnreachable(
+        f"cannot reach https://{settings.server}: {why}", advice=ADVICE_ON_PROXY
     )
 
 

@@ -16,17 +16,20 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- AnswerInvalid         answer_invalid       slowly
     |- TlsUntrusted          tls_untrusted        slowly
     |- ServerUnreachable     server_unreachable   soon
+    |- NoAnswer              no_answer            at once
     |- HostKeyChanged        host_key_changed     give up (exit 76)
     |- KeyRefused            key_refused          soon
     |- SshIncompatible       ssh_incompatible     slowly
     |- LinkProblem
     |  |- LinkLost           link_lost            soon
-    |  |- ServerSilent       server_silent        soon
+    |  |- ServerSilent       server_silent        soon, or at once when another connection gets an answer
+    |  |- NetworkChanged     network_changed      at once
     |  |- ProtocolBroken     protocol_error       soon
     |  |- SessionRefused     session_refused      soon
     |  |- PortTaken          port_taken           soon
     |  |- ForwardFailed      forward_failed       soon
     |  `- SessionEnded       the server's code    soon or slowly
+    |- GuardDown             guard_down           told, another one is started
     |- RosbridgeDown         rosbridge_down       told, the tunnel stays
     `- VideoDown             video_down           told, the tunnel stays
 """
@@ -40,6 +43,7 @@ from typing import ClassVar
 class Retry(Enum):
     """What to do after a problem; robotether_agent.backoff turns it into seconds."""
 
+    AT_ONCE = "at once"
     SOON = "soon"
     ASK_AGAIN = "ask again"
     SLOWLY = "slowly"
@@ -155,10 +159,18 @@ class TlsUntrusted(Problem):
 
 
 class ServerUnreachable(Problem):
-    """No network, no name service, or nothing that listens."""
+    """Something answered and refused, or the web did not answer."""
 
     default_code = "server_unreachable"
     default_retry = Retry.SOON
+
+
+class NoAnswer(Problem):
+    """No network, no name service, or packets that are dropped: nothing that trying again could harm."""
+
+    default_code = "no_answer"
+    # The attempts themselves take their time and leave pauses between each other.
+    default_retry = Retry.AT_ONCE
 
 
 class HostKeyChanged(Problem):
@@ -204,6 +216,13 @@ class ServerSilent(LinkProblem):
     default_code = "server_silent"
 
 
+class NetworkChanged(LinkProblem):
+    """This robot has another address, or another way to the server."""
+
+    default_code = "network_changed"
+    default_retry = Retry.AT_ONCE
+
+
 class ProtocolBroken(LinkProblem):
     """The server sent a line that the protocol does not know."""
 
@@ -232,6 +251,12 @@ class SessionEnded(LinkProblem):
     """The server said goodbye; its code is kept."""
 
     default_code = "session_ended"
+
+
+class GuardDown(Problem):
+    """The guard process has ended or hangs; the next one stops the robot."""
+
+    default_code = "guard_down"
 
 
 class RosbridgeDown(Problem):

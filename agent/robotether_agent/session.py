@@ -7,14 +7,13 @@ bound, and never holds more than 64 KiB in either direction.
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import re
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -22,10 +21,13 @@ from robotether_agent.fields import (
     get_int,
     get_match,
     get_number,
+    get_object,
     get_optional_port,
     get_text,
+    line_of,
     parse_object,
 )
+from robotether_agent.orders import Orders, handlers
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
 from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of, within
@@ -59,6 +61,9 @@ class Config:
     timeout_s: float
     shell_port: int | None = None
     rotate_key: bool = False
+    # What the guard goes by, its key included; None from a server that is older than the guard.
+    guard: JsonObject | None = field(default=None, repr=False)
+    direct: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,8 @@ class Session:
     """Both ways of one session, and what it brought last.
 
     `rtt_ms` is the newest round trip, `config` the newest configuration, `checked` what the server found at
-    its own end of the tunnels.
+    its own end of the tunnels. The `clock` is the one that the guard judges ages by: the
+    server learns from the pings' `t_ms` what it shows.
     """
 
     def __init__(
@@ -82,7 +88,8 @@ class Session:
         lines_in: asyncio.StreamReader,
         lines_out: asyncio.StreamWriter,
         *,
-        clock: Callable[[], float] = time.monotonic,
+        orders: Orders | None = None,
+        clock: Callable[[], float] = robot_time,
     ) -> None:
         self.config: Config | None = None
         self.rtt_ms: float | None = None
@@ -90,6 +97,8 @@ class Session:
         self._in = lines_in
         self._out = lines_out
         self._clock = clock
+        self._heard_at = clock()
+        self._orders = orders
         self._configured = asyncio.Event()
         self._pings: deque[tuple[int, float]] = deque(maxlen=PINGS_KEPT)
         self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
@@ -98,6 +107,7 @@ class Session:
             "pong": self._on_pong,
             "checked": self._on_checked,
             "bye": self._on_bye,
+            **({} if orders is None else handlers(orders)),
         }
 
     async def run(self) -> None:
@@ -115,7 +125,12 @@ class Session:
         """Send one message; a server that takes none for long ends the session."""
         if self._out.transport.get_write_buffer_size() > UNSENT_LIMIT:
             raise ServerSilent("lost the session: the server takes nothing any more")
-        self._out.write(json.dumps(message, separators=(",", ":")).encode() + b"\n")
+        self._out.write(line_of(message))
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the server was heard last, or since the start."""
+        return self._clock() - self._heard_at
 
     @property
     def _timeout_s(self) -> float:
@@ -123,6 +138,7 @@ class Session:
 
     async def _listen(self) -> None:
         while line := await self._line():
+            self._heard_at = self._clock()
             self._handle(line)
 
     async def _line(self) -> bytes:
@@ -160,7 +176,12 @@ class Session:
             timeout_s=get_number(message, "timeout_s", 0.1, 600),
             shell_port=get_optional_port(message, "shell_port"),
             rotate_key=get_flag(message, "rotate_key", default=False),
+            guard=get_object(message, "guard") if "guard" in message else None,
+            direct=get_flag(message, "direct", default=False),
         )
+        if self._orders is not None:
+            # Before the forward is opened, and before a lease or a stop that follows.
+            self._orders.configured(self.config.guard, direct=self.config.direct)
         self._configured.set()
 
     def _on_ping(self, message: JsonObject) -> None:

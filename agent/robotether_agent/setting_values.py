@@ -16,6 +16,7 @@ HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
 IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
 MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
+PROXY_LOGIN = re.compile(r"[A-Za-z0-9._~!$&'()*+,;=%-]+:[A-Za-z0-9._~!$&'()*+,;=:%-]*")
 INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
 PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
@@ -24,6 +25,7 @@ RUN_DIR_LIMIT = 107 - 17 - len("/session.ctl")
 LAST_PORT = 65535
 PORTS_LIMIT = 8
 PORT = re.compile(r"[0-9]{1,5}")
+ON_OFF = ("on", "off")
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -144,6 +146,41 @@ def rosbridge_url(value: object) -> str:
 def video_url(value: object) -> str:
     """Return an http:// URL without a path."""
     return _local_url(value, "http", 8080)
+
+
+def http_proxy(value: object) -> str:
+    """Return http://[USER:PASSWORD@]HOST:PORT of a proxy; the name and password stay as they are in a URL."""
+    allowed = "http://HOST:PORT or http://USER:PASSWORD@HOST:PORT, with %40 and the like for signs"
+    name = text(value)
+    try:
+        split = urlsplit(name)
+        number = split.port
+    except ValueError as error:
+        raise RefusedValueError(allowed) from error
+    bare = split.path in {"", "/"} and not (split.query or split.fragment)
+    if split.scheme != "http" or not split.hostname or not bare or not number:
+        raise RefusedValueError(allowed)
+    login, at, _ = split.netloc.rpartition("@")
+    if at and not PROXY_LOGIN.fullmatch(login):
+        raise RefusedValueError(allowed)
+    return f"http://{login}{at}{_bracketed(host(split.hostname))}:{number}"
+
+
+def without_login(url: str) -> str:
+    """Return a URL for people to see: without the password in it."""
+    scheme, _, rest = url.partition("://")
+    login, at, address = rest.rpartition("@")
+    return f"{scheme}://(hidden)@{address}" if at and login else url
+
+
+def on_off(value: object) -> str:
+    """Return "on" or "off", also for true and false, which YAML makes of the bare words."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    name = text(value).lower()
+    if name not in ON_OFF:
+        raise RefusedValueError('"on" or "off"')
+    return name
 
 
 def path(value: object) -> Path:

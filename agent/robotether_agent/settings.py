@@ -26,6 +26,8 @@ DEFAULT_FILE = Path("/etc/robotether/agent.toml")
 HTTPS = 443
 PREFIX = "ROBOTETHER_"
 SECRETS = frozenset({"token"})
+# A password may stand in these URLs.
+URLS_WITH_LOGIN = frozenset({"http_proxy"})
 
 PARSERS: dict[str, Callable[[object], Any]] = {
     "server": parse.server,
@@ -33,6 +35,7 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "ca_file": parse.path,
     "ssh_host": parse.host,
     "ssh_ports": parse.ports,
+    "http_proxy": parse.http_proxy,
     "interface": parse.interface,
     "mac": parse.mac,
     "name": parse.robot_name,
@@ -40,6 +43,7 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "rosbridge_url": parse.rosbridge_url,
     "video_url": parse.video_url,
     "shell_address": parse.shell_address,
+    "guard": parse.on_off,
     "state_dir": parse.path,
     "run_dir": parse.run_dir,
     "token": parse.text,
@@ -58,6 +62,7 @@ class Settings:
     ca_file: Path | None = None
     ssh_host: str | None = None
     ssh_ports: tuple[int, ...] | None = None
+    http_proxy: str | None = field(default=None, repr=False)
     interface: str | None = None
     mac: str | None = None
     allow_local_mac: bool = False
@@ -65,6 +70,7 @@ class Settings:
     rosbridge_url: str = "ws://127.0.0.1:9090"
     video_url: str = "http://127.0.0.1:8080"
     shell_address: str = "127.0.0.1:22"
+    guard: str = "on"
     state_dir: Path = Path("/var/lib/robotether-agent")
     run_dir: Path = Path("/run/robotether-agent")
     token: str | None = field(default=None, repr=False)
@@ -103,7 +109,8 @@ class _Given:
     source: str
 
     def refuse(self, why: str) -> SettingsInvalid:
-        shown = "(hidden)" if self.key in SECRETS else repr(self.value)
+        hidden = self.key in SECRETS | URLS_WITH_LOGIN
+        shown = "(hidden)" if hidden else repr(self.value)
         return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")
 
 
@@ -201,6 +208,8 @@ def _shown(key: str, value: object) -> str:
         return "(not set)"
     if key in SECRETS:
         return "(hidden)"
+    if key in URLS_WITH_LOGIN:
+        return parse.without_login(str(value))
     if isinstance(value, bytes):
         return value.hex(":")
     if isinstance(value, bool):

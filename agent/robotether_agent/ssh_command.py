@@ -7,11 +7,14 @@ wrote in /etc/ssh or ~/.ssh must not change how the robot connects.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 from urllib.parse import urlsplit
 
+from robotether_agent.dialing.handover import proxy_options
 from robotether_agent.known_hosts import ALIAS
 
 Kind = Literal["session", "media", "shell"]
@@ -21,13 +24,28 @@ CONNECT_TIMEOUT_S = 10
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "throughput", "shell": "throughput"}
 
 
+class WayThere(Protocol):
+    """What makes the TCP connections that the client is given (robotether_agent.dialing.way)."""
+
+    @property
+    def is_proxied(self) -> bool:
+        """Whether the other end of a connection is not the server's."""
+
+    async def find(self, targets: Sequence[Target], /) -> Target:
+        """Return which of the targets answers."""
+
+    async def open(self, target: Target, /) -> socket.socket:
+        """Return a connection to `target`."""
+
+
 @dataclass(frozen=True)
 class Target:
-    """One SSH address of the server."""
+    """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
 
     host: str
     port: int
     user: str
+    way: WayThere | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.host} port {self.port}"
@@ -69,9 +87,13 @@ def forward_to(url: str, listen_port: int) -> Forward:
 
 
 def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
-    """Return the command of a connection whose stdin and stdout carry the session of `kind`."""
+    """Return the command of a connection whose stdin and stdout carry the session of `kind`.
+
+    It finds its TCP connection in its stderr (robotether_agent.dialing.handover).
+    """
     options = [
         *_trust_options(files.known_hosts),
+        *proxy_options(),
         "ControlPersist=no",
         "ExitOnForwardFailure=yes",
         *(f"IdentityFile={key}" for key in files.keys),
@@ -84,8 +106,12 @@ def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
 
 
 def host_key_command(target: Target, known_hosts: Path) -> list[str]:
-    """Return the command that checks the server's host key, and gets no further than that."""
+    """Return the command that checks the server's host key, and gets no further than that.
+
+    It, too, finds its TCP connection in its stderr.
+    """
     options = [*_trust_options(known_hosts), "IdentityFile=none", "PreferredAuthentications=none"]
+    options += proxy_options()
     return _command(target, options, ["-S", "none"], "session")
 
 

@@ -54,6 +54,11 @@ class Status:
     ros_detail: str = ""
     video: str = "unknown"
     video_detail: str = ""
+    # ready, down, or off by the settings; why it is down, or lets nobody drive.
+    guard: str = "unknown"
+    guard_detail: str = ""
+    # Who stopped the robot; empty while it is not stopped.
+    stopped_by: str = ""
     video_tunnel: str = "closed"
     # off: nobody wants one; else open or closed.
     shell_tunnel: str = "off"
@@ -133,7 +138,8 @@ def headline(status: Status) -> str:
     text = MEANINGS.get(status.state, status.state)
     if status.state == CONNECTED:
         services = f"rosbridge {status.ros}, video {status.video}"
-        return f"{text} to {status.server} as {status.robot}; {services}"
+        stopped = f"STOPPED by {status.stopped_by}; " if status.stopped_by else ""
+        return f"{text} to {status.server} as {status.robot}; {stopped}{services}"
     return f"{text}: {_sentence(status)}" if has_problem(status) else text
 
 
@@ -178,7 +184,10 @@ def render(status: Status, now: float) -> str:
             ("shell tunnel", status.shell_tunnel),
             ("end to end", _end_to_end(status)),
         ]
+    if status.stopped_by:
+        rows += [("STOPPED", f"by {status.stopped_by}; a driver releases it on its page")]
     rows += [
+        ("guard", _service(status.guard, status.guard_detail)),
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
@@ -233,7 +242,8 @@ def _parse(obj: JsonObject) -> Status:
     values: dict[str, str | float] = {}
     for item in fields(Status):
         if isinstance(item.default, str):
-            values[item.name] = get_text(obj, item.name, limit=2000)
-        else:
+            # An agent of an earlier version, which `switch` asks too, says less.
+            values[item.name] = get_text(obj, item.name, default=item.default, limit=2000)
+        elif item.name in obj:
             values[item.name] = get_number(obj, item.name, -1, 1e12)
     return Status(**values)  # type: ignore[arg-type]  # each was checked against its field's default

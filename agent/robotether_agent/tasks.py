@@ -12,17 +12,19 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
-async def first_of(*work: Coroutine[Any, Any, None]) -> None:
+async def first_of(*work: Coroutine[Any, Any, None], in_order: bool = False) -> None:
     """Run all of `work` until one ends, end the others, and raise what the ended one raised.
 
-    If several end in the same moment, the one named first counts.
+    If several end in the same moment, the one named first counts. With `in_order` each has ended before the
+    next one named is told to.
     """
     tasks = [asyncio.ensure_future(coroutine) for coroutine in work]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         ended = next(task for task in tasks if task.done())
     finally:
-        await _end(tasks)
+        for group in [[task] for task in tasks] if in_order else [tasks]:
+            await _end(group)
     ended.result()
 
 

@@ -1,7 +1,7 @@
-"""One SSH connection to the server: OpenSSH's own client as a child process.
+"""One SSH connection to the server: OpenSSH's own client as a child process, on a TCP connection that we made.
 
 Its stdin and stdout carry the session's lines; its control socket takes remote forwards while it runs.
-Opened by robotether_agent.connection. Never leaves a child or a control socket behind, whatever fails.
+Opened by robotether_agent.connection. Never leaves a child, a control socket or a connection behind, whatever fails.
 """
 
 from __future__ import annotations
@@ -10,11 +10,15 @@ import asyncio
 import logging
 import os
 import signal
+import socket
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Literal
 
+from robotether_agent.dialing.handover import stderr_with
+from robotether_agent.dialing.socket_options import specialise
+from robotether_agent.dialing.way import Way
 from robotether_agent.problems import ForwardFailed, Problem, SshMissing
 from robotether_agent.ssh_command import (
     Forward,
@@ -38,25 +42,49 @@ log = logging.getLogger(__name__)
 
 
 class Tunnel:
-    """A running SSH client; `lines_in` and `lines_out` are the session's two directions."""
+    """A running SSH client; `lines_in` and `lines_out` are the session's two directions.
 
-    def __init__(self, process: Process, target: Target, files: SshFiles) -> None:
-        if process.stdin is None or process.stdout is None or process.stderr is None:
-            raise ValueError("the SSH client must run with three pipes")
+    `socket` is the TCP connection under it, to look at and never to use; None without one.
+    """
+
+    def __init__(
+        self,
+        process: Process,
+        target: Target,
+        files: SshFiles,
+        connection: socket.socket | None,
+        stderr: tuple[asyncio.StreamReader, asyncio.StreamWriter],
+    ) -> None:
+        if process.stdin is None or process.stdout is None:
+            raise ValueError("the SSH client must run with two pipes")
         self.lines_in = process.stdout
         self.lines_out = process.stdin
+        self.socket = connection
         self._process = process
         self._target = target
         self._files = files
         self._stderr = b""
-        self._listener = asyncio.ensure_future(self._listen(process.stderr))
+        words, self._stderr_end = stderr
+        self._listener = asyncio.ensure_future(self._listen(words))
 
     @classmethod
     async def open(cls, target: Target, files: SshFiles, kind: Kind) -> Tunnel:
-        """Start a client; whether it connects shows when it sends lines or ends."""
-        if _exists(files.control):
-            await _remove_stale(files.control)
-        return cls(await _start(connect_command(target, files, kind), stdin=PIPE), target, files)
+        """Start a client; whether it logs in shows when it sends lines or ends."""
+        with ExitStack() as unless_open:
+            connection = await (target.way or Way()).open(target)
+            unless_open.callback(connection.close)
+            specialise(connection, kind)
+            if _exists(files.control):
+                await _remove_stale(files.control)
+            ours, clients = stderr_with(connection)
+            unless_open.callback(ours.close)
+            with clients:
+                command = connect_command(target, files, kind)
+                process = await _start(command, PIPE, clients.fileno())
+            unless_open.callback(_signal, process, signal.SIGKILL)
+            stderr = await asyncio.open_connection(sock=ours)
+            unless_open.pop_all()
+            return cls(process, target, files, connection, stderr)
 
     async def add(self, forward: Forward) -> None:
         """Open `forward` on the live connection."""
@@ -84,6 +112,9 @@ class Tunnel:
             await _end(self._process)
         finally:
             self._listener.cancel()
+            self._stderr_end.close()
+            if self.socket is not None:
+                self.socket.close()
             _remove(self._files.control)
 
     async def _control(self, action: Literal["forward", "cancel"], forward: Forward) -> None:
@@ -97,9 +128,17 @@ class Tunnel:
             raise why_no_forward(words, forward, action)
 
     async def _listen(self, stderr: asyncio.StreamReader) -> None:
-        while chunk := await stderr.read(4096):
+        while chunk := await _read(stderr):
             log.debug("ssh %s: %s", self._target, chunk.decode(errors="replace").rstrip())
             self._stderr = (self._stderr + chunk)[-STDERR_KEPT:]
+
+
+async def _read(stderr: asyncio.StreamReader) -> bytes:
+    try:
+        return await stderr.read(4096)
+    except ConnectionError:
+        # A client that ends while something is on its way to it resets its stderr, for that is a socket.
+        return b""
 
 
 async def _remove_stale(control: Path) -> None:
@@ -116,13 +155,13 @@ def _remove(control: Path) -> None:
     control.unlink(missing_ok=True)
 
 
-async def _start(command: list[str], stdin: int) -> Process:
+async def _start(command: list[str], stdin: int, stderr: int = PIPE) -> Process:
     try:
         return await asyncio.create_subprocess_exec(
             *command,
             stdin=stdin,
             stdout=PIPE,
-            stderr=PIPE,
+            stderr=stderr,
             limit=LINE_LIMIT,
             env=child_environment(),
             # A Ctrl-C in the terminal is for the agent, which then ends its clients in order.

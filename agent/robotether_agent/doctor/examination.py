@@ -34,6 +34,7 @@ async def examine(settings: Settings) -> AsyncIterator[Finding]:
         yield finding
     yield tunnel.check_service(systemd.state(), status)
     yield await machine.check_rosbridge(settings)
+    yield tunnel.check_guard(settings, status)
     yield await machine.check_video(settings)
     yield await machine.check_shell(settings)
     yield tunnel.check_session(status)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 
 from robotether_agent import known_hosts
+from robotether_agent.dialing.handover import stderr_with
+from robotether_agent.dialing.http_proxy import proxy_of
+from robotether_agent.dialing.way import Way
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.known_hosts import HostKey
 from robotether_agent.problems import (
     HostKeyChanged,
     KeyRefused,
+    NoAnswer,
     Problem,
     ServerUnreachable,
     SshMissing,
@@ -72,6 +77,23 @@ def check_service(state: str | None, status: Status | None) -> Finding:
     return ok("service", f"robotether-agent {status.agent_version} runs (pid {status.pid:.0f})")
 
 
+def check_guard(settings: Settings, status: Status | None) -> Finding:
+    """Whether something stops the robot when its commands stop, and whether somebody has stopped it."""
+    step = "guard"
+    if settings.guard == "off":
+        return skipped(step, "off in the settings: nothing stops this robot when commands stop")
+    if status is None:
+        return skipped(step, "no agent runs")
+    if status.guard != "ready":
+        detail = status.guard_detail or "it does not run"
+        return fail(step, f"{status.guard}: {detail}", "journalctl -u robotether-agent tells why")
+    if status.guard_detail:
+        return fail(step, status.guard_detail, "upgrade the server first, then the robots")
+    if status.stopped_by:
+        return skipped(step, f"stopped by {status.stopped_by}; a driver releases it on its page")
+    return ok(step, "ready; it stops the robot when commands stop")
+
+
 def check_session(status: Status | None) -> Finding:
     """Whether the robot is connected, and if not, what the agent says."""
     if status is None:
@@ -114,33 +136,50 @@ def _targets(settings: Settings, known: Enrolment | None) -> list[Target]:
     host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
     ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
     user = known.ssh.user if known else "tunnel"
-    return [Target(host, port, user) for port in ports]
+    way = Way(proxy_of(settings.http_proxy))
+    return [Target(host, port, user, way) for port in ports]
 
 
 async def _problem_at(target: Target, store: EnrolmentStore) -> Problem:
     """Return what ends a connection without a key: KeyRefused when all before that is well."""
-    command = host_key_command(target, store.known_hosts)
     try:
-        process = await asyncio.create_subprocess_exec(
-            *command,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-            env=child_environment(),
-        )
-    except FileNotFoundError:
-        return SshMissing("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
-    try:
-        _, words = await within(TIMEOUT_S, process.communicate())
-    except asyncio.TimeoutError:
-        return ServerUnreachable(f"cannot reach SSH at {target}: no answer in {TIMEOUT_S:g} s")
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
+        connection = await (target.way or Way()).open(target)
+    except (NoAnswer, ServerUnreachable) as problem:
+        return problem
+    with connection:
+        try:
+            status, words = await within(TIMEOUT_S, _ask_client(target, store, connection))
+        except FileNotFoundError:
+            return SshMissing("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
+        except asyncio.TimeoutError:
+            return ServerUnreachable(f"cannot reach SSH at {target}: no answer in {TIMEOUT_S:g} s")
     files = SshFiles((), store.known_hosts, store.known_hosts)
-    lines = words.decode(errors="replace").splitlines()
-    return why_not_connected(lines, process.returncode or 0, target, files)
+    return why_not_connected(words.splitlines(), status, target, files)
+
+
+async def _ask_client(
+    target: Target, store: EnrolmentStore, connection: socket.socket
+) -> tuple[int, str]:
+    """Return the status and the words of a client that checks the host key on `connection`."""
+    ours, clients = stderr_with(connection)
+    words, end = await asyncio.open_connection(sock=ours)
+    try:
+        with clients:
+            process = await asyncio.create_subprocess_exec(
+                *host_key_command(target, store.known_hosts),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=clients.fileno(),
+                env=child_environment(),
+            )
+        try:
+            return await process.wait(), (await words.read()).decode(errors="replace")
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+    finally:
+        end.close()
 
 
 def _told(target: Target, problem: Problem, pinned: list[HostKey], *, one_works: bool) -> Finding:

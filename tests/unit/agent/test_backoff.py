@@ -7,7 +7,16 @@ from random import Random
 
 import pytest
 from robotether_agent.backoff import STABLE_S, Backoff, delays, retry_or_give_up
-from robotether_agent.problems import HostKeyChanged, LinkLost, NotEnrolled, TlsUntrusted
+from robotether_agent.problems import (
+    HostKeyChanged,
+    LinkLost,
+    NetworkChanged,
+    NoAnswer,
+    NotEnrolled,
+    Retry,
+    ServerSilent,
+    TlsUntrusted,
+)
 
 
 class Longest(Random):
@@ -35,6 +44,9 @@ def test_delays_are_spread_from_half_a_second():
     ("problem", "low", "high"),
     [
         (LinkLost("x"), 0.5, 1),
+        (NoAnswer("x"), 0, 0.2),
+        (NetworkChanged("x"), 0, 0.2),
+        (ServerSilent("x", retry=Retry.AT_ONCE), 0, 0.2),
         (NotEnrolled("x"), 5, 15),
         (TlsUntrusted("x"), 15, 30),
     ],
@@ -56,3 +68,10 @@ def test_starts_anew_after_a_connection_that_stood():
     backoff = Backoff(Longest())
     assert [backoff.after(LinkLost("x"), stood_s=1) for _ in range(4)] == [1, 2, 4, 8]
     assert backoff.after(LinkLost("x"), stood_s=STABLE_S) == 1
+
+
+def test_silence_on_a_connection_that_stood_is_the_networks():
+    """It is dialled again at once, and only then; a login that stalls again and again is not."""
+    backoff = Backoff(Longest())
+    assert backoff.after(ServerSilent("x"), stood_s=STABLE_S) == 0.5
+    assert [backoff.after(ServerSilent("x"), stood_s=0) for _ in range(3)] == [1, 2, 4]

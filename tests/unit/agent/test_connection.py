@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 from fake_cloud import FakeCloud, eventually
+from fake_guard import fake_guard_command, heard
 from local_network import free_port
 from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
 from robotether_agent.connection import Role, run_connection
 from robotether_agent.enrolment import parse_host_keys
+from robotether_agent.guard_keeper import GuardKeeper
 from robotether_agent.health import Health
 from robotether_agent.keys import KeyPair, ensure_key
 from robotether_agent.known_hosts import pin
@@ -64,15 +66,17 @@ class Robot:
         up: Up,
         health: Health | None = None,
         recheck: asyncio.Event | None = None,
+        **more: Any,
     ) -> asyncio.Future[Any]:
-        """Start a connection whose forward leads nowhere."""
-        role = Role(
+        """Start a connection whose forward leads nowhere, unless told otherwise."""
+        usual = Role(
             kind="media" if health is None else "session",
             forward=lambda config: Forward(config.ros_port, "127.0.0.1", 9),
             on_up=up.note,
             health=health,
             recheck=recheck,
         )
+        role = replace(usual, **more)
         self.started.append(asyncio.ensure_future(run_connection(target, self.files, role)))
         return self.started[-1]
 
@@ -229,9 +233,62 @@ async def test_the_session_tells_each_change_once(cloud, robot, services):
     pings = len(link.of_type("ping"))
     await eventually(lambda: len(link.of_type("ping")) > pings + 2, lambda: "more heartbeats")
     assert len(said()) == len(set(said()))
-    hello = {"type": "hello", "hostname": socket.gethostname(), "agent_version": __version__}
+    who = {"hostname": socket.gethostname(), "agent_version": __version__}
+    hello = {"type": "hello", **who, "guard": "off"}
     assert link.received[0] == hello
     assert link.of_type("hello") == [hello]
+
+
+async def test_the_forward_follows_where_it_leads(cloud, robot, caplog):
+    """A guard that is gone has no forward; a new one on another port has one, without a new connection."""
+    caplog.set_level("INFO")
+    up, moved, leads_to = Up(), asyncio.Event(), [free_port()]
+
+    def forward(config: Config) -> Forward | None:
+        return Forward(config.ros_port, "127.0.0.1", leads_to[0]) if leads_to else None
+
+    robot.connect(robot.trust(cloud.ssh), up, forward=forward, moved=moved)
+    await is_up(up)
+    leads_to.clear()
+    moved.set()
+    await eventually(lambda: not listens(cloud.ports[0]), lambda: "nothing leads to the robot")
+    leads_to.append(free_port())
+    moved.set()
+    await eventually(lambda: f"127.0.0.1:{leads_to[0]}" in caplog.text, lambda: caplog.text)
+    assert listens(cloud.ports[0])
+    assert len(cloud.links) == 1
+    told = len(up.configs)
+    moved.set()
+    pings = len((await cloud.link("media")).of_type("ping"))
+    link = await cloud.link("media")
+    await eventually(lambda: len(link.of_type("ping")) > pings + 1, lambda: "more heartbeats")
+    assert len(up.configs) == told
+
+
+async def test_the_session_joins_the_guard(cloud, robot, place):
+    """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
+    keeper = GuardKeeper("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
+    robot.started.append(asyncio.ensure_future(keeper.run()))
+    health = Health("ws://127.0.0.1:9", "http://127.0.0.1:9")
+    connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=keeper)
+    link = await cloud.link("session")
+    link.send({"type": "lease", "fence": 13, "held": True})
+    link.send({"type": "stop", "id": "5f0c", "by": "ben"})
+
+    def answers() -> list[Any]:
+        return [line["answers"] for line in link.of_type("guard") if line["stopped"]]
+
+    await eventually(lambda: "5f0c" in answers(), lambda: f"an answer in {link.received}")
+    assert link.of_type("hello")[0]["guard"] == "on"
+    link.drop()
+    await problem_of(connecting)
+    await eventually(
+        lambda: heard(place)[-1:] == [{"type": "session", "up": False}], lambda: f"{heard(place)}"
+    )
+    kinds = [line["type"] for line in heard(place)]
+    assert kinds[:3] == ["born", "config", "session"]
+    assert kinds[-4:] == ["session", "lease", "stop", "session"]
+    assert {"type": "lease", "fence": 13, "held": True} in heard(place)
 
 
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):

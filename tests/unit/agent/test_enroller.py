@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import errno
+import asyncio
 import json
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from aiohttp import web
+from bad_disk import full_disk, read_only
 from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
 from robotether_agent.enroller import Enroller
@@ -41,20 +41,6 @@ async def cloud(make_cloud) -> FakeCloud:
 def settings(cloud, place) -> Settings:
     """A robot in `place` that belongs to the cloud."""
     return load(None, agent_environ(cloud, place))
-
-
-@contextmanager
-def full_disk() -> Iterator[None]:
-    """Let this process write into no file, as on a full disk, even as root.
-
-    The fake cloud lives in the same process: in its mode refuses_key its join writes none.
-    """
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def renamed(cloud: FakeCloud) -> Callable[[], web.Response]:
@@ -122,6 +108,36 @@ async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     assert (await Enroller(settings).enrolment()).robot == "turtle"
     await enroller.enrolment()
     assert len(cloud.joins) == 3
+
+
+async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, settings, monkeypatch):
+    """What is known is used after a moment, and the question is not put off to the next connection."""
+    monkeypatch.setattr("robotether_agent.enroller.QUICK_ANSWER_S", 0.2)
+    enroller = Enroller(settings)
+    known = await enroller.enrolment()
+
+    async def say_nothing(*_: object) -> NoReturn:
+        await asyncio.Event().wait()
+        raise AssertionError("nothing sets it")
+
+    enroller.doubt()
+    with monkeypatch.context() as silent:
+        silent.setattr("robotether_agent.enroller.join", say_nothing)
+        assert await asyncio.wait_for(enroller.enrolment(), 5) == known
+    joins = len(cloud.joins)
+    assert await enroller.enrolment() == known
+    assert len(cloud.joins) == joins
+
+
+async def test_a_refresh_only_tells_what_goes_wrong(cloud, settings):
+    """It may be tried at any time: an answer is kept, a web that is away changes nothing."""
+    enroller = Enroller(settings)
+    known = await enroller.enrolment()
+    cloud.answer = renamed(cloud)
+    await enroller.refresh()
+    assert (await enroller.enrolment()).robot != known.robot
+    await cloud.stop_web()
+    await enroller.refresh()
 
 
 async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
@@ -355,10 +371,6 @@ async def test_a_disk_that_became_read_only_keeps_both_keys(cloud, settings, mon
     assert coming is not None
     await enroller.join()
     assert (await enroller.key()).public == coming.public
-
-
-def read_only(*_: object) -> None:
-    raise OSError(errno.EROFS, "Read-only file system")
 
 
 async def test_a_key_that_an_admin_turned_away_is_given_up(cloud, settings):

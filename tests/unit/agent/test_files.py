@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 from robotether_agent.files import ensure_directory, only_one, read_text, write_atomic
@@ -16,6 +17,20 @@ def test_writes_whole_files_with_their_mode(place):
     assert read_text(place / "a") == "two"
     assert (place / "a").stat().st_mode & 0o777 == 0o600
     assert [path.name for path in place.iterdir()] == ["a"]
+
+
+def test_the_new_name_is_on_the_disk_too(place, monkeypatch):
+    """Without it a power cut could bring the robot back without its stop."""
+    synced = []
+    fsync = os.fsync
+
+    def note(descriptor):
+        synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", note)
+    write_atomic(place / "a", "one", 0o600)
+    assert synced[-1] == place.resolve()
 
 
 def test_missing_is_none_and_unreadable_is_a_problem(place):

@@ -10,6 +10,7 @@ import pytest
 from aiohttp import web
 from dated_certificate import fingerprint_of, make_certificate
 from fake_cloud import FakeCloud, certificate, fingerprint
+from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.join import JoinRequest, PreviousKey, join, read_answer
 from robotether_agent.problems import (
@@ -77,6 +78,47 @@ async def test_nothing_there_is_unreachable():
     """A closed port is server_unreachable."""
     with pytest.raises(ServerUnreachable, match=r"cannot reach https://127\.0\.0\.1"):
         await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
+
+
+def behind(proxy_url: str, cloud) -> Settings:
+    """A robot whose network has a proxy."""
+    pin = bytes.fromhex(fingerprint())
+    return Settings(server=cloud.server, tls_fingerprint=pin, http_proxy=proxy_url)
+
+
+async def test_through_a_proxy(make_cloud):
+    """The join goes where http_proxy says, with its password, and the pin still holds."""
+    cloud = await make_cloud()
+    async with FakeProxy("needs_password") as proxy:
+        url = proxy.url.replace("//", "//robot:s3cret%2F%40%3A@")
+        assert (await join(behind(url, cloud), REQUEST)).robot == "sim1"
+        assert proxy.asked == [cloud.server]
+        with pytest.raises(TlsUntrusted, match="not the pinned one"):
+            await join(replace(behind(url, cloud), tls_fingerprint=b"\0" * 32), REQUEST)
+
+
+@pytest.mark.parametrize(
+    ("mode", "told"),
+    [
+        ("refuses", "answers 403 Forbidden; .*lets CONNECT out"),
+        ("needs_password", "answers 407 .*USER:PASSWORD"),
+    ],
+)
+async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
+    """The problem names the proxy, its answer, and what to do."""
+    cloud = await make_cloud()
+    async with FakeProxy(mode) as proxy:
+        with pytest.raises(ServerUnreachable, match=told) as caught:
+            await join(behind(proxy.url, cloud), REQUEST)
+        assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
+
+
+async def test_a_proxy_that_is_not_there(make_cloud):
+    """A wrong address is told as the proxy's, and not as the server's."""
+    settings = behind(f"http://robot:s3cret@127.0.0.1:{free_port()}", await make_cloud())
+    with pytest.raises(ServerUnreachable, match=r"HTTP proxy .* cannot be reached") as caught:
+        await join(settings, REQUEST)
+    assert "s3cret" not in str(caught.value)
 
 
 async def test_redirects_and_endless_answers_are_refused(make_cloud):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import time
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -46,13 +47,38 @@ class Peer:
         self._writer.close()
 
 
+class Done:
+    """Notes what a session has done, in order."""
+
+    def __init__(self) -> None:
+        self.orders: list[tuple[Any, ...]] = []
+
+    def configured(self, wants: Any, *, direct: bool) -> None:
+        self.orders.append(("configured", wants, direct))
+
+    def lease(self, fence: int, *, held: bool) -> None:
+        self.orders.append(("lease", fence, held))
+
+    def stop(self, order: str, by: str) -> None:
+        self.orders.append(("stop", order, by))
+
+    def release(self, order: str, by: str) -> None:
+        self.orders.append(("release", order, by))
+
+
 @pytest.fixture
-async def ends() -> AsyncIterator[tuple[Session, Peer]]:
+def orders() -> Done:
+    """Who does what the server says about driving."""
+    return Done()
+
+
+@pytest.fixture
+async def ends(orders: Done) -> AsyncIterator[tuple[Session, Peer]]:
     """A session and its peer."""
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
-    yield Session(reader, writer), Peer(peer_reader, peer_writer)
+    yield Session(reader, writer, orders=orders), Peer(peer_reader, peer_writer)
     for each in (writer, peer_writer):
         each.close()
     await asyncio.gather(writer.wait_closed(), peer_writer.wait_closed(), return_exceptions=True)
@@ -69,6 +95,7 @@ async def test_pings_in_the_given_time_and_measures(ends):
     assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
     assert session.rtt_ms is not None
     assert 0 < session.rtt_ms < 5000
+    assert abs(ping["t_ms"] / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)) < 5
     peer.close()
     await asyncio.wait_for(running, 5)
 
@@ -77,7 +104,7 @@ async def test_answers_pings_and_ignores_what_is_new(ends):
     """A ping is answered at once; an unknown type and a stray pong harm nothing."""
     session, peer = ends
     running = asyncio.ensure_future(session.run())
-    peer.send({"type": "stop", "why": "of a later version"})
+    peer.send({"type": "dance", "why": "of a later version"})
     peer.send({"type": "pong", "seq": 12345})
     peer.send({"type": "ping", "seq": 41})
     assert await peer.receive("pong") == {"type": "pong", "seq": 41}
@@ -107,6 +134,53 @@ async def test_silence_ends_it(ends):
         await asyncio.wait_for(session.run(), 5)
 
 
+async def test_its_silence_is_known(ends):
+    """How long the server has said nothing is there for who looks for another way to it."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    await session.new_config(None)
+    assert session.silent_s < 0.3
+    await eventually(lambda: session.silent_s > 0.1, lambda: f"{session.silent_s}")
+    peer.send({"type": "ping", "seq": 1})
+    await eventually(lambda: session.silent_s < 0.1, lambda: f"{session.silent_s}")
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_orders_are_done_in_the_order_in_which_they_come(ends, orders):
+    """Configuration, lease and stop reach the guard's keeper at once, before anybody else learns of them."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send({**CONFIG, "guard": {"key": "s3cret"}, "direct": True})
+    peer.send({"type": "lease", "fence": 13, "held": False})
+    peer.send({"type": "stop", "id": "5f0c", "by": "ben"})
+    config = await session.new_config(None)
+    assert (config.guard, config.direct) == ({"key": "s3cret"}, True)
+    assert "s3cret" not in repr(config)
+    await eventually(lambda: len(orders.orders) == 3, lambda: f"{orders.orders}")
+    assert orders.orders == [
+        ("configured", {"key": "s3cret"}, True),
+        ("lease", 13, False),
+        ("stop", "5f0c", "ben"),
+    ]
+    await peer.receive("ping")
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_an_older_server_wants_no_guard(ends, orders):
+    """A configuration from before the guard is told apart from one with an empty wish."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    assert (await session.new_config(None)).guard is None
+    assert orders.orders == [("configured", None, False)]
+    await peer.receive("ping")
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
 async def test_a_server_that_takes_nothing_ends_it(ends):
     """What cannot be sent is bounded, not kept."""
     session, _ = ends
@@ -129,6 +203,9 @@ async def test_a_server_that_takes_nothing_ends_it(ends):
         (json.dumps({**CONFIG, "ros_port": 0}).encode() + b"\n", "field ros_port"),
         (json.dumps({**CONFIG, "robot": "../x"}).encode() + b"\n", "field robot"),
         (json.dumps({**CONFIG, "timeout_s": 0}).encode() + b"\n", "field timeout_s"),
+        (json.dumps({**CONFIG, "guard": []}).encode() + b"\n", "guard must be a JSON object"),
+        (json.dumps({**CONFIG, "direct": 1}).encode() + b"\n", "field direct"),
+        (b'{"type": "lease"}\n', "field fence is missing"),
         (b"x" * 200_000, "over 64 KiB"),
     ],
 )

@@ -62,6 +62,7 @@ def test_environment_alone_is_enough():
         ("mac", "ff:ff:ff:ff:ff:ff", "MAC address"),
         ("allow_local_mac", "maybe", "true or false"),
         ("name", "a robot", "letters, digits"),
+        ("guard", "maybe", '"on" or "off"'),
         ("shell_address", "127.0.0.1", "HOST:PORT of an SSH server"),
         ("shell_address", "-oProxyCommand=x:22", "a host name"),
         ("rosbridge_url", "http://127.0.0.1:9090", "ws://HOST:PORT"),
@@ -157,6 +158,19 @@ def test_secrets_are_hidden(tmp_path):
     assert "s3cret" not in str(error.value)
 
 
+def test_a_proxys_password_is_hidden():
+    """Where the proxy is may be seen, who asks it and with what may not, not even in an error."""
+    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_HTTP_PROXY": "http://ann:s3cret@proxy:3128"}
+    settings = load(None, environ)
+    assert settings.http_proxy == environ["ROBOTETHER_HTTP_PROXY"]
+    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
+    assert "http_proxy = http://(hidden)@proxy:3128" in shown(settings)
+    assert "http_proxy = (not set)" in shown(load(None, {"ROBOTETHER_SERVER": "a"}))
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {**environ, "ROBOTETHER_HTTP_PROXY": "ann:s3cret@proxy:3128"})
+    assert "s3cret" not in str(error.value)
+
+
 def test_token_file_is_read_when_it_is_needed(tmp_path):
     """A token file may be gone once the robot is enrolled; a join without it says which is missing."""
     file = tmp_path / "token"
@@ -181,6 +195,7 @@ def test_example_is_complete_and_shows_the_defaults():
         "rosbridge_url",
         "video_url",
         "shell_address",
+        "guard",
         "state_dir",
         "run_dir",
         "log_level",

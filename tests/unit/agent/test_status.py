@@ -27,6 +27,7 @@ UP = Status(
     interface="eth0",
     fingerprint="SHA256:abc",
     rtt_ms=12.34,
+    guard="ready",
     ros="ok",
     video="down",
     video_detail="web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
@@ -48,6 +49,7 @@ def test_a_connected_robot():
         "video tunnel  open",
         "shell tunnel  off",
         "end to end    rosbridge unknown, video unknown",
+        "guard         ready",
         "rosbridge     ok",
         "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
     ]
@@ -62,6 +64,25 @@ def test_a_robot_with_something_to_say():
     assert "mac           00:1b:44:11:3a:b7 (no interface of this machine has it now)" in lines
     assert "end to end    rosbridge unknown, video unknown, shell ok" in lines
     assert "new key       it is disabled [x]" in lines
+
+
+def test_a_stopped_robot_says_so_first():
+    """Who stopped it and how it is released stand where nobody overlooks them; so does a guard that is down."""
+    stopped = replace(UP, stopped_by="ben", guard="down", guard_detail="the guard hangs")
+    lines = render(stopped, NOW).splitlines()
+    assert "STOPPED       by ben; a driver releases it on its page" in lines
+    assert "guard         down: the guard hangs" in lines
+    assert headline(stopped).startswith(
+        "connected to robots.example.com as sim1; STOPPED by ben; rosbridge ok"
+    )
+
+
+def test_reads_the_file_of_an_earlier_agent(place):
+    """`switch` asks the version that it replaces, whose file lacks what came since."""
+    (place / "status.json").write_text('{"state": "connected", "robot": "sim1", "written_at": 5.0}')
+    found = read_status(place)
+    assert found is not None
+    assert (found.state, found.robot, found.guard) == ("connected", "sim1", "unknown")
 
 
 def test_a_robot_that_waits_shows_its_key(place):

@@ -37,6 +37,27 @@ async def test_first_of_prefers_the_one_named_first():
         await first_of(failing("goodbye"), failing("broken pipe"))
 
 
+async def test_first_of_may_end_the_others_in_order():
+    """What is named first has ended before the next is told to: the robot stands before its tunnels close."""
+    ended = []
+
+    async def lasting(name: str, pause_s: float) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.sleep(pause_s)
+            ended.append(name)
+
+    both = first_of(lasting("first", 0.05), lasting("second", 0), in_order=True)
+    running = asyncio.ensure_future(both)
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    running.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await running
+    assert ended == ["first", "second"]
+
+
 async def test_within_returns_or_times_out():
     """Work in time gives its result; work that lasts is cancelled."""
     assert await within(5, asyncio.sleep(0, "done")) == "done"

@@ -5,16 +5,21 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
+from pathlib import Path
 
 import pytest
-from local_network import free_port
+from fake_cloud import eventually
+from local_network import free_port, is_free
 from openssh_server import descendants, wait_until
 from robotether_agent.enrolment import parse_host_keys
 from robotether_agent.keys import ensure_key
 from robotether_agent.known_hosts import pin
-from robotether_agent.problems import PortTaken, SshMissing
+from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
 from robotether_agent.ssh_command import Forward, SshFiles, Target
 from robotether_agent.tunnel import Tunnel
+
+# The differentiated services code point, of which TOS has the upper six bits.
+AF21 = 18
 
 
 @pytest.fixture
@@ -36,10 +41,10 @@ async def test_forwards_are_added_and_cancelled_while_it_runs(way):
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
         forward = Forward(cloud.ports[0], "127.0.0.1", 9)
         await tunnel.add(forward)
-        with pytest.raises(OSError, match="in use"):
-            socket.create_server(("127.0.0.1", cloud.ports[0])).close()
+        assert not is_free(cloud.ports[0])
         await tunnel.cancel(forward)
-        socket.create_server(("127.0.0.1", cloud.ports[0])).close()
+        # OpenSSH asks for the cancel without a wish for an answer: sshd may still be about to.
+        await eventually(lambda: is_free(cloud.ports[0]), lambda: "sshd closes the port")
     finally:
         await tunnel.close()
     assert not files.control.exists()
@@ -114,8 +119,49 @@ async def test_without_ssh(place, monkeypatch):
     """A robot without OpenSSH is told which package to install."""
     monkeypatch.setenv("PATH", str(place))
     files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
-    with pytest.raises(SshMissing, match="openssh-client"):
-        await Tunnel.open(Target("127.0.0.1", 1, "tunnel"), files, "session")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        with pytest.raises(SshMissing, match="openssh-client"):
+            await Tunnel.open(target, files, "session")
+
+
+async def test_the_client_runs_on_our_connection(way):
+    """What ssh sets on it, the class of service, shows on ours; both are gone after the end."""
+    cloud, target, files = way
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        assert tunnel.socket is not None
+        assert tunnel.socket.getpeername() == ("127.0.0.1", cloud.ssh.port)
+        assert tunnel.socket.getsockopt(socket.IPPROTO_IP, socket.IP_TOS) == AF21 << 2
+    finally:
+        await tunnel.close()
+    assert tunnel.socket.fileno() == -1
+
+
+async def test_no_descriptor_stays_open(way, place, monkeypatch):
+    """Neither after a tunnel nor after one that could not start."""
+    _, target, files = way
+    before = _descriptors()
+    tunnel = await Tunnel.open(target, files, "media")
+    await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    await tunnel.close()
+    with monkeypatch.context() as without_ssh:
+        without_ssh.setenv("PATH", str(place))
+        with pytest.raises(SshMissing):
+            await Tunnel.open(target, files, "session")
+    await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
+
+
+async def test_a_server_that_refuses(place):
+    """A port without a server is told before any client starts."""
+    files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
+    with pytest.raises(ServerUnreachable, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
+        await Tunnel.open(Target("127.0.0.1", free_port(), "tunnel"), files, "session")
+
+
+def _descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def _first_port(way) -> int:

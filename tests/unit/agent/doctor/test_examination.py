@@ -8,7 +8,7 @@ from robotether_agent.doctor.findings import FAIL, OK
 from robotether_agent.settings import Settings
 
 STEPS = ["settings", "disk", "mac", "key", "name", "https port", "certificate", "clock", "answer"]
-LAST_STEPS = ["service", "rosbridge", "video", "shell", "connection", "end to end"]
+LAST_STEPS = ["service", "rosbridge", "guard", "video", "shell", "connection", "end to end"]
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +22,10 @@ async def test_a_robot_that_works(make_cloud, start_agent):
     cloud = await make_cloud()
     cloud.checked["video"] = "ok"
     agent = start_agent(cloud, shell_address="none")
-    await agent.until(lambda status: status.end_to_end_ros == "ok", "the server has looked")
+    await agent.until(
+        lambda status: status.end_to_end_ros == "ok" and status.guard == "ready",
+        "the server has looked",
+    )
     found = [finding async for finding in examine(agent.settings)]
     assert [f.step for f in found] == [*STEPS, "join", f"ssh {cloud.ssh.port}", *LAST_STEPS]
     assert [str(f) for f in found if f.state != OK] == [

@@ -125,6 +125,29 @@ def test_the_connection(status, expected, told):
     assert bool(found.advice) == (expected == FAIL)
 
 
+READY = replace(UP, guard="ready")
+
+
+@pytest.mark.parametrize(
+    ("guard", "status", "expected", "told"),
+    [
+        ("on", READY, OK, "ready"),
+        ("off", READY, SKIPPED, "nothing stops this robot"),
+        ("on", None, SKIPPED, "no agent runs"),
+        ("on", UP, FAIL, "it does not run"),
+        ("on", replace(UP, guard="down", guard_detail="the guard hangs"), FAIL, "guard hangs"),
+        ("on", replace(READY, guard_detail="the server is older"), FAIL, "older"),
+        ("on", replace(READY, stopped_by="ben"), SKIPPED, "stopped by ben"),
+    ],
+)
+def test_the_guard(guard, status, expected, told):
+    """A robot that nothing would stop, or that somebody has stopped, is told apart from one that may drive."""
+    found = tunnel.check_guard(Settings(server="a", guard=guard), status)
+    assert found.state == expected
+    assert told in found.detail
+    assert bool(found.advice) == (expected == FAIL)
+
+
 @pytest.mark.parametrize(
     ("status", "expected"),
     [

@@ -1,0 +1,72 @@
+"""Finds out whether an SSH server is at the other end of a connection, and not merely something that accepts.
+
+Used by the way, for a proxy, a NAT or a captive portal may accept in the server's place. Where the server speaks first
+nothing is used up by that. Behind nginx, which waits for the client's first words, the connection is spent.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+from robotether_agent.dialing.tcp import CHECK_NETWORK, peek
+from robotether_agent.fields import printable
+from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
+from robotether_agent.tasks import within
+
+SSH = b"SSH-"
+OUR_WORDS = b"SSH-2.0-robotether\r\n"
+# A server that speaks first does so one round trip after the connection stands.
+SPEAK_AFTER_S = 1.0
+TIMEOUT_S = 4.0
+HTTPS = 443
+
+
+class Banner:
+    """Which of the server's ports speak only when spoken to."""
+
+    def __init__(self) -> None:
+        self._shy = {HTTPS}
+
+    async def check(self, connection: socket.socket, port: int, name: str) -> bool:
+        """Return whether the connection is unused still; raise a problem if no SSH server is there."""
+        try:
+            if port not in self._shy and await _hears(connection, SPEAK_AFTER_S, name):
+                return True
+            connection.send(OUR_WORDS)
+            if not await _hears(connection, TIMEOUT_S, name):
+                why = "it accepts the connection and says nothing"
+                raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=CHECK_NETWORK)
+        except OSError as error:
+            raise _closed(name) from error
+        self._shy.add(port)
+        return False
+
+
+async def _hears(connection: socket.socket, timeout_s: float, name: str) -> bool:
+    try:
+        words = await within(timeout_s, peek(connection, _is_long_enough, 64))
+    except asyncio.TimeoutError:
+        return False
+    if not words.startswith(SSH):
+        raise _no_ssh(name, words)
+    return True
+
+
+def _is_long_enough(words: bytes) -> bool:
+    return len(words) >= len(SSH)
+
+
+def _closed(name: str) -> Problem:
+    return ServerUnreachable(
+        f"cannot reach SSH at {name}: it closes the connection without a word",
+        advice="see that the server is up and not overloaded; this is tried again",
+    )
+
+
+def _no_ssh(name: str, words: bytes) -> Problem:
+    said = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
+    return ServerUnreachable(
+        f"cannot reach SSH at {name}: what answers there is no SSH server ({said!r})",
+        advice="find out what is in between, such as a captive portal, and log in to it",
+    )

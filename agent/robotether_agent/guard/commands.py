@@ -1,0 +1,183 @@
+"""Drive commands: what a message on a drive topic tells the robot, read field by field and written anew.
+
+Only what was checked is written, so nothing reaches the wheels that this module does not know. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from robotether_agent.guard.refused import Refused
+
+Vector = tuple[float, float, float]
+Shape = Literal["twist", "twist_stamped", "ackermann"]
+
+STANDSTILL: Vector = (0.0, 0.0, 0.0)
+AXES = ("x", "y", "z")
+# No robot's; and beyond 3e38 a float32 of ROS is infinite.
+LARGEST_NUMBER = 1e9
+LONGEST_FRAME_ID = 255
+SHAPES: Mapping[str, Shape] = {
+    "geometry_msgs/Twist": "twist",
+    "geometry_msgs/msg/Twist": "twist",
+    "geometry_msgs/TwistStamped": "twist_stamped",
+    "geometry_msgs/msg/TwistStamped": "twist_stamped",
+    "ackermann_msgs/AckermannDriveStamped": "ackermann",
+    "ackermann_msgs/msg/AckermannDriveStamped": "ackermann",
+}
+_MEMBERS: Mapping[Shape, frozenset[str]] = {
+    "twist": frozenset({"linear", "angular"}),
+    "twist_stamped": frozenset({"header", "twist"}),
+    "ackermann": frozenset({"header", "drive"}),
+}
+_RATES = ("steering_angle_velocity", "acceleration", "jerk")
+_STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
+LARGEST_WHOLE = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Command:
+    """A checked command in m/s, rad/s and rad. An Ackermann speed is linear[0]; rates are as in its message."""
+
+    shape: Shape
+    linear: Vector = STANDSTILL
+    angular: Vector = STANDSTILL
+    steering: float = 0.0
+    rates: Vector = STANDSTILL
+    header: Mapping[str, Any] | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Tell whether the robot is to move; some that steer like cars follow the rates alone."""
+        return any(self.linear) or any(self.angular) or any(self.rates)
+
+    @property
+    def frame_id(self) -> str:
+        """The frame that its header names."""
+        return str(self.header.get("frame_id", "")) if self.header else ""
+
+
+def zero(shape: Shape, frame_id: str = "") -> Command:
+    """Return the command to stand still."""
+    return Command(shape, header=None if shape == "twist" else _header_of(frame_id))
+
+
+def read(message: object, declared: Shape | None) -> Command:
+    """Return the command in the `msg` of a publish; its shape decides, and `declared` only when it has none."""
+    members = _object(message, "msg")
+    shape = _shape(members) or declared
+    if shape is None:
+        raise Refused("shape", "its msg is no Twist, TwistStamped or AckermannDriveStamped")
+    _only(members, _MEMBERS[shape], "msg")
+    if shape == "twist":
+        return _twist(shape, members, None)
+    header = _header(members.get("header"))
+    if shape == "twist_stamped":
+        return _twist(shape, _object(members.get("twist", {}), "twist"), header)
+    return _ackermann(_object(members.get("drive", {}), "drive"), header)
+
+
+def write(command: Command) -> dict[str, Any]:
+    """Return the `msg` that says what `command` says."""
+    if command.shape == "ackermann":
+        drive = {"steering_angle": command.steering, "speed": command.linear[0]}
+        drive |= dict(zip(_RATES, command.rates, strict=True))
+        return _stamped(command, {"drive": drive})
+    twist = {"linear": _written(command.linear), "angular": _written(command.angular)}
+    return twist if command.shape == "twist" else _stamped(command, {"twist": twist})
+
+
+def _shape(members: Mapping[str, Any]) -> Shape | None:
+    if "twist" in members:
+        return "twist_stamped"
+    if "drive" in members:
+        return "ackermann"
+    return "twist" if "linear" in members or "angular" in members else None
+
+
+def _twist(shape: Shape, members: Mapping[str, Any], header: Mapping[str, Any] | None) -> Command:
+    _only(members, _MEMBERS["twist"], "twist")
+    linear, angular = _vector(members, "linear"), _vector(members, "angular")
+    return Command(shape, linear, angular, header=header)
+
+
+def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> Command:
+    _only(members, frozenset({"steering_angle", "speed", *_RATES}), "drive")
+    first, second, third = (_number(members, name) for name in _RATES)
+    return Command(
+        "ackermann",
+        (_number(members, "speed"), 0.0, 0.0),
+        steering=_number(members, "steering_angle"),
+        rates=(first, second, third),
+        header=header,
+    )
+
+
+def _header(value: object) -> Mapping[str, Any]:
+    header = dict(_object({} if value is None else value, "header"))
+    _only(header, frozenset({"seq", "stamp", "frame_id"}), "header")
+    frame_id = header.get("frame_id", "")
+    # Half a character is not printable, and ROS cannot take it.
+    if (
+        not isinstance(frame_id, str)
+        or len(frame_id) > LONGEST_FRAME_ID
+        or not frame_id.isprintable()
+    ):
+        raise Refused("shape", "its frame_id is no short printable text")
+    stamp = header.get("stamp", {})
+    if stamp != "now":
+        stamp = _object(stamp, "stamp")
+        _only(stamp, _STAMP_MEMBERS, "stamp")
+        _whole(stamp)
+    _whole({"seq": header.get("seq", 0)})
+    return _header_of(frame_id)
+
+
+def _header_of(frame_id: str) -> Mapping[str, Any]:
+    # Neither stamp nor seq: rosbridge writes the robot's own time there. A client's may be of the other ROS,
+    # so that the robot does not take a zero, or so far ahead that its controller never calls a command old.
+    return {"frame_id": frame_id}
+
+
+def _whole(members: Mapping[str, Any]) -> None:
+    for name, value in members.items():
+        if type(value) is not int or not 0 <= value <= LARGEST_WHOLE:
+            raise Refused("shape", f"its {name} is no whole number from 0")
+
+
+def _vector(members: Mapping[str, Any], name: str) -> Vector:
+    axes = _object(members.get(name, {}), name)
+    _only(axes, frozenset(AXES), name)
+    return (_number(axes, "x"), _number(axes, "y"), _number(axes, "z"))
+
+
+def _number(members: Mapping[str, Any], name: str) -> float:
+    value = members.get(name, 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Refused("shape", f"its {name} is no number")
+    # An integer may be too large for a float, so it is compared first.
+    if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER or not math.isfinite(value):
+        raise Refused("shape", f"its {name} is no number that a robot can follow")
+    return float(value)
+
+
+def _object(value: object, name: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise Refused("shape", f"its {name} is no object")
+    return value
+
+
+def _only(members: Mapping[str, Any], known: frozenset[str], name: str) -> None:
+    if not members.keys() <= known:
+        raise Refused("shape", f"its {name} has members that no drive message has")
+
+
+def _written(vector: Vector) -> dict[str, float]:
+    return dict(zip(AXES, vector, strict=True))
+
+
+def _stamped(command: Command, members: dict[str, Any]) -> dict[str, Any]:
+    return {"header": dict(command.header or {}), **members}

@@ -1,0 +1,93 @@
+"""The stop: at once in memory, then on the disk, then told and answered; a release the other way round.
+
+Kept by the guard's process. The disk may take its time, so it works in a thread, one order after the other. A stop
+that comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and so it is
+told: nothing else would be true, and the server keeps the stop as well.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robotether_agent.guard.marks import StopFile
+from robotether_agent.guard.orders import Release, Stop
+from robotether_agent.problems import StateUnusable
+
+MOST_WAITING = 100
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Job:
+    order: Stop | Release
+    stops_before: int
+
+
+class Latch:
+    """Whether the robot is stopped, and by whom."""
+
+    def __init__(
+        self, file: StopFile, changed: Callable[[], None], answer: Callable[[str], None]
+    ) -> None:
+        self._file = file
+        self._changed = changed
+        self._answer = answer
+        self._jobs: asyncio.Queue[_Job] = asyncio.Queue()
+        self._stops = 0
+        by = file.read()
+        self.stopped = by is not None
+        self.by = by or ""
+        # Who stopped the robot, for others to know: None while it is not stopped, or its disk has not answered yet.
+        self.told_by = by
+
+    def order(self, order: Stop | Release) -> None:
+        """Stop now, or release as soon as the disk has it."""
+        if isinstance(order, Stop):
+            self._stops += 1
+            self.stopped, self.by = True, order.by
+            self._changed()
+        # A stop always follows the release before it to the disk.
+        if isinstance(order, Stop) or self._jobs.qsize() < MOST_WAITING:
+            self._jobs.put_nowait(_Job(order, self._stops))
+
+    async def run(self) -> None:
+        """Do what was ordered, without end."""
+        while True:
+            job = await self._jobs.get()
+            try:
+                await asyncio.to_thread(self._on_disk, job.order)
+            except StateUnusable as problem:
+                log.error("%s; %s", problem, _despite_the_disk(job.order))  # noqa: TRY400 - no defect
+            else:
+                self._released(job)
+            if isinstance(job.order, Stop):
+                self.told_by = job.order.by
+            self._answer(job.order.id)
+            self._jobs.task_done()
+
+    async def settled(self) -> None:
+        """Return when the disk has all that was ordered."""
+        await self._jobs.join()
+
+    def _on_disk(self, order: Stop | Release) -> None:
+        if isinstance(order, Stop):
+            self._file.write(order.by)
+        else:
+            self._file.remove()
+
+    def _released(self, job: _Job) -> None:
+        # One that a newer stop overtook changes nothing, nor what is told: nobody may take it for a release.
+        if isinstance(job.order, Release) and job.stops_before == self._stops:
+            log.info("%s released the robot", job.order.by or "somebody")
+            self.stopped, self.by, self.told_by = False, "", None
+            self._changed()
+
+
+def _despite_the_disk(order: Stop | Release) -> str:
+    if isinstance(order, Stop):
+        return "the robot is stopped, but by itself it will not know so after a loss of power"
+    return "the robot stays stopped"

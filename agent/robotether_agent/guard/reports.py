@@ -1,0 +1,80 @@
+"""What the guard tells its agent, one JSON object a line on standard output.
+
+Used by the guard's process. An agent that does not read must not hold the guard up: beyond the pipe's size and a
+bound, lines are dropped, and the agent ends a guard that it does not hear. A driver must not be able to make more lines
+than the server takes of a robot, which would end its session.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from robotether_agent.fields import line_of
+from robotether_agent.guard.refused import Kind
+
+LONGEST_QUEUE_BYTES = 16 * 1024
+MOTION_EVERY_S = 0.1
+
+
+@dataclass(frozen=True)
+class State:
+    """What is told when it changes."""
+
+    stopped: bool
+    by: str
+    moving: bool
+
+
+class Reports:
+    """The lines to the agent."""
+
+    def __init__(
+        self, pipe: asyncio.WriteTransport, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._pipe = pipe
+        self._clock = clock
+        self._told: State | None = None
+        self._told_at = 0.0
+
+    def ready(self, port: int) -> None:
+        """Tell where the guard listens."""
+        self._line({"type": "ready", "port": port})
+
+    def tick(self) -> None:
+        """Tell that the guard lives."""
+        self._line({"type": "tick"})
+
+    def state(
+        self, state: State, refused: Mapping[Kind, int], *, answers: str | None = None
+    ) -> None:
+        """Tell the state if it is another one than was told last, or if it `answers` a stop or a release.
+
+        Call it now and then also when nothing changed: the end of a motion that was short may be told later.
+        """
+        if answers is None and (state == self._told or self._can_wait(state)):
+            return
+        told = {"stopped": state.stopped, "by": state.by, "moving": state.moving}
+        line = {
+            "type": "guard",
+            "state": "ready",
+            **told,
+            "answers": answers,
+            "refused": dict(refused),
+        }
+        if self._line(line):
+            self._told, self._told_at = state, self._clock()
+
+    def _can_wait(self, state: State) -> bool:
+        told = self._told
+        if state.moving or told is None or (told.stopped, told.by) != (state.stopped, state.by):
+            return False
+        return self._clock() - self._told_at < MOTION_EVERY_S
+
+    def _line(self, fields: Mapping[str, object]) -> bool:
+        if self._pipe.is_closing() or self._pipe.get_write_buffer_size() > LONGEST_QUEUE_BYTES:
+            return False
+        self._pipe.write(line_of(fields))
+        return True

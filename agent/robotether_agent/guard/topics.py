@@ -1,0 +1,161 @@
+"""What the helm knows of each drive topic: how it was driven last, by whom, and what waits for rosbridge. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from robotether_agent.guard.authority import Admission
+from robotether_agent.guard.commands import SHAPES, Command, Shape
+from robotether_agent.guard.marks import Driven
+from robotether_agent.guard.messages import MessageId
+from robotether_agent.guard.refused import Kind, Refused
+
+MOST_TOPICS = 16
+
+
+class Source(Protocol):
+    """Who sends drive messages: a joint."""
+
+    @property
+    def admission(self) -> Admission:
+        """What it may do."""
+
+    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+        """Answer a message that goes no further."""
+
+    def tell(self, data: bytes) -> None:
+        """Pass on what rosbridge says to its commands."""
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """A checked command on its way, which may be sent until `old_at`."""
+
+    command: Command
+    source: Source
+    old_at: float
+    message_id: MessageId
+
+
+@dataclass
+class Topic:
+    """A drive topic that somebody advertised or drove; `type` as it was advertised, or empty."""
+
+    name: str
+    type: str = ""
+    announced: bool = False
+    sent: Command | None = None
+    sent_at: float = 0.0
+    source: Source | None = None
+    waiting: Waiting | None = None
+    # Whether it ever got a command that moves.
+    moved: bool = False
+    used_at: float = 0.0
+
+    @property
+    def declared(self) -> Shape | None:
+        """The shape of the advertised type."""
+        return SHAPES.get(self.type)
+
+    @property
+    def driven(self) -> Driven | None:
+        """How it was driven, None if it was not."""
+        if self.sent is None:
+            return None
+        return Driven(self.name, self.sent.shape, self.type, self.sent.frame_id)
+
+
+class Topics:
+    """All of them; their number is bounded, since operators name them. Those in `named` have places of their own."""
+
+    def __init__(self) -> None:
+        self.named: frozenset[str] = frozenset()
+        self._topics: dict[str, Topic] = {}
+        self._parting: dict[str, None] = {}
+
+    def __iter__(self) -> Iterator[Topic]:
+        """Give all in the order in which they were named first."""
+        return iter(tuple(self._topics.values()))
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a topic of this name."""
+        return name in self._topics
+
+    def find(self, name: str) -> Topic | None:
+        """Return the topic of this name, None if there is none."""
+        return self._topics.get(name)
+
+    def add(self, name: str) -> Topic:
+        """Return the topic of this name, however many there are."""
+        # It was to be unadvertised, which must not come after its next command.
+        self._parting.pop(name, None)
+        return self._topics.setdefault(name, Topic(name))
+
+    def place(self, name: str, now: float, may_go: Callable[[Topic], bool]) -> Topic:
+        """Return the topic of this name; one that `may_go` makes room for it, or it is Refused."""
+        if name not in self._topics and name not in self.named:
+            self._make_room(may_go)
+        topic = self.add(name)
+        topic.used_at = now
+        return topic
+
+    def free_unmoved(self, may_go: Callable[[Topic], bool]) -> None:
+        """Free the places of topics that never moved anything."""
+        for topic in self._guests():
+            if not topic.moved and may_go(topic):
+                self._forget(topic)
+
+    @property
+    def parting(self) -> bool:
+        """Whether rosbridge knows topics that were forgotten."""
+        return bool(self._parting)
+
+    def next_parting(self) -> str:
+        """Return, once, the name of such a topic."""
+        return self._parting.popitem()[0]
+
+    def line_lost(self) -> None:
+        """Note that the next rosbridge knows none of them."""
+        self._parting.clear()
+        for topic in self:
+            topic.announced = False
+
+    def _guests(self) -> list[Topic]:
+        return [topic for topic in self if topic.name not in self.named]
+
+    def _make_room(self, may_go: Callable[[Topic], bool]) -> None:
+        guests = self._guests()
+        if len(guests) < MOST_TOPICS:
+            return
+        goes = min(filter(may_go, guests), key=lambda t: max(t.used_at, t.sent_at), default=None)
+        if goes is None:
+            raise Refused(
+                "shape",
+                f"the guard knows {MOST_TOPICS} drive topics already, and can forget none now",
+            )
+        self._forget(goes)
+
+    def _forget(self, topic: Topic) -> None:
+        del self._topics[topic.name]
+        if topic.announced or topic.sent is not None:
+            self._parting[topic.name] = None
+        # Whoever still has it in hand must not advertise it again.
+        topic.type = ""
+
+    def of(self, concerned: Callable[[Source], bool]) -> list[str]:
+        """Name the topics that such a source moved last."""
+        return [t.name for t in self if t.source is not None and concerned(t.source)]
+
+    def forget_waiting(self, concerned: Callable[[Source], bool]) -> None:
+        """Drop what such a source sent and rosbridge has not got."""
+        for topic in self:
+            if topic.waiting is not None and concerned(topic.waiting.source):
+                topic.waiting = None
+
+    def forget_source(self, source: Source) -> None:
+        """Let go of a source that is gone."""
+        for topic in self:
+            if topic.source is source:
+                topic.source = None

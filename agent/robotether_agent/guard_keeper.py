@@ -1,0 +1,285 @@
+"""Keeps the guard running for as long as the agent does, and joins it to the robot's session.
+
+Run by the agent. What the server wants goes to the guard at once, and again to each new one after a crash; what the
+guard says goes to the session unchanged. Never stops trying to have a guard, never hands on a release that a dead
+guard left undone, and never lets a connection past it: while there is none, nothing leads to rosbridge.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NoReturn
+
+from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
+from robotether_agent.guard import orders as guard_orders
+from robotether_agent.guard.refused import KINDS
+from robotether_agent.guard_life import GuardLife
+from robotether_agent.guard_process import START_S
+from robotether_agent.problems import GuardDown
+from robotether_agent.tasks import first_of
+
+# A guard that lived this long was a good one: its end is a new trouble, not the old one.
+STABLE_S = 10.0
+FIRST_PAUSE_S = 0.1
+# A guard that dies while the robot moves is followed by one that stops it, and that within a second.
+LAST_PAUSE_S = 0.4
+# When the guard is there for a while: a robot that boots has other work.
+SPARE_AFTER_S = 3.0
+SPARE_LOOK_S = 1.0
+# Lines that a session has not sent yet; the guard says few.
+UNSENT_LIMIT = 64
+# The order that tells a guard of a stop that the one before it had confirmed.
+KEPT = "kept"
+STATE = re.compile("ready|down")
+NOTHING_TOLD = MappingProxyType({"moving": False, "refused": dict.fromkeys(KINDS, 0)})
+OLDER_SERVER = "the server is older than the guard, so nobody can drive; upgrade the server"
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class GuardView:
+    """How the guard is: `port` None is no guard; `stopped` is the latch, `by` who set it."""
+
+    state: str = "down"
+    port: int | None = None
+    stopped: bool = False
+    by: str = ""
+    detail: str = "it starts"
+
+
+def pause_before(restart: int) -> float:
+    """Return the seconds before the restart number `restart` in a row: the first one comes at once."""
+    return 0.0 if restart <= 1 else min(LAST_PAUSE_S, FIRST_PAUSE_S * 2 ** min(restart - 2, 10))
+
+
+class GuardKeeper:
+    """The guard of one robot, whichever process it is at the moment."""
+
+    def __init__(
+        self,
+        rosbridge_url: str,
+        command: Sequence[str],
+        *,
+        on_change: Callable[[GuardView], None] = lambda _: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.view = GuardView()
+        self._rosbridge_url = rosbridge_url
+        self._command = command
+        self._on_change = on_change
+        self._clock = clock
+        self._guard: GuardLife | None = None
+        self._spare: GuardLife | None = None
+        self._followers: set[asyncio.Queue[JsonObject]] = set()
+        self._told: JsonObject | None = None
+        # What a new guard is told.
+        self._wants = self._config({}, direct=False)
+        self._knows_guard = True
+        self._session_up = False
+        self._lease: JsonObject | None = None
+        self._unanswered_stop: JsonObject | None = None
+
+    async def run(self) -> NoReturn:
+        """Have a guard, one after the other; when cancelled, return once it has stopped the robot."""
+        restarts = 0
+        try:
+            while True:
+                began = self._clock()
+                try:
+                    await self._one_life()
+                except GuardDown as problem:
+                    restarts = 1 if self._clock() - began >= STABLE_S else restarts + 1
+                    pause_s = 0.0 if self._has_spare else pause_before(restarts)
+                    log.warning("%s; another one follows in %.1f s", problem, pause_s)
+                    self._is_down(problem.message)
+                    await asyncio.sleep(pause_s)
+        finally:
+            await self._drop_spare()
+
+    @contextmanager
+    def following(self) -> Iterator[asyncio.Queue[JsonObject]]:
+        """Give one session what the guard says: first how it is now, then each of its lines."""
+        queue: asyncio.Queue[JsonObject] = asyncio.Queue(UNSENT_LIMIT)
+        if self._told is not None:
+            # Before the first guard has looked nobody knows whether this robot is stopped.
+            queue.put_nowait(self._state_now(self._told))
+        self._followers.add(queue)
+        try:
+            yield queue
+        finally:
+            self._followers.discard(queue)
+
+    def configured(self, wants: JsonObject | None, *, direct: bool) -> None:
+        """Follow the session's configuration; a server from before the guard wants None.
+
+        What the guard would not take raises FieldError here, and changes nothing.
+        """
+        # Without a key in it the guard refuses every connection of a relay.
+        config = self._config({} if wants is None else wants, direct=direct)
+        guard_orders.parse(line_of(config))
+        self._wants = config
+        self._knows_guard = wants is not None
+        self._session_up = True
+        self._send(self._wants)
+        self._send({"type": "session", "up": True})
+        if self.view.port is not None:
+            self._set(replace(self.view, detail=self._advice))
+
+    def session_lost(self) -> None:
+        """Let the guard stop the robot: its session has ended."""
+        self._session_up = False
+        if self._lease is not None:
+            self._lease = {**self._lease, "held": False}
+        self._send({"type": "session", "up": False})
+
+    def lease(self, fence: int, *, held: bool) -> None:
+        """Tell the newest fencing number, and whether anybody holds it."""
+        self._lease = {"type": "lease", "fence": fence, "held": held}
+        self._send(self._lease)
+
+    def stop(self, order: str, by: str) -> None:
+        """Stop the robot, now or as soon as there is a guard."""
+        log.warning("%s stopped this robot; a driver must release it", by)
+        self._unanswered_stop = {"type": "stop", "id": order, "by": by}
+        self._send(self._unanswered_stop)
+
+    def release(self, order: str, by: str) -> None:
+        """Release the robot, now or never: what comes late could release a later stop."""
+        log.warning("%s releases this robot", by)
+        if self._unanswered_stop is not None:
+            log.warning("not released: the guard has not confirmed the stop yet")
+            return
+        self._send({"type": "release", "id": order, "by": by})
+
+    async def _one_life(self) -> NoReturn:
+        guard = await self._next_guard()
+        log.debug("guard %d takes over", guard.pid)
+        try:
+            self._guard = guard
+            self._keep_stop()
+            for message in self._replay():
+                guard.send(message)
+            guard.take_over(self._hear)
+            await self._serve(guard)
+        except GuardDown:
+            # Also of one that only hangs: two guards at once must never drive.
+            await guard.kill()
+            raise
+        finally:
+            self._guard = None
+            await guard.end()
+
+    async def _serve(self, guard: GuardLife) -> NoReturn:
+        await first_of(guard.until_end(), self._keep_spare())
+        raise GuardDown("the guard ended")
+
+    @property
+    def _has_spare(self) -> bool:
+        """Whether somebody can take over at once; a bench that knows of another stop than ours is no help."""
+        return self._spare is not None and self._spare.is_fit(stopped=self.view.stopped)
+
+    async def _next_guard(self) -> GuardLife:
+        """Return the one on the bench, or start one."""
+        if self._spare is not None and self._has_spare:
+            guard, self._spare = self._spare, None
+            return guard
+        await self._drop_spare()
+        return await GuardLife.start(self._command)
+
+    async def _keep_spare(self) -> NoReturn:
+        """Have one more guard on the bench, whose Python has started already."""
+        while True:
+            await asyncio.sleep(SPARE_AFTER_S)
+            if self.view.port is None:
+                continue
+            try:
+                self._spare = self._spare or await GuardLife.start(self._command)
+                fit_by = self._clock() + START_S
+                while self._clock() < fit_by or self._spare.is_fit(stopped=self.view.stopped):
+                    await self._spare.ended(SPARE_LOOK_S)
+            except GuardDown as problem:
+                log.info("of the guard on the bench: %s", problem.message)
+            await self._drop_spare()
+
+    async def _drop_spare(self) -> None:
+        spare, self._spare = self._spare, None
+        if spare is not None:
+            await spare.kill()
+
+    @property
+    def _advice(self) -> str:
+        """Why nobody can drive although there is a guard, if so."""
+        return "" if self._knows_guard else OLDER_SERVER
+
+    def _keep_stop(self) -> None:
+        """Have the stop of the last guard told to this one, which may not have found it: disks fail."""
+        if self.view.stopped and self._unanswered_stop is None:
+            self._unanswered_stop = {"type": "stop", "id": KEPT, "by": self.view.by}
+
+    def _replay(self) -> Iterator[JsonObject]:
+        yield self._wants
+        yield {"type": "session", "up": self._session_up}
+        if self._lease is not None:
+            yield self._lease
+        if self._unanswered_stop is not None:
+            yield self._unanswered_stop
+
+    def _config(self, guard: JsonObject, *, direct: bool) -> JsonObject:
+        where = {"type": "config", "rosbridge_url": self._rosbridge_url}
+        return {**where, "guard": guard, "direct": direct}
+
+    def _send(self, message: Mapping[str, object]) -> None:
+        if self._guard is not None:
+            self._guard.send(message)
+
+    def _hear(self, message: JsonObject) -> None:
+        kind = get_text(message, "type")
+        if kind == "ready":
+            self._is_ready(get_int(message, "port", 1, 65535))
+        elif kind == "guard":
+            self._hear_state(message)
+
+    def _is_ready(self, port: int) -> None:
+        log.info("the guard before %s is ready", self._rosbridge_url)
+        self._set(replace(self.view, state="ready", port=port, detail=self._advice))
+
+    def _hear_state(self, message: JsonObject) -> None:
+        state = get_match(message, "state", STATE, "ready or down")
+        stopped = get_flag(message, "stopped", default=True)
+        by = get_text(message, "by", default="", limit=200)
+        stop = self._unanswered_stop
+        if stop is not None and message.get("answers") == stop["id"]:
+            self._unanswered_stop = None
+        self._told = message
+        self._set(replace(self.view, state=state, stopped=stopped, by=by))
+        self._tell(message)
+
+    def _is_down(self, detail: str) -> None:
+        self._set(replace(self.view, state="down", port=None, detail=detail))
+        self._told = self._told or NOTHING_TOLD
+        self._tell(self._state_now(self._told))
+
+    def _state_now(self, told: JsonObject) -> JsonObject:
+        state = {"state": self.view.state, "stopped": self.view.stopped, "by": self.view.by}
+        return {**told, "type": "guard", **state, "answers": None}
+
+    def _tell(self, message: JsonObject) -> None:
+        for queue in self._followers:
+            if queue.full():
+                # The newest line says how it is now.
+                queue.get_nowait()
+            queue.put_nowait(message)
+
+    def _set(self, view: GuardView) -> None:
+        changed = view != self.view
+        self.view = view
+        if changed:
+            self._on_change(view)

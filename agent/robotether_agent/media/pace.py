@@ -1,0 +1,214 @@
+"""How much video may be under way: about as many bytes as the path holds, so that no queue grows in it.
+
+A pure model without clock and socket, fed by the budget. The kernel's own congestion control (cubic, mostly) fills the
+queue of the slowest link until it overflows, and control waits behind that. This keeps `rate x (round trip + QUEUE_S)`
+bytes under way, both measured over rounds of at least a round trip:
+
+* rate: what arrived in a round, the best of the last few. Since a little more than the path holds is under way,
+  this grows by itself, round by round, as long as the path takes more.
+* round trip without a queue: the shortest of the last BASE_FOR_S. After the start, when none as short was seen
+  for that long, or when a queue stays whatever we do, the window is halved for some rounds. That empties our part
+  of any queue; what a round trip takes then is the path's own length, or the queue of somebody who does not give way.
+  Where round trips differ by themselves, as on mobile networks, the shortest is a matter of luck: their deviation is
+  added.
+* a queue longer than CEILING_S means that the path has become slower or that others use it: only the newest
+  round counts then. So video gives way to every other transfer, and never below SEGMENTS_MIN segments under way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+
+from robotether_agent.media.connection_state import Reading
+
+# The queue that keeps the link busy between two looks, and the one that shows that the estimate is too high.
+QUEUE_S = 0.006
+CEILING_S = 0.015
+BASE_FOR_S = 10.0
+# Round trips differ by this without any meaning.
+BASE_NOISE_S = 0.001
+DRAIN_ROUNDS = 4
+DRAIN_PAUSE_S = 3.0
+# So many more rounds with a queue over the ceiling than without one: it is no passing one.
+LASTING_ROUNDS = 8
+ROUND_MIN_S = 0.04
+# A round says what the path takes if somebody waited for the window during this part of it.
+FULL_PART = 0.8
+ROUNDS_KEPT = 8
+SEGMENTS_AT_START = 10
+SEGMENTS_MIN = 4
+WINDOW_MAX = 4 * 1024 * 1024
+# At the start the window doubles each round, until a round brings less than this more or a queue shows.
+START_GAIN = 2.0
+START_GROWTH = 1.25
+START_PATIENCE = 3
+# Later, while no queue shows at all: the path may take more.
+SEARCH_GAIN = 1.15
+# Bytes are handed on at most so much faster than the path takes them: a burst is a queue too, if a short one.
+SPEED_GAIN = 1.25
+
+
+class Round:
+    """What was seen since `first`, until all that was under way then has arrived."""
+
+    def __init__(self, first: Reading) -> None:
+        self._first = first
+        self._last = first
+        self._full_s = 0.0
+        self._rtt_sum = self._rtt_square_sum = 0.0
+
+    def add(self, reading: Reading, *, was_full: bool) -> None:
+        """Note one reading; each counts for the time since the one before."""
+        since_s = reading.at_s - self._last.at_s
+        self._full_s += since_s if was_full else 0.0
+        self._rtt_sum += since_s * reading.rtt_s
+        self._rtt_square_sum += since_s * reading.rtt_s**2
+        self._last = reading
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it says something of the path."""
+        has_lasted = self.lasted_s >= max(ROUND_MIN_S, self._last.rtt_s)
+        return has_lasted and self._last.arrived >= self._first.written
+
+    @property
+    def lasted_s(self) -> float:
+        """Its length in seconds."""
+        return self._last.at_s - self._first.at_s
+
+    @property
+    def rate(self) -> float:
+        """Bytes a second that arrived."""
+        return (self._last.arrived - self._first.arrived) / self.lasted_s
+
+    @property
+    def rtt_s(self) -> float:
+        """The mean round trip."""
+        return self._rtt_sum / self.lasted_s
+
+    @property
+    def jitter_s(self) -> float:
+        """The standard deviation of the round trips."""
+        return sqrt(max(0.0, self._rtt_square_sum / self.lasted_s - self.rtt_s**2))
+
+    @property
+    def was_full(self) -> bool:
+        """Whether the window was what held video back."""
+        return self._full_s > FULL_PART * self.lasted_s
+
+
+class Pace:
+    """The estimate for one connection."""
+
+    def __init__(self, first: Reading) -> None:
+        self.queue_s = 0.0
+        self._jitter_s = 0.0
+        self._base_s = first.min_rtt_s
+        self._base_seen_at = self._drained_at = first.at_s
+        self._rates: deque[float] = deque(maxlen=ROUNDS_KEPT)
+        self._segment = first.segment
+        self._round = Round(first)
+        self._start: Start | None = Start()
+        self._drains_left = 0
+        self._rounds_over_ceiling = 0
+
+    @property
+    def window(self) -> int:
+        """Bytes that may be under way now."""
+        if not self._rates:
+            return SEGMENTS_AT_START * self._segment
+        held = self.rate * (self._base_s + QUEUE_S + self._jitter_s)
+        return min(max(int(held * self._gain), SEGMENTS_MIN * self._segment), WINDOW_MAX)
+
+    @property
+    def rate(self) -> float:
+        """Bytes a second that the path takes, as far as is known."""
+        return max(self._rates, default=0.0)
+
+    @property
+    def speed(self) -> float:
+        """Bytes a second at most at which the window may be filled."""
+        if not self._rates:
+            return float(WINDOW_MAX)
+        least = SEGMENTS_MIN * self._segment / (self._base_s + QUEUE_S)
+        return max(self.rate, least) * max(SPEED_GAIN, self._gain)
+
+    @property
+    def _gain(self) -> float:
+        if self._drains_left:
+            return 0.5
+        if self._start is not None:
+            return START_GAIN
+        return SEARCH_GAIN if self.queue_s < QUEUE_S / 4 else 1.0
+
+    def update(self, reading: Reading, *, was_full: bool) -> None:
+        """Learn from `reading`; `was_full`: somebody has waited for the window since the last one."""
+        self._segment = reading.segment
+        self._round.add(reading, was_full=was_full)
+        if self._round.is_over:
+            self._learn(self._round, reading.at_s)
+            self._round = Round(reading)
+
+    def _learn(self, seen: Round, now_s: float) -> None:
+        self._learn_base(seen, now_s)
+        self.queue_s = max(0.0, seen.rtt_s - self._base_s)
+        self._jitter_s += (min(seen.jitter_s, CEILING_S) - self._jitter_s) / ROUNDS_KEPT
+        if self._drains_left:
+            self._drain(seen, now_s)
+            return
+        # A camera that offered less says nothing of the path, unless it got more through than was thought.
+        if seen.was_full or seen.rate > self.rate:
+            self._learn_rate(seen.rate)
+        if seen.was_full and self._base_is_doubtful(now_s):
+            self._begin_drain()
+
+    def _learn_base(self, seen: Round, now_s: float) -> None:
+        if seen.rtt_s <= self._base_s + BASE_NOISE_S:
+            self._base_seen_at = now_s
+        self._base_s = min(self._base_s, seen.rtt_s)
+
+    def _learn_rate(self, rate: float) -> None:
+        if self.queue_s > CEILING_S + self._jitter_s:
+            self._rates.clear()
+            self._rounds_over_ceiling += 1
+        else:
+            self._rounds_over_ceiling = max(0, self._rounds_over_ceiling - 1)
+        self._rates.append(rate)
+        if self._start is not None and (self.queue_s > QUEUE_S or self._start.is_over(rate)):
+            # The start may have made a queue. And only now full segments go, which take longer than what went before.
+            self._begin_drain()
+
+    def _base_is_doubtful(self, now_s: float) -> bool:
+        if now_s - self._base_seen_at > BASE_FOR_S:
+            return True
+        has_paused = now_s - self._drained_at > DRAIN_PAUSE_S
+        return has_paused and self._rounds_over_ceiling >= LASTING_ROUNDS
+
+    def _begin_drain(self) -> None:
+        self._start = None
+        self._drains_left = DRAIN_ROUNDS
+
+    def _drain(self, seen: Round, now_s: float) -> None:
+        self._drains_left -= 1
+        if not self._drains_left:
+            self._base_s = seen.rtt_s
+            self._base_seen_at = self._drained_at = now_s
+            self._rounds_over_ceiling = 0
+
+
+class Start:
+    """The first rounds of a connection, in which nothing is known of the path."""
+
+    def __init__(self) -> None:
+        self._best = 0.0
+        self._rounds_without_growth = 0
+
+    def is_over(self, rate: float) -> bool:
+        """Learn the rate of another round, and tell whether rounds bring no more any more."""
+        if rate > self._best * START_GROWTH:
+            self._best = rate
+            self._rounds_without_growth = 0
+        else:
+            self._rounds_without_growth += 1
+        return self._rounds_without_growth >= START_PATIENCE

@@ -1,0 +1,106 @@
+"""Hears from the kernel that this machine's links, addresses or routes have changed (rtnetlink).
+
+Used by the dialling and by reach, each with a socket of its own. It only says that something changed, who uses it looks
+for itself: messages may be lost, or may not be allowed at all, and then whoever waits here looks a little later.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+# Numbers of linux/rtnetlink.h and linux/netlink.h.
+GROUPS = {
+    "link": 0x1,
+    "IPv4 address": 0x10,
+    "IPv4 route": 0x40,
+    "IPv6 address": 0x100,
+    "IPv6 route": 0x400,
+}
+KINDS = {16: "link", 17: "link", 20: "address", 21: "address", 24: "route", 25: "route"}
+# Length, type, flags, sequence number and sender of each message.
+HEADER = struct.Struct("=IHHII")
+ALIGNMENT = 4
+BUFFER = 64 * 1024
+# One change of network comes as many messages; this many are read in one go at most.
+READS = 64
+
+log = logging.getLogger(__name__)
+
+
+def kinds_of(data: bytes) -> set[str]:
+    """Return what the messages in one datagram are about; what is cut short or unknown is left out."""
+    found = set()
+    at = 0
+    while at + HEADER.size <= len(data):
+        length, number, *_ = HEADER.unpack_from(data, at)
+        if length < HEADER.size or at + length > len(data):
+            break
+        if number in KINDS:
+            found.add(KINDS[number])
+        at += -(-length // ALIGNMENT) * ALIGNMENT
+    return found
+
+
+class Network:
+    """What one listener has heard; `changed` waits for the next."""
+
+    def __init__(self) -> None:
+        self._event = asyncio.Event()
+
+    async def changed(self) -> None:
+        """Wait until something has changed since the last call."""
+        await self._event.wait()
+        self._event.clear()
+
+    def read(self, listener: socket.socket) -> None:
+        """Take what the kernel has sent."""
+        for _ in range(READS):
+            try:
+                kinds = kinds_of(listener.recv(BUFFER))
+            except BlockingIOError:
+                return
+            except OSError as error:
+                # More happened than the buffer holds, so surely something did.
+                kinds = {"link"} if error.errno == errno.ENOBUFS else set()
+            if kinds:
+                log.debug("the network changed: %s", ", ".join(sorted(kinds)))
+                self._event.set()
+
+
+@contextmanager
+def listening() -> Iterator[Network]:
+    """Listen inside the block."""
+    network = Network()
+    listener = _open()
+    if listener is None:
+        yield network
+        return
+    loop = asyncio.get_running_loop()
+    loop.add_reader(listener, network.read, listener)
+    try:
+        yield network
+    finally:
+        loop.remove_reader(listener)
+        listener.close()
+
+
+def _open() -> socket.socket | None:
+    try:
+        kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
+        listener = socket.socket(socket.AF_NETLINK, kind, socket.NETLINK_ROUTE)
+    except OSError as error:
+        log.debug("cannot hear of changes of the network: %s", error)
+        return None
+    try:
+        listener.bind((0, sum(GROUPS.values())))
+    except OSError as error:
+        log.debug("cannot hear of changes of the network: %s", error)
+        listener.close()
+        return None
+    return listener

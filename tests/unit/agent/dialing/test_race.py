@@ -1,0 +1,130 @@
+"""Ways that are tried side by side: the first that works wins, nothing is left behind."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import repeat
+
+import pytest
+from fake_cloud import eventually
+from robotether_agent.dialing.race import Race, after, together
+from robotether_agent.problems import NoAnswer, ServerUnreachable
+
+
+class Attempts:
+    """Attempts that end as they are told."""
+
+    def __init__(self) -> None:
+        self.started: list[str] = []
+        self.ended: list[str] = []
+        self.dropped: list[str] = []
+
+    def that(self, name: str, outcome=None, *, when: asyncio.Event | None = None):
+        async def attempt() -> str:
+            self.started.append(name)
+            try:
+                await (when or asyncio.Event()).wait() if when or outcome is None else None
+                if isinstance(outcome, Exception):
+                    raise outcome
+                return name
+            finally:
+                self.ended.append(name)
+
+        return attempt
+
+
+def never():
+    return asyncio.Event().wait()
+
+
+@pytest.fixture
+def attempts() -> Attempts:
+    return Attempts()
+
+
+async def test_the_first_one_wins_alone_when_it_answers(attempts):
+    """What works at once starts no second way."""
+    ways = [attempts.that("first", "works"), attempts.that("second", "works")]
+    race = Race(ways, pause=after(10), drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "first"
+    assert attempts.started == ["first"]
+
+
+async def test_a_silent_one_is_overtaken_and_ended(attempts):
+    """The next one starts after the pause, and wins while the first is ended."""
+    ways = [attempts.that("silent"), attempts.that("second", "works")]
+    race = Race(ways, pause=after(0.01), drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "second"
+    assert attempts.ended == ["second", "silent"]
+
+
+async def test_a_failure_starts_the_next_at_once(attempts):
+    """No pause is waited for after a refusal."""
+    ways = [attempts.that("refused", ServerUnreachable("no")), attempts.that("second", "works")]
+    race = Race(ways, pause=never, drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "second"
+
+
+async def test_two_that_work_in_the_same_moment(attempts):
+    """One is returned, the other one dropped."""
+    now = asyncio.Event()
+    ways = [attempts.that(name, when=now) for name in ("one", "other")]
+    race = Race(ways, pause=after(0), drop=attempts.dropped.append)
+    winner = asyncio.ensure_future(race.winner())
+    await eventually(lambda: len(attempts.started) == 2, lambda: "both have started")
+    now.set()
+    assert {await asyncio.wait_for(winner, 5), *attempts.dropped} == {"one", "other"}
+
+
+async def test_all_fail(attempts):
+    """What each of them said is told once."""
+    ways = [
+        attempts.that("a", NoAnswer("x")),
+        attempts.that("b", NoAnswer("x")),
+        attempts.that("c", NoAnswer("y")),
+    ]
+    race = Race(ways, pause=never, drop=attempts.dropped.append)
+    with pytest.raises(NoAnswer, match=r"^x; y"):
+        await asyncio.wait_for(race.winner(), 5)
+
+
+async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
+    """Silence is tried again without end and with pauses; a refusal ends it."""
+    outcomes = iter([NoAnswer("x"), NoAnswer("x"), ServerUnreachable("no")])
+    pauses: list[int] = []
+
+    async def attempt() -> str:
+        raise next(outcomes)
+
+    async def pause() -> None:
+        pauses.append(1)
+
+    race = Race(repeat(attempt), pause=pause, drop=attempts.dropped.append, eager=False)
+    with pytest.raises(ServerUnreachable):
+        await asyncio.wait_for(race.winner(), 5)
+    assert len(pauses) >= 2
+
+
+async def test_a_defect_is_not_hidden(attempts):
+    """What is no problem of the network gets through."""
+    ways = [attempts.that("broken", ValueError("a defect")), attempts.that("second", "works")]
+    with pytest.raises(ValueError, match="a defect"):
+        await Race(ways, pause=never, drop=attempts.dropped.append).winner()
+
+
+async def test_cancelled(attempts):
+    """A race that is ended leaves nothing running."""
+    race = asyncio.ensure_future(
+        Race([attempts.that("silent")], pause=never, drop=attempts.dropped.append).winner()
+    )
+    await eventually(lambda: bool(attempts.started), lambda: "it has started")
+    race.cancel()
+    await asyncio.wait({race})
+    assert attempts.ended == ["silent"]
+
+
+def test_silence_is_told_only_if_nothing_answered():
+    """A refusal counts more than the silence beside it, since it waits longer."""
+    assert isinstance(together([NoAnswer("a"), ServerUnreachable("b")]), ServerUnreachable)
+    assert isinstance(together([NoAnswer("a")]), NoAnswer)
+    assert isinstance(together([]), NoAnswer)

@@ -1,0 +1,234 @@
+"""When the guard's zeros begin and end."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from robotether_agent.guard.deadman import ZERO_EVERY_S, ZEROS, Deadman
+
+TIMEOUT_S = 0.5
+TOPIC = "/cmd_vel"
+
+
+def run_zeros(deadman: Deadman, now: float, until: float) -> list[float]:
+    """Send every zero when it is due; their moments."""
+    sent = []
+    while (moment := deadman.next_at()) is not None and moment <= until:
+        now = max(now, moment)
+        for name in deadman.due(now):
+            deadman.zeroed(name, now)
+            sent.append(now)
+    return sent
+
+
+def moving() -> Deadman:
+    deadman = Deadman(TIMEOUT_S)
+    deadman.commanded(TOPIC, 0.0, moves=True)
+    return deadman
+
+
+def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
+    """It was sent before, and the robot moves."""
+    deadman = moving()
+    deadman.stop([TOPIC], 0.1)
+    deadman.commanded(TOPIC, 0.1, moves=True)
+    assert not deadman.stands(TOPIC)
+    for _ in range(ZEROS):
+        deadman.zeroed(TOPIC, 0.1)
+    assert deadman.state == "moving"
+    assert deadman.next_at() == 0.1 + TIMEOUT_S
+
+
+def test_a_robot_stands_when_it_has_its_zeros() -> None:
+    """And not while they are on their way."""
+    deadman = moving()
+    assert not deadman.stands(TOPIC)
+    run_zeros(deadman, 0.0, 0.6)
+    assert not deadman.stands(TOPIC)
+    run_zeros(deadman, 0.6, 60.0)
+    assert deadman.stands(TOPIC)
+
+
+def test_zeros_begin_after_the_deadman_time_and_end() -> None:
+    """20 Hz for 0.5 s, then silence."""
+    sent = run_zeros(deadman := moving(), 0.0, 60.0)
+    assert sent[0] == pytest.approx(TIMEOUT_S)
+    assert len(sent) == ZEROS
+    assert sent[-1] < TIMEOUT_S + 0.5
+    assert deadman.state == "idle"
+    assert deadman.next_at() is None
+
+
+def test_each_command_begins_the_time_anew() -> None:
+    """A driver who goes on is not disturbed."""
+    deadman = moving()
+    for tick in range(1, 40):
+        assert deadman.due(tick * 0.4) == []
+        deadman.commanded(TOPIC, tick * 0.4, moves=True)
+    assert deadman.state == "moving"
+
+
+def test_a_drivers_own_zero_is_the_end() -> None:
+    """The guard adds nothing to a clean stop."""
+    deadman = moving()
+    deadman.commanded(TOPIC, 0.1, moves=False)
+    assert run_zeros(deadman, 0.1, 60.0) == []
+
+
+def test_who_never_moved_gets_no_zero() -> None:
+    """Another controller of the robot may be at work."""
+    deadman = Deadman(TIMEOUT_S)
+    deadman.commanded(TOPIC, 0.0, moves=False)
+    deadman.stop([TOPIC, "/other"], 0.0)
+    assert run_zeros(deadman, 0.0, 60.0) == []
+
+
+def test_a_stop_needs_no_motion() -> None:
+    """Somebody pressed it: zeros, whatever was last."""
+    deadman = Deadman(TIMEOUT_S)
+    deadman.force([TOPIC], 3.0)
+    assert len(run_zeros(deadman, 3.0, 60.0)) == ZEROS
+
+
+def test_a_loss_does_not_prolong_zeros_that_run() -> None:
+    """Two reasons to stop are one stop."""
+    deadman = moving()
+    deadman.stop([TOPIC], 0.1)
+    first = run_zeros(deadman, 0.1, 0.3)
+    deadman.stop([TOPIC], 0.3)
+    assert len(first) + len(run_zeros(deadman, 0.3, 60.0)) == ZEROS
+
+
+def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
+    """The half second begins with the first one that rosbridge took."""
+    deadman = moving()
+    for tick in range(100):
+        now = TIMEOUT_S + tick * (ZERO_EVERY_S + 0.001)
+        assert deadman.due(now) == [TOPIC]
+        deadman.postponed(TOPIC, now)
+        assert deadman.owes
+    sent = run_zeros(deadman, now, 60.0)
+    assert len(sent) == ZEROS
+    assert not deadman.owes
+
+
+def test_a_lost_connection_owes_all_zeros_again() -> None:
+    """Nobody knows which of them arrived."""
+    deadman = moving()
+    deadman.stop([TOPIC], 0.1)
+    run_zeros(deadman, 0.1, 0.4)
+    deadman.begin_again()
+    assert len(run_zeros(deadman, 0.4, 60.0)) == ZEROS
+
+
+def test_topics_have_phases_of_their_own() -> None:
+    """One arm of the robot that stands does not keep the other from its zeros."""
+    deadman = moving()
+    deadman.commanded("/other", 0.4, moves=True)
+    assert deadman.due(0.6) == [TOPIC]
+    deadman.zeroed(TOPIC, 0.6)
+    assert deadman.moving() == ["/other"]
+    assert deadman.is_moving("/other")
+    assert deadman.state == "moving"
+
+
+class AnyEvents(RuleBasedStateMachine):
+    """Whatever happens in whatever order, a robot that was told to move is told to stand in time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.deadman = Deadman(TIMEOUT_S)
+        self.now = 0.0
+        self.moved_at: float | None = None
+        self.takes_since = 0.0
+        self.takes = True
+
+    def _let_time_pass(self, seconds: float) -> None:
+        end = self.now + seconds
+        while (moment := self.deadman.next_at()) is not None and moment <= end:
+            self.now = max(self.now, moment)
+            for name in self.deadman.due(self.now):
+                if self.takes:
+                    self.deadman.zeroed(name, self.now)
+                    self.moved_at = None
+                else:
+                    self.deadman.postponed(name, self.now)
+        self.now = end
+
+    @rule(seconds=st.floats(0, 1))
+    def time_passes(self, seconds: float) -> None:
+        self._let_time_pass(seconds)
+
+    # The helm sends no command while rosbridge takes none or a zero is owed.
+    @precondition(lambda self: self.takes and not self.deadman.owes)
+    @rule(moves=st.booleans())
+    def a_command(self, *, moves: bool) -> None:
+        self.deadman.commanded(TOPIC, self.now, moves=moves)
+        self.moved_at = self.now if moves else None
+
+    @rule()
+    def somebody_is_lost(self) -> None:
+        self.deadman.stop([TOPIC], self.now)
+
+    @rule()
+    def a_stop(self) -> None:
+        self.deadman.force([TOPIC], self.now)
+
+    @rule()
+    def rosbridge_dies(self) -> None:
+        self.deadman.begin_again()
+        self.deadman.stop([TOPIC], self.now)
+        self.takes = False
+
+    @rule()
+    def rosbridge_lives(self) -> None:
+        if not self.takes:
+            self.takes_since = self.now
+        self.takes = True
+
+    @invariant()
+    def no_motion_outlives_the_deadman_time(self) -> None:
+        if self.moved_at is not None and self.takes:
+            begun = max(self.moved_at, self.takes_since)
+            assert self.now <= begun + TIMEOUT_S + ZERO_EVERY_S + 1e-6
+
+    def teardown(self) -> None:
+        self.takes = True
+        self._let_time_pass(TIMEOUT_S + 0.5 + 2 * ZERO_EVERY_S)
+        assert self.moved_at is None
+        assert self.deadman.state == "idle"
+        assert self.deadman.next_at() is None
+
+
+TestAnyEvents = AnyEvents.TestCase
+
+
+@given(st.floats(0.2, 2.0), st.floats(0, 1e6))
+def test_the_next_moment_is_never_behind_what_is_due(timeout_s: float, start: float) -> None:
+    """A task that sleeps until it neither spins nor sleeps too long."""
+    deadman = Deadman(timeout_s)
+    deadman.commanded(TOPIC, start, moves=True)
+    moment = deadman.next_at()
+    assert moment is not None
+    assert math.isclose(moment, start + timeout_s)
+    assert deadman.due(moment) == [TOPIC]
+
+
+def test_a_topic_is_forgotten_when_it_stands_and_not_before() -> None:
+    """Else the zeros of a robot in motion would be forgotten with it."""
+    deadman = Deadman(0.5)
+    deadman.commanded("/moves", 0.0, moves=True)
+    deadman.commanded("/stands", 0.0, moves=False)
+    deadman.force(["/zeroed"], 0.0)
+    deadman.forget(())
+    deadman.zeroed("/stands", 0.0)
+    deadman.postponed("/stands", 0.0)
+    assert deadman.moving() == ["/moves"]
+    assert deadman.due(0.1) == ["/zeroed"]
+    deadman.commanded("/moves", 0.1, moves=False)
+    deadman.forget(["/zeroed"])
+    assert deadman.next_at() == 0.0

@@ -1,0 +1,512 @@
+"""What goes on the drive line, with a line and a clock of the tests."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from helm_world import FakeSource, MemoryMark, World
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_agent.guard.authority import Admission
+from robotether_agent.guard.helm import AHEAD_MS
+from robotether_agent.guard.limits import Limits
+from robotether_agent.guard.marks import Driven, MotionFile
+from robotether_agent.guard.orders import Config
+from robotether_agent.guard.topics import MOST_TOPICS
+from sim_client import until
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+async def test_a_command_goes_on_without_its_stamp(world: World) -> None:
+    """Written anew, with the client's id."""
+    await world.drive(0.5, id="c1", latch=True, queue_size=1)
+    assert world.line.sent == [
+        {
+            "op": "publish",
+            "topic": "/cmd_vel",
+            "id": "c1",
+            "msg": {
+                "linear": {"x": 0.5, "y": 0.0, "z": 0.0},
+                "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+            },
+        }
+    ]
+    assert world.source.refused == []
+    assert world.helm.moving
+
+
+async def test_zeros_follow_when_commands_stop(world: World) -> None:
+    """Ten, and then the guard is silent and its mark gone."""
+    await world.drive(0.5)
+    await world.pass_time(0.45)
+    assert world.line.speeds == [0.5]
+    assert world.mark.read() == [Driven("/cmd_vel", "twist")]
+    await world.pass_time(10)
+    assert world.line.speeds == [0.5] + [0.0] * 10
+    assert world.mark.read() is None
+    assert not world.helm.moving
+
+
+@pytest.mark.parametrize("loss", ["gone", "lease", "stop", "session", "agent", "rosbridge"])
+async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
+    """The driver's connection, lease or session, the agent, and rosbridge itself."""
+    await world.drive(0.5)
+    losses: dict[str, Callable[[], None]] = {
+        "gone": lambda: world.helm.gone(world.source),
+        "lease": lambda: (world.authority.lease(13, held=False), world.helm.rights_changed())[1],
+        "session": lambda: (world.authority.session(up=False), world.helm.rights_changed())[1],
+        "stop": lambda: (world.authority.stop(), world.helm.stop())[1],
+        "agent": lambda: setattr(world, "now", world.authority.silent_at),
+        "rosbridge": world.helm.line_lost,
+    }
+    losses[loss]()
+    await world.helm.step()
+    assert world.line.speeds == [0.5, 0.0]
+    await world.pass_time(5)
+    assert world.line.speeds == [0.5] + [0.0] * 10
+
+
+async def test_another_connections_end_is_no_stop(world: World) -> None:
+    """Observers come and go."""
+    await world.drive(0.5)
+    world.helm.gone(FakeSource(Admission("observe")))
+    await world.helm.step()
+    assert world.line.speeds == [0.5]
+
+
+async def test_a_stop_zeroes_what_stands(world: World) -> None:
+    """Of topics that were driven; the guard knows no others."""
+    await world.send(op="advertise", topic="/other/cmd_vel", type="geometry_msgs/Twist")
+    await world.drive(0.0)
+    world.helm.stop()
+    await world.pass_time(5)
+    assert world.line.speeds == [0.0] * 11
+    assert {m["topic"] for m in world.line.sent if m["op"] == "publish"} == {"/cmd_vel"}
+
+
+@pytest.mark.parametrize("age_ms", [500.1, 1e9, -AHEAD_MS - 1])
+async def test_old_commands_are_refused(world: World, age_ms: float) -> None:
+    """And those from a future that no clock explains."""
+    await world.drive(0.5, age_ms=age_ms)
+    assert world.line.sent == []
+    assert world.source.kinds == ["old"]
+    assert world.helm.refusals["old"] == 1
+
+
+@pytest.mark.parametrize("t_ms", [None, "now", True, [], 10**400, -(10**400)])
+async def test_a_command_without_a_moment_is_refused(world: World, t_ms: object) -> None:
+    """Its age cannot be known."""
+    await world.drive(0.5, robotether={"t_ms": t_ms, "fence": 13})
+    await world.drive(0.5, robotether=3)
+    assert world.line.sent == []
+    assert world.source.kinds == ["old", "fence"]
+
+
+async def test_a_direct_connection_needs_no_moment(world: World) -> None:
+    """There only its age is unknown."""
+    world.authority.lease(13, held=False)
+    world.authority.direct = True
+    direct = FakeSource(Admission("direct"))
+    await world.send(direct, op="publish", msg={"linear": {"x": 1}})
+    assert world.line.speeds == [1.0]
+
+
+async def test_observers_move_nothing(world: World) -> None:
+    """The server refuses them first; here is the second door."""
+    observer = FakeSource(Admission("observe"))
+    await world.drive(0.5, observer)
+    await world.send(observer, op="advertise", type="geometry_msgs/Twist")
+    assert world.line.sent == []
+    assert len(observer.refused) == 2
+
+
+async def test_a_topic_is_advertised_on_the_drive_line(world: World) -> None:
+    """Once, without a latch, and again to the next rosbridge, before any command."""
+    await world.send(op="advertise", type="geometry_msgs/Twist", latch=True)
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+    assert world.line.sent == [advertise]
+    world.helm.line_lost()
+    world.helm.line_up()
+    await world.drive(0.5)
+    assert world.line.sent[1] == advertise
+    assert world.line.sent[2]["op"] == "publish"
+
+
+@pytest.mark.parametrize(
+    "name", [None, 3, "std_msgs/String", "geometry_msgs/TwistWithCovariance", "Twist"]
+)
+async def test_other_types_are_no_drive_types(world: World, name: object) -> None:
+    """The guard could not stop what moves by them."""
+    await world.send(op="advertise", type=name)
+    assert world.line.sent == []
+    assert world.source.kinds == ["shape"]
+
+
+async def test_the_number_of_topics_is_bounded(world: World) -> None:
+    """Operators choose their names."""
+    for number in range(MOST_TOPICS + 5):
+        await world.drive(0.1, topic=f"/r{number}/cmd_vel")
+    assert len(world.line.sent) == MOST_TOPICS
+    assert world.source.kinds == ["shape"] * 5
+
+
+async def invent(world: World, count: int, speed: float = 0.0) -> None:
+    """Let the driver publish to so many topics that nobody listens to."""
+    for number in range(count):
+        world.line.read_until = world.now = world.now + 0.001
+        world.authority.heard(world.now)
+        await world.drive(speed, topic=f"/i{number}/cmd_vel")
+
+
+def names(world: World, operation: str) -> list[str]:
+    """The topics of such messages on the line."""
+    return [m["topic"] for m in world.line.sent if m["op"] == operation]
+
+
+async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> None:
+    """Those that stand make room, the oldest first, and rosbridge is told."""
+    await invent(world, MOST_TOPICS + 2)
+    world.line.read_until = world.now
+    await world.drive(0.5, topic="/real/cmd_vel")
+    await world.helm.step()
+    assert world.source.refused == []
+    assert sorted(names(world, "unadvertise")) == [f"/i{n}/cmd_vel" for n in range(3)]
+    assert names(world, "publish")[-1] == "/real/cmd_vel"
+
+
+async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
+    """Also a stop that rosbridge may not have read; and a named topic needs nobody's place."""
+    await invent(world, MOST_TOPICS, speed=0.1)
+    world.helm.gone(world.source)
+    await world.helm.step()
+    world.line.read_until = world.now
+    await world.drive(0.1, topic="/real/cmd_vel")
+    await world.drive(0.1)
+    assert world.source.kinds == ["shape"]
+    assert names(world, "publish")[-1] == "/cmd_vel"
+    await world.pass_time(2)
+    await world.drive(0.1, topic="/real/cmd_vel")
+    assert world.source.kinds == ["shape"] * 2
+    world.line.read_until = world.now
+    await world.drive(0.1, topic="/real/cmd_vel")
+    assert names(world, "publish")[-1] == "/real/cmd_vel"
+
+
+async def test_a_new_driver_finds_free_places(world: World) -> None:
+    """Of topics that were only named; whoever may not drive gets nobody's place."""
+    await invent(world, MOST_TOPICS)
+    world.line.read_until = world.now
+    direct, new = FakeSource(Admission("direct")), FakeSource(Admission("drive", 14))
+    advertise = {"op": "advertise", "topic": "/x/cmd_vel", "type": "geometry_msgs/Twist"}
+    await world.send(direct, **advertise)
+    assert direct.kinds == ["shape"]
+    world.authority.lease(14, held=True)
+    await world.send(new, **advertise)
+    await world.helm.step()
+    assert new.refused == []
+    assert len(names(world, "unadvertise")) == MOST_TOPICS
+    await world.send(direct, **{**advertise, "topic": "/y/cmd_vel"})
+    assert direct.kinds == ["shape"]
+
+
+async def test_a_broken_command_takes_nobodys_place(world: World) -> None:
+    """It is refused before."""
+    await invent(world, MOST_TOPICS)
+    world.line.read_until = world.now
+    await world.drive(0.5, topic="/real/cmd_vel", msg={"linear": {"x": None}})
+    await world.helm.step()
+    assert names(world, "unadvertise") == []
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.integers(0, 4 * MOST_TOPICS),
+        st.booleans(),
+        st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.6]),
+        st.booleans(),
+    ),
+    min_size=MOST_TOPICS + 4,
+    max_size=60,
+)
+
+
+@given(STEPS)
+def test_every_motion_ends_with_its_zero(steps: list[tuple[int, bool, float, bool]]) -> None:
+    """However many names there are, and whichever of them made room."""
+
+    async def scenario() -> None:
+        world = World()
+        for number, moves, pause_s, read in steps:
+            await world.drive(float(moves), topic=f"/i{number}/cmd_vel")
+            await world.pass_time(pause_s, 0.1)
+            world.line.read_until = world.now if read else world.line.read_until
+        await world.pass_time(3, 0.1)
+        last = {m["topic"]: m["msg"]["linear"]["x"] for m in world.line.sent if "msg" in m}
+        assert set(last.values()) <= {0.0}
+        assert world.mark.read() is None
+
+    asyncio.run(scenario())
+
+
+async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
+    """Rosbridge that is busy gets one, not ten, when it reads again."""
+    world.line.full = True
+    for speed in range(1, 11):
+        await world.drive(speed)
+    world.line.full = False
+    await world.helm.step()
+    assert world.line.speeds == [10.0]
+    assert world.helm.refusals["old"] == 9
+
+
+async def test_a_command_that_waits_too_long_is_dropped(world: World) -> None:
+    """Its age counts from when it was given, not from when it came."""
+    world.line.full = True
+    await world.drive(0.5, age_ms=400)
+    await world.pass_time(0.2)
+    world.line.full = False
+    await world.pass_time(1)
+    assert world.line.sent == []
+    assert world.source.kinds == ["old"]
+
+
+async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
+    """The wish to stand outlives its command."""
+    await world.drive(0.5)
+    world.line.full = True
+    await world.drive(0.0, age_ms=450)
+    await world.pass_time(0.1)
+    world.line.full = False
+    await world.pass_time(0.1)
+    assert world.line.speeds[:2] == [0.5, 0.0]
+
+
+async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
+    """A command must not come after the end of its driver."""
+    world.line.full = True
+    await world.drive(0.5)
+    world.helm.gone(world.source)
+    world.line.full = False
+    await world.pass_time(1)
+    assert world.line.sent == []
+
+
+async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
+    """A rosbridge that was away moves nobody before it has stopped everybody."""
+    await world.drive(0.5)
+    world.line.up = False
+    world.helm.line_lost()
+    await world.pass_time(3)
+    world.line.up = True
+    await world.drive(0.7)
+    assert world.source.kinds == ["held"]
+    world.helm.line_up()
+    await world.helm.step()
+    await world.drive(0.7)
+    assert world.line.speeds == [0.5, 0.0, 0.7]
+
+
+async def test_a_rosbridge_that_does_not_read_gets_nothing(world: World) -> None:
+    """The driver is told so."""
+    world.line.up = False
+    await world.drive(0.5)
+    assert world.source.kinds == ["held"]
+
+
+async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> None:
+    """It may have arrived."""
+    world.line.breaks = True
+    await world.drive(0.5)
+    world.helm.line_lost()
+    world.line.breaks = False
+    await world.pass_time(1)
+    assert world.line.speeds == [0.0] * 10
+
+
+async def test_commands_are_limited_against_the_last_one(world: World) -> None:
+    """0.05 s after 0.1 m/s, 2 m/s2 make 0.2 m/s."""
+    world.helm.use(Config("ws://x", limits=Limits(max_acceleration_m_s2=2)))
+    await world.drive(5)
+    await world.pass_time(0.05)
+    await world.drive(5)
+    assert world.line.speeds[0] == pytest.approx(0.2)
+    assert world.line.speeds[1] == pytest.approx(0.3)
+
+
+async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:
+    """After a crash nobody would stop it."""
+    world = World(MotionFile(tmp_path / "gone"))
+    await world.drive(0.5)
+    assert world.line.sent == []
+    assert world.source.kinds == ["held"]
+    assert not world.helm.moving
+
+
+async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
+    """With the type that was advertised."""
+    assert isinstance(world.mark, MemoryMark)
+    name = "geometry_msgs/msg/TwistStamped"
+    world.mark.driven = [Driven("/base/cmd_vel", "twist_stamped", name, "base")]
+    world.helm.resume()
+    await world.pass_time(3)
+    assert world.line.sent[0] == {"op": "advertise", "topic": "/base/cmd_vel", "type": name}
+    assert len(world.line.sent) == 11
+    assert world.line.sent[1]["msg"]["header"] == {"frame_id": "base"}
+    assert world.mark.driven is None
+
+
+async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
+    """A mark that cannot be read stands for the topics that have plain names."""
+    assert isinstance(world.mark, MemoryMark)
+    world.mark.driven = []
+    world.helm.resume()
+    await world.pass_time(3)
+    assert [m["topic"] for m in world.line.sent] == ["/cmd_vel"] * 10
+
+
+STAMPED = {"twist": {"linear": {"x": 0.0}}}
+
+
+async def test_standing_still_in_another_type_is_refused(world: World) -> None:
+    """The robot would not take it and drive on; so the deadman still runs, and a stop is of the type that moved it."""
+    await world.drive(0.5)
+    await world.drive(0.0, msg=STAMPED)
+    assert world.source.kinds == ["shape"]
+    assert world.helm.moving
+    await world.pass_time(0.6)
+    assert world.line.speeds[:2] == [0.5, 0.0]
+
+
+async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World) -> None:
+    """Neither a message nor an advertisement turns the guard's zeros into something that rosbridge refuses."""
+    await world.drive(0.5)
+    await world.send(op="advertise", type="geometry_msgs/TwistStamped")
+    await world.drive(0.7, msg=STAMPED)
+    world.helm.stop()
+    await world.pass_time(0.1)
+    assert world.source.kinds == ["shape", "shape"]
+    assert world.line.sent[-1] == world.line.sent[-2]
+    assert world.line.speeds[-1] == 0.0
+
+
+async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None:
+    """A client that guessed wrong may correct itself."""
+    await world.drive(0.5)
+    await world.pass_time(1.2)
+    await world.drive(0.5, msg=STAMPED)
+    assert world.source.kinds == []
+    assert world.line.sent[-1]["msg"]["twist"]
+
+
+async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
+    """The driver let go in the moment in which rosbridge crashed; its next zeros find no rosbridge."""
+    await world.drive(0.5)
+    world.line.read_until = world.now
+    await world.pass_time(0.05)
+    await world.drive(0.0)
+    assert not world.helm.moving
+    world.line.up = False
+    world.helm.line_lost()
+    world.line.up, world.line.sent = True, []
+    world.helm.line_up()
+    await world.pass_time(0.6)
+    assert world.line.speeds == [0.0] * 10
+
+
+async def test_a_last_zero_that_was_read_is_not_sent_again(world: World) -> None:
+    """Somebody else may move the robot meanwhile."""
+    await world.drive(0.5)
+    await world.drive(0.0)
+    world.line.read_until = world.now
+    world.line.sent = []
+    world.helm.line_lost()
+    await world.pass_time(0.6)
+    assert world.line.speeds == []
+
+
+async def test_a_stop_while_the_topic_is_announced_is_no_motion(world: World) -> None:
+    """What was about to be sent is forgotten, also when it was taken up already."""
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    world.helm.line_lost()
+    send = world.line.send
+
+    async def stopped_meanwhile(data: bytes) -> bool:
+        world.helm.stop()
+        return await send(data)
+
+    world.line.send = stopped_meanwhile  # type: ignore[method-assign]  # the line of this test
+    await world.drive(0.5)
+    assert world.line.speeds == []
+    assert not world.helm.moving
+
+
+async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
+    """Who would have heard it without a guard."""
+    world.helm.line_says(b"nobody drives yet")
+    await world.drive(0.5)
+    world.helm.line_says(b"{}")
+    assert world.source.told == [b"{}"]
+    world.helm.gone(world.source)
+    world.helm.line_says(b"{}")
+    assert world.source.told == [b"{}"]
+
+
+async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
+    """It neither spins while nothing happens nor misses an event."""
+    task = asyncio.create_task(world.helm.run())
+    await asyncio.sleep(0.05)
+    assert world.changes == 1
+    await world.drive(0.5)
+    world.helm.gone(world.source)
+    await until("the zero is sent", lambda: len(world.line.sent) == 2)
+    assert world.changes < 10
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_the_last_zeros_can_be_waited_for(world: World) -> None:
+    """A guard that ends leaves no mark of a robot that stands."""
+    await world.drive(0.5)
+    world.helm.halt()
+    waits = asyncio.create_task(world.helm.until_it_stands())
+    await world.pass_time(0.6)
+    await asyncio.wait_for(waits, 1)
+    world.helm.close()
+    assert world.mark.read() is None
+
+
+COMMANDS = st.lists(
+    st.tuples(st.floats(-600, 5000), st.integers(11, 15), st.floats(0, 0.4), st.booleans()),
+    max_size=20,
+)
+
+
+@given(COMMANDS)
+def test_no_old_command_and_no_old_fence_passes(
+    commands: list[tuple[float, int, float, bool]],
+) -> None:
+    """Whenever rosbridge is busy, and whatever the stamps say."""
+
+    async def scenario() -> None:
+        world = World()
+        given_at: dict[float, float] = {}
+        for number, (age_ms, fence, pause_s, full) in enumerate(commands, 1):
+            world.line.full = full
+            given_at[float(number)] = (world.now - age_ms / 1000) if fence == 13 else -1e9
+            stamp = {"t_ms": world.now * 1000 - age_ms, "fence": fence}
+            before = len(world.line.speeds)
+            await world.drive(float(number), robotether=stamp)
+            await world.pass_time(pause_s, 0.05)
+            for speed in world.line.speeds[before:]:
+                # Sent at the latest now, at the earliest `pause_s` ago.
+                assert speed == 0.0 or world.now - given_at[speed] <= 0.5 + pause_s + 0.05 + 1e-6
+
+    asyncio.run(scenario())

@@ -1,0 +1,136 @@
+"""The stop in memory and on the disk."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from robotether_agent.guard.latch import MOST_WAITING, Latch
+from robotether_agent.guard.marks import StopFile
+from robotether_agent.guard.orders import Release, Stop
+from sim_client import until
+
+
+class SlowFile(StopFile):
+    """A disk that takes its time until `go`."""
+
+    def __init__(self, state_dir: Path) -> None:
+        super().__init__(state_dir)
+        self.go = threading.Event()
+        self.go.set()
+
+    def write(self, by: str) -> None:
+        assert self.go.wait(5)
+        super().write(by)
+
+    def remove(self) -> None:
+        assert self.go.wait(5)
+        super().remove()
+
+
+@asynccontextmanager
+async def running(
+    file: StopFile, answers: list[str], told: list[str | None] | None = None
+) -> AsyncIterator[Latch]:
+    """A latch whose task runs; `told` gets whose stop is told with each answer."""
+
+    def answer(order_id: str) -> None:
+        answers.append(order_id)
+        if told is not None:
+            told.append(latch.told_by)
+
+    latch = Latch(file, lambda: None, answer)
+    task = asyncio.create_task(latch.run())
+    yield latch
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_path: Path) -> None:
+    """Nobody waits for a disk to stop a robot."""
+    file, answers = SlowFile(tmp_path), list[str]()
+    async with running(file, answers) as latch:
+        file.go.clear()
+        latch.order(Stop("5f", "ben"))
+        assert (latch.stopped, latch.by) == (True, "ben")
+        await asyncio.sleep(0)
+        assert answers == []
+        assert latch.told_by is None
+        file.go.set()
+        await latch.settled()
+        assert (answers, latch.told_by) == (["5f"], "ben")
+        assert file.read() == "ben"
+
+
+async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
+    """A power cut in between leaves a robot that is stopped."""
+    file, answers = SlowFile(tmp_path), list[str]()
+    file.write("ben")
+    async with running(file, answers) as latch:
+        assert (latch.stopped, latch.by) == (True, "ben")
+        file.go.clear()
+        latch.order(Release("77", "ann"))
+        assert (latch.stopped, latch.told_by) == (True, "ben")
+        file.go.set()
+        await latch.settled()
+        assert (latch.stopped, latch.told_by) == (False, None)
+        assert file.read() is None
+
+
+async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
+    """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
+    file, answers, told = SlowFile(tmp_path), list[str](), list[str | None]()
+    async with running(file, answers, told) as latch:
+        latch.order(Stop("1", "ben"))
+        await latch.settled()
+        file.go.clear()
+        latch.order(Release("2", "ann"))
+        await asyncio.sleep(0)
+        latch.order(Stop("3", "eve"))
+        file.go.set()
+        await latch.settled()
+        assert (latch.stopped, latch.by, file.read()) == (True, "eve", "eve")
+        assert answers == ["1", "2", "3"]
+        assert told == ["ben", "ben", "eve"]
+
+
+async def test_a_stop_is_written_however_many_orders_wait(tmp_path: Path) -> None:
+    """Else the release before it would be the last that the disk learns."""
+    file, answers = SlowFile(tmp_path), list[str]()
+    async with running(file, answers) as latch:
+        file.go.clear()
+        for number in range(MOST_WAITING + 1):
+            latch.order(Release(str(number), "ann"))
+        latch.order(Stop("last", "ben"))
+        file.go.set()
+        await latch.settled()
+        assert (latch.stopped, file.read(), answers[-1]) == (True, "ben", "last")
+        assert len(answers) <= MOST_WAITING + 2
+
+
+async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> None:
+    """The answer tells that it still is."""
+    answers = list[str]()
+    (tmp_path / "stop.json").mkdir()
+    async with running(StopFile(tmp_path), answers) as latch:
+        assert latch.stopped
+        latch.order(Release("77", "ann"))
+        await until("it answers", lambda: answers == ["77"])
+        assert latch.stopped
+
+
+async def test_a_stop_that_no_disk_takes_is_told_and_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The robot is stopped, which is what counts; that it will not last is for the log."""
+    answers = list[str]()
+    async with running(StopFile(tmp_path / "gone"), answers) as latch:
+        latch.order(Stop("5f", "ben"))
+        await until("it answers", lambda: answers == ["5f"])
+        assert (latch.stopped, latch.told_by) == (True, "ben")
+    assert "stop.json" in caplog.text
+    assert "loss of power" in caplog.text

@@ -1,0 +1,375 @@
+"""The guard as a process, before the simulated robot's own rosbridge and before one that misbehaves."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from fake_pipe import FakePipe
+from fake_rosbridge import FakeRosbridge
+from guard_process import GuardClient, GuardProcess
+from robotether_agent.clock import robot_time
+from robotether_agent.guard.marks import StopFile
+from robotether_agent.guard.process import Guard
+from robotether_agent.guard.reports import Reports
+from robotether_agent.guard.sockets import new_http
+from sim_client import SETTINGS, until
+from sim_robot.bus import Node, TopicMessage
+from sim_robot.simulator import Simulator
+
+# From the last command to the first zero: the deadman time and what a loaded machine adds.
+DEADMAN_S = 0.5
+SLACK_S = 0.35
+
+
+class Robot:
+    """The simulated robot, and what its wheels were told when."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.port = simulator.rosbridge.listener.port
+        self.told: list[tuple[float, float]] = []
+        bus = simulator.graph.bus
+        bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._hear)
+
+    def _hear(self, message: TopicMessage) -> None:
+        self.told.append((time.monotonic(), message.values["linear"]["x"]))
+
+    @property
+    def speeds(self) -> list[float]:
+        return [speed for _, speed in self.told]
+
+    def zero_after(self, moment: float) -> float:
+        """Seconds from a moment to the first zero after it."""
+        return next(at for at, speed in self.told if speed == 0 and at >= moment) - moment
+
+
+@pytest.fixture
+async def robot() -> AsyncIterator[Robot]:
+    async with Simulator(SETTINGS) as simulator:
+        yield Robot(simulator)
+
+
+async def drive_on(client: GuardClient, seconds: float = 0.3) -> float:
+    """Drive at 20 Hz; the moment of the last command."""
+    end = time.monotonic() + seconds
+    while True:
+        await client.drive(0.5)
+        sent_at = time.monotonic()
+        if sent_at > end:
+            return sent_at
+        await asyncio.sleep(0.05)
+
+
+def refusals(guard: GuardProcess) -> dict[str, int]:
+    counts: dict[str, int] = guard.state["refused"]
+    return counts
+
+
+async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> None:
+    """Zero after the deadman time, ten times, then silence; the connection goes on."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            last = await drive_on(client)
+            await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+            assert DEADMAN_S - 0.05 <= robot.zero_after(last) <= DEADMAN_S + SLACK_S
+            await guard.until(lambda: not guard.state["moving"], "it stands")
+            await client.send(op="call_service", service="/rosapi/get_time", id="x")
+            assert (await client.receive())["id"] == "x"
+        await guard.until(lambda: not (place / "motion.json").exists(), "the mark is gone")
+        assert robot.speeds.count(0.0) == 10
+
+
+async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> None:
+    """Settings that change in motion: what the server still stamps is refused, and the robot gets its zeros."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.drive(0.5)
+            await until("it moves", lambda: robot.speeds == [0.5])
+            guard.reconfigure(guard={**guard.config["guard"], "drive_topics": ["/base/move"]})
+            await guard.heard()
+            begun = await drive_on(client, 0.7)
+            assert 0.0 in robot.speeds, f"it drove on until {begun}: {robot.told}"
+            assert robot.speeds.count(0.5) == 1
+            await guard.heard()
+            assert refusals(guard)["shape"] > 0
+
+
+async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
+    """A stop is told in the words that the robot took, whatever its driver said last."""
+    async with GuardProcess(place, robot.port, deadman_ms=2000) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.drive(0.5)
+            await client.drive(0.0, msg={"header": {}, "twist": {"linear": {"x": 0.0}}})
+            assert "another type" in (await client.receive())["msg"]
+            stopped_at = time.monotonic()
+            guard.tell(type="stop", id="5f", by="ben")
+            await until("it stands", lambda: robot.speeds[-1:] == [0.0])
+            assert robot.zero_after(stopped_at) < SLACK_S
+
+
+LOSSES: dict[str, Callable[[GuardProcess, GuardClient], object]] = {
+    "connection": lambda _, client: client.socket._response.close(),
+    "lease": lambda guard, _: guard.tell(type="lease", fence=13, held=False),
+    "newer lease": lambda guard, _: guard.tell(type="lease", fence=14, held=True),
+    "stop": lambda guard, _: guard.tell(type="stop", id="5f", by="ben"),
+    "session": lambda guard, _: guard.tell(type="session", up=False),
+    "end of input": lambda guard, _: guard.leave(),
+    "exit": lambda guard, _: guard.tell(type="exit"),
+    "SIGTERM": lambda guard, _: guard.process.send_signal(signal.SIGTERM),
+}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -> None:
+    """At once, well before the deadman time would, and whoever may not drive any more is put out."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client)
+            moment = time.monotonic()
+            LOSSES[loss](guard, client)
+            put_out = loss in ("lease", "newer lease", "stop", "session")
+            assert not put_out or await client.closed() == 1001
+            await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+            assert robot.zero_after(moment) <= 0.05 + SLACK_S
+            if loss in ("end of input", "exit", "SIGTERM"):
+                assert await guard.ended() == 0
+                assert not (place / "motion.json").exists()
+
+
+async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None:
+    """One second without a tick, and a driver who goes on drives nobody until the next one."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client)
+            moment = time.monotonic()
+            guard.silence()
+            await drive_on(client, 1.5)
+            assert robot.zero_after(moment) <= 1.0 + SLACK_S
+            assert "agent" in (await client.receive())["msg"]
+            guard.tell(type="tick")
+            await guard.heard()
+            await client.drive(0.7)
+            await until("it drives again", lambda: 0.7 in robot.speeds)
+
+
+async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
+    """It is on the disk before it is answered, and a release takes it off before that is answered."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        guard.tell(type="stop", id="5f", by="ben")
+        await guard.until(lambda: guard.state["answers"] == "5f", "it answers")
+        assert json.loads((place / "stop.json").read_text()) == {"by": "ben"}
+        guard.process.kill()
+        await guard.ended()
+    async with GuardProcess(place, robot.port) as guard:
+        assert (guard.state["stopped"], guard.state["by"]) == (True, "ben")
+        await guard.grant(14)
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            async with GuardClient(guard.port, 14):
+                pass
+        assert refused.value.status == 409
+        guard.tell(type="release", id="77", by="ann")
+        await guard.until(lambda: guard.state["answers"] == "77", "it answers")
+        assert not guard.state["stopped"]
+        assert not (place / "stop.json").exists()
+        async with GuardClient(guard.port, 15) as client:
+            await client.drive(0.5)
+            await until("the robot moves", lambda: robot.speeds == [0.5])
+
+
+async def test_a_stop_is_told_when_the_disk_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until then the robot is stopped, and the server does not count on it."""
+    write, go = StopFile.write, threading.Event()
+    monkeypatch.setattr(StopFile, "write", lambda file, by: go.wait(5) and write(file, by))
+    async with new_http() as http:
+        guard = Guard(http, tmp_path, tmp_path, Reports(pipe := FakePipe()))
+        disk = asyncio.create_task(guard._latch.run())
+        guard._tell()
+        guard._obey(b'{"type": "stop", "id": "5f", "by": "ben"}')
+        guard._tell()
+        assert guard._authority.stopped
+        assert [line["stopped"] for line in pipe.lines] == [False]
+        go.set()
+        await until("it is told", lambda: len(pipe.lines) == 2)
+        told = {name: pipe.lines[-1][name] for name in ("stopped", "by", "answers")}
+        assert told == {"stopped": True, "by": "ben", "answers": "5f"}
+        assert StopFile(tmp_path).read() == "ben"
+        disk.cancel()
+        await asyncio.gather(disk, return_exceptions=True)
+
+
+async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Robot) -> None:
+    """Even if nobody drives through the new one."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client)
+            guard.process.kill()
+            killed_at = time.monotonic()
+            await guard.ended()
+    async with GuardProcess(place, robot.port) as guard:
+        await until("zeros came", lambda: 0.0 in robot.speeds)
+        # The start of an interpreter on a machine that tests; measured alone it is 0.4 s.
+        assert robot.zero_after(killed_at) < 5
+        await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+        await guard.until(lambda: not (place / "motion.json").exists(), "the mark is gone")
+
+
+async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
+    """Old ones, foreign ones and broken ones are refused with rosbridge's own status, and counted."""
+    async with GuardProcess(place, robot.port, max_speed_m_s=0.2) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.drive(0.5)
+            await client.drive(0.5, age_ms=600, id="late")
+            answer = await client.receive()
+            assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "late")
+            await client.drive(0.5, age_ms=600)
+            await client.drive(0.5, robotether={"t_ms": robot_time() * 1000, "fence": 12})
+            assert "cannot publish to /cmd_vel" in (await client.receive())["msg"]
+            await client.drive(0.5, msg={"linear": {"x": None}})
+            assert "number" in (await client.receive())["msg"]
+            await client.send(op="fragment", id="f", data="", num=0, total=1)
+            await client.drive(0.1)
+            await until("the last one came", lambda: robot.speeds[-1:] == [0.1])
+            assert robot.speeds == [0.2, 0.1]
+        await guard.until(lambda: not guard.state["moving"], "it stands")
+        assert refusals(guard) == {"old": 2, "fence": 1, "stopped": 0, "shape": 2, "held": 0}
+
+
+async def test_everything_else_passes_unchanged(place: Path) -> None:
+    """Text as text and bytes as bytes, to the last space, both ways."""
+    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            text = '{"op":"publish",  "topic":"/echo", "msg":{"x": 1.50, "y":"\\u00e4ä"}}\n'
+            await client.socket.send_str(text)
+            assert await client.socket.receive_str(timeout=5) == text
+            await client.socket.send_bytes(text.encode())
+            assert await client.socket.receive_bytes(timeout=5) == text.encode()
+            large = json.dumps({"op": "publish", "topic": "/echo", "msg": "x" * 5_000_000})
+            await client.socket.send_str(large)
+            assert await client.socket.receive_str(timeout=20) == large
+
+
+async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> None:
+    """Two seconds of commands later it reads a few, then zeros."""
+    async with (
+        FakeRosbridge("slow_reader") as rosbridge,
+        GuardProcess(place, rosbridge.port) as guard,
+    ):
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client, 2.0)
+            rosbridge.read_on()
+            await until("zeros came", lambda: rosbridge.speeds().count(0.0) >= 1)
+            speeds = rosbridge.speeds()
+            # What was sent before a pong was late; the drive line's own limit is 0.1 s.
+            assert speeds.index(0.0) <= 8
+            await client.drive(0.7)
+            await until("it drives again", lambda: 0.7 in rosbridge.speeds())
+
+
+async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
+    """The driver is told that it does not take them."""
+    async with FakeRosbridge("silent") as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client, 1.5)
+            assert "rosbridge" in (await client.receive())["msg"]
+            assert rosbridge.speeds().count(0.5) <= 4
+
+
+async def test_the_drive_line_comes_back_and_zeroes_first(place: Path) -> None:
+    """A rosbridge that crashed in motion stops the robot before anybody moves it."""
+    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+            await drive_on(client)
+        rosbridge.got.clear()
+        await rosbridge.stop()
+        rosbridge.got.clear()
+        await rosbridge.start()
+        await until("zeros came", lambda: 0.0 in rosbridge.speeds())
+        assert [message["op"] for _, message in rosbridge.got][:2] == ["advertise", "publish"]
+        assert set(rosbridge.speeds()) == {0.0}
+
+
+@pytest.mark.parametrize("mode", ["refuses", "drops"])
+async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> None:
+    """502 to the relay when it takes nobody; a connection that it drops is closed."""
+    async with FakeRosbridge(mode) as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        await guard.grant(13)
+        if mode == "refuses":
+            with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+                async with GuardClient(guard.port):
+                    pass
+            assert refused.value.status == 502
+            return
+        async with GuardClient(guard.port) as client:
+            await client.send(op="set_level", level="none")
+            assert await client.closed() > 0
+
+
+async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(place: Path) -> None:
+    """For the check of a forward from its other end."""
+    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        url = f"http://127.0.0.1:{guard.port}/"
+        async with aiohttp.ClientSession() as http:
+
+            async def status() -> int:
+                async with http.get(url) as answer:
+                    return answer.status
+
+            await guard.until(lambda: rosbridge.connections > 0, "the drive line stands")
+            assert await status() == 426
+            await rosbridge.stop()
+            end = time.monotonic() + 5
+            while await status() != 502:
+                assert time.monotonic() < end, "rosbridge is gone, and the guard says it is there"
+            await rosbridge.start()
+
+
+async def test_direct_connections_drive_while_nobody_has_the_lease(
+    place: Path, robot: Robot
+) -> None:
+    """They need neither key nor stamps, and lose the robot to a driver of the server."""
+    async with GuardProcess(place, robot.port) as guard:
+        guard.reconfigure(direct=True)
+        guard.tell(type="session", up=True)
+        await guard.heard()
+        async with GuardClient(guard.port, None) as client:
+            await client.drive(0.5, robotether=None)
+            await until("the robot moves", lambda: robot.speeds == [0.5])
+            guard.tell(type="lease", fence=1, held=True)
+            await until("the robot stands", lambda: robot.speeds[-1] == 0.0)
+            await client.drive(0.5)
+            assert (await client.receive())["op"] == "status"
+
+
+async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:
+    """They are logged, and the robot is guarded on."""
+    async with GuardProcess(place, robot.port) as guard:
+        assert guard.process.stdin is not None
+        guard.process.stdin.write(b"rubbish\n{}\n" + b"x" * 200_000 + b"\n")
+        guard.reconfigure(guard={"deadman_ms": 3})
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.drive(0.5)
+            await until("the robot moves", lambda: robot.speeds == [0.5])

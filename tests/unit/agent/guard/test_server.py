@@ -1,0 +1,125 @@
+"""Who gets through the guard's door."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+
+import aiohttp
+import pytest
+from fake_rosbridge import FakeRosbridge
+from guard_process import KEY, GuardClient
+from robotether_agent.guard import server as server_module
+from robotether_agent.guard.authority import Authority
+from robotether_agent.guard.drive_line import DriveLine
+from robotether_agent.guard.helm import Helm
+from robotether_agent.guard.marks import MotionFile
+from robotether_agent.guard.orders import Config
+from robotether_agent.guard.server import Server
+from robotether_agent.guard.sockets import new_http
+from sim_client import until
+
+
+@asynccontextmanager
+async def running(port: int | None, place: Path) -> AsyncIterator[tuple[int, Authority, Server]]:
+    """A server before a rosbridge, or before its configuration."""
+    config = None if port is None else Config(f"ws://127.0.0.1:{port}/", KEY)
+    authority = Authority(time.monotonic())
+    authority.key = KEY
+    authority.session(up=True)
+    authority.lease(13, held=True)
+    async with new_http() as http:
+        helm = Helm(authority, MotionFile(place), time.monotonic, lambda: None)
+        helm.line = DriveLine(http, helm, time.monotonic)
+        server = Server(http, authority, helm, lambda: config, lambda: True)
+        yield await server.start(), authority, server
+        await server.stop()
+
+
+async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
+    """What a handshake is refused with."""
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        async with GuardClient(port, fence, key):
+            pass
+    return refused.value.status
+
+
+async def test_only_the_server_gets_in(tmp_path: Path) -> None:
+    """With the key; and drivers with the newest fence."""
+    async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
+        assert await status(port, None) == 403
+        assert await status(port, 0, "another") == 403
+        assert await status(port, 12) == 409
+        assert rosbridge.connections == 0
+        async with GuardClient(port, 13) as driver, GuardClient(port, 0) as observer:
+            await until("both are joined", lambda: rosbridge.connections == 2)
+            assert not driver.socket.closed
+            assert not observer.socket.closed
+
+
+async def test_a_newer_driver_ends_the_older_one(tmp_path: Path) -> None:
+    """At the door, before any line of the lease came; observers stay."""
+    async with AsyncExitStack() as stack:
+        rosbridge = await stack.enter_async_context(FakeRosbridge())
+        port, _, _ = await stack.enter_async_context(running(rosbridge.port, tmp_path))
+        observer, old, new = [
+            await stack.enter_async_context(GuardClient(port, fence)) for fence in (0, 13, 14)
+        ]
+        assert await old.closed() == 1001
+        await new.send(op="publish", topic="/echo")
+        assert (await new.receive())["topic"] == "/echo"
+        assert not observer.socket.closed
+
+
+async def test_a_right_that_ends_closes_its_connection(tmp_path: Path) -> None:
+    """Whatever ended it."""
+    async with (
+        FakeRosbridge() as rosbridge,
+        running(rosbridge.port, tmp_path) as (port, rights, server),
+        GuardClient(port, 13) as driver,
+    ):
+        rights.lease(13, held=False)
+        server.rights_changed()
+        assert await driver.closed() == 1001
+
+
+async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:
+    """The relay tells the operator."""
+    async with running(None, tmp_path) as (port, _, _):
+        assert await status(port, 0) == 502
+    async with (
+        FakeRosbridge("refuses") as rosbridge,
+        running(rosbridge.port, tmp_path) as (port, _, _),
+    ):
+        assert await status(port, 13) == 502
+
+
+async def test_the_number_of_connections_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each may hold a large message."""
+    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 1)
+    async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
+        client = GuardClient(port, 0)
+        async with client:
+            assert await status(port, 0) == 503
+
+
+async def test_direct_connections_leave_places_for_the_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever reaches the robot's port must not keep its driver out."""
+    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(server_module, "KEPT_FOR_THE_SERVER", 2)
+    async with AsyncExitStack() as stack:
+        rosbridge = await stack.enter_async_context(FakeRosbridge())
+        port, rights, _ = await stack.enter_async_context(running(rosbridge.port, tmp_path))
+        rights.direct = True
+        for _ in range(2):
+            await stack.enter_async_context(GuardClient(port, None))
+        assert await status(port, None) == 503
+        for fence in (0, 13):
+            await stack.enter_async_context(GuardClient(port, fence))
+        assert await status(port, 0) == 503

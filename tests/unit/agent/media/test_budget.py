@@ -1,0 +1,176 @@
+"""How streams share what may be under way."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Iterator
+
+import pytest
+from fake_cloud import eventually
+from robotether_agent.media.budget import TURN_MAX, Budget
+from robotether_agent.media.connection_state import Reading
+from robotether_agent.media.meters import STUCK_AFTER_S
+
+SEGMENT = 1448
+FIRST_WINDOW = 10 * SEGMENT
+
+
+class Connection:
+    """A media connection whose ssh writes what it is handed, and whose path delivers when it is told to."""
+
+    def __init__(self) -> None:
+        self.written = 5000
+        self.arrived = 5000
+        self.known = True
+
+    def look(self, _: socket.socket, now_s: float) -> Reading | None:
+        if not self.known:
+            return None
+        return Reading(now_s, self.written, self.arrived, 0.04, 0.04, SEGMENT)
+
+
+@pytest.fixture
+def connection() -> Connection:
+    return Connection()
+
+
+@pytest.fixture
+def budget(connection: Connection) -> Iterator[Budget]:
+    """A budget that looks at `connection`."""
+    made = Budget(connection.look)
+    with socket.socket() as handle:
+        made._connection = handle
+        yield made
+        made.hold()
+
+
+class Taker:
+    """A stream that wants all it can get."""
+
+    def __init__(self, budget: Budget, connection: Connection | None = None) -> None:
+        self.got = 0
+        self._budget = budget
+        self._connection = connection
+        self.task = asyncio.ensure_future(self._run())
+
+    async def _run(self) -> None:
+        while True:
+            granted = await self._budget.take(TURN_MAX)
+            self.got += granted
+            if self._connection is not None:
+                self._connection.written += granted
+            await asyncio.sleep(0)
+
+    async def end(self) -> None:
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+
+
+async def test_no_more_than_the_window_gets_under_way(
+    budget: Budget, connection: Connection
+) -> None:
+    """And more only when some has arrived."""
+    taker = Taker(budget, connection)
+    await eventually(lambda: taker.got >= FIRST_WINDOW - 2048, lambda: f"got {taker.got}")
+    await asyncio.sleep(0.02)
+    assert taker.got <= FIRST_WINDOW
+    connection.arrived = connection.written
+    await eventually(lambda: taker.got > FIRST_WINDOW, lambda: f"got {taker.got}")
+    await taker.end()
+
+
+async def test_what_ssh_still_has_counts(budget: Budget, connection: Connection) -> None:
+    """Between the hand-over and ssh's write nobody gets the same room again."""
+    first = await budget.take(TURN_MAX)
+    assert first == FIRST_WINDOW
+    waits = asyncio.ensure_future(budget.take(TURN_MAX))
+    await asyncio.sleep(0.02)
+    assert not waits.done()
+    connection.written += first
+    connection.arrived += first
+    assert await waits > 0
+
+
+async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(
+    budget: Budget, connection: Connection
+) -> None:
+    """What ssh cannot write is forgotten after a while."""
+    assert await budget.take(TURN_MAX) == FIRST_WINDOW
+    assert await asyncio.wait_for(budget.take(TURN_MAX), STUCK_AFTER_S * 8) > 0
+
+
+async def test_streams_share_fairly(budget: Budget, connection: Connection) -> None:
+    """Three who want all get a third each."""
+    takers = [Taker(budget, connection) for _ in range(3)]
+
+    def all_got(amount: int) -> bool:
+        connection.arrived = connection.written
+        return sum(taker.got for taker in takers) > amount
+
+    await eventually(lambda: all_got(300_000), lambda: f"got {[t.got for t in takers]}")
+    for taker in takers:
+        await taker.end()
+    got = [taker.got for taker in takers]
+    assert max(got) - min(got) <= 3 * TURN_MAX
+
+
+async def test_one_who_leaves_while_it_waits_is_forgotten(
+    budget: Budget, connection: Connection
+) -> None:
+    """Its turn goes to the next."""
+    await budget.take(TURN_MAX)
+    leaves = asyncio.ensure_future(budget.take(TURN_MAX))
+    stays = asyncio.ensure_future(budget.take(TURN_MAX))
+    await asyncio.sleep(0)
+    leaves.cancel()
+    connection.written += FIRST_WINDOW
+    connection.arrived = connection.written
+    assert await stays > 0
+    assert leaves.cancelled()
+
+
+async def test_without_a_connection_everybody_gets_all(caplog: pytest.LogCaptureFixture) -> None:
+    """As plain forwarding, and the log says so once."""
+    budget = Budget()
+    with caplog.at_level(logging.WARNING):
+        assert [await budget.take(100_000) for _ in range(3)] == [100_000] * 3
+    assert len(caplog.records) == 1
+    assert "as fast as it comes" in caplog.text
+
+
+async def test_a_kernel_that_tells_nothing_lets_everybody_pass(
+    budget: Budget, connection: Connection, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also those who waited already when it became so."""
+    await budget.take(TURN_MAX)
+    waits = asyncio.ensure_future(budget.take(TURN_MAX))
+    await asyncio.sleep(0)
+    connection.known = False
+    assert await waits == TURN_MAX
+    assert "tells too little" in caplog.text
+
+
+async def test_another_connection_begins_anew(budget: Budget, connection: Connection) -> None:
+    """Those who waited for the old one go on with the new one."""
+    await budget.take(TURN_MAX)
+    waits = asyncio.ensure_future(budget.take(TURN_MAX))
+    await asyncio.sleep(0)
+    with socket.socket() as handle:
+        budget.use(handle)
+        assert await waits == FIRST_WINDOW
+
+
+async def test_while_it_is_held_everybody_waits(
+    budget: Budget, connection: Connection, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A connection that ends takes nothing any more, and that is no reason for a word in the log."""
+    budget.hold()
+    waits = asyncio.ensure_future(budget.take(TURN_MAX))
+    await asyncio.sleep(0.02)
+    assert not waits.done()
+    with socket.socket() as handle:
+        budget.use(handle)
+        assert await waits == FIRST_WINDOW
+    assert not caplog.records
