@@ -12,7 +12,7 @@ variable "ROBOT_SUITE" {
 }
 
 group "default" {
-  targets = ["mysql", "sshd", "nginx", "server"]
+  targets = ["mysql", "sshd", "nginx", "acme", "server"]
 }
 group "demo" {
   targets = ["default", "sim_robot"]
@@ -29,6 +29,10 @@ target "sshd" {
 target "nginx" {
   context = "images/nginx"
   tags    = ["robotether/nginx:${TAG}"]
+}
+target "acme" {
+  context = "images/acme"
+  tags    = ["robotether/acme:${TAG}"]
 }
 target "server" {
   context    = "."
@@ -55,6 +59,11 @@ target "robot_host" {
   args       = { SUITE = ROBOT_SUITE }
   tags       = ["robotether/robot_host:${ROBOT_SUITE}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
+# An ACME authority, for the tests.
+target "pebble" {
+  context = "images/pebble"
+  tags    = ["robotether/pebble:dev"]
 }
 target "frontend_test" {
   inherits = ["server"]

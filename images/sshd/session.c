@@ -281,7 +281,10 @@ static void join(int relay)
             taken_at = seconds_now();
         else if (seconds_now() - taken_at > STUCK_SECONDS)
             return;
-        if ((up.end && (set[0].revents & ENDED)) || (down.end && (set[2].revents & ENDED)))
+        if (up.end && (set[0].revents & ENDED))
+            return;
+        /* What the relay said last, its bye, goes on as long as there is room for it. */
+        if (down.end && (set[2].revents & ENDED) && !(set[3].revents & POLLOUT))
             return;
         if (!pump(&up, set[0].revents, set[1].revents))
             return;

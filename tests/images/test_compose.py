@@ -108,19 +108,25 @@ def test_secrets_are_kept_from_other_people(stack: Stack) -> None:
     assert (secrets / "admin_password").stat().st_mode & 0o777 == 0o600
 
 
+def secrets_of(stack: Stack) -> dict[str, str]:
+    """Each generated file with what it holds."""
+    files = (stack.folder / "secrets").rglob("*")
+    return {file.name: file.read_text() for file in files if file.is_file()}
+
+
 def test_second_start_changes_nothing(stack: Stack) -> None:
     """`tools/up --demo` on a running stack keeps secrets, containers and robots."""
-    secrets = {file.name: file.read_text() for file in (stack.folder / "secrets").iterdir()}
+    secrets = secrets_of(stack)
     containers = {service: stack.container(service).id for service in SERVICES + SIMS}
     stack.tool("tools/up", "--demo", timeout=300)
-    assert {file.name: file.read_text() for file in (stack.folder / "secrets").iterdir()} == secrets
+    assert secrets_of(stack) == secrets
     assert {service: stack.container(service).id for service in SERVICES + SIMS} == containers
     assert all(stack.online(sim) for sim in SIMS)
 
 
 def test_no_secret_is_in_an_image() -> None:
     """The images' histories and environments hold no CA bundle and no generated secret."""
-    for image in ("mysql", "sshd", "nginx", "server", "sim_robot"):
+    for image in ("mysql", "sshd", "nginx", "acme", "server", "sim_robot"):
         done = subprocess.run(
             ["docker", "image", "inspect", f"robotether/{image}:dev", "--format", "{{json .Config}}"],
             capture_output=True, text=True, check=True, cwd=ROOT,

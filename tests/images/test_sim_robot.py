@@ -138,15 +138,42 @@ def test_stop_ends_it_soon(robot: Robot) -> None:
     assert time.monotonic() - start < 5
 
 
-@pytest.mark.parametrize("module", ["sim_robot", "robotether_agent"])
-def test_end_of_one_is_the_end_of_both(robot: Robot, module: str) -> None:
-    """When simulator or agent dies, the container ends with an error, so that Docker starts it again."""
+def pid_of(robot: Robot, module: str) -> str:
+    """The oldest process that runs a module, nothing if there is none; another guard waits on the bench."""
     find = f"for p in /proc/[0-9]*; do grep -qz '^{module}$' $p/cmdline 2>/dev/null && basename $p; done"
-    _, printed = robot.shell(find)
-    pids = printed.split()
-    assert len(pids) == 1, printed
-    robot.shell(f"kill -KILL {pids[0]}")
+    return robot.shell(f"({find}) | sort -n | head -n 1")[1]
+
+
+def test_end_of_the_simulator_is_the_end(robot: Robot) -> None:
+    """When the simulator dies, the container ends with an error, so that Docker starts it again."""
+    robot.shell(f"kill -KILL {pid_of(robot, 'sim_robot')}")
     assert robot.container.wait(timeout=10)["StatusCode"] == 137
+
+
+def test_an_agent_that_dies_is_started_anew(robot: Robot) -> None:
+    """As on a real robot its guard ends with it, and both come back beside the simulator that runs on."""
+    simulator = pid_of(robot, "sim_robot")
+    robot.wait("a guard", lambda: bool(pid_of(robot, "robotether_agent.guard")))
+    agent, guard = pid_of(robot, "robotether_agent"), pid_of(robot, "robotether_agent.guard")
+    robot.shell(f"kill -KILL {agent}")
+    robot.wait(
+        "another agent and guard",
+        lambda: (
+            pid_of(robot, "robotether_agent") not in {"", agent}
+            and pid_of(robot, "robotether_agent.guard") not in {"", guard}
+        ),
+    )
+    assert pid_of(robot, "sim_robot") == simulator
+    assert robot.state["Running"]
+
+
+def test_a_guard_that_dies_is_started_anew(robot: Robot) -> None:
+    """The agent has another one at once."""
+    robot.wait("a guard", lambda: bool(pid_of(robot, "robotether_agent.guard")))
+    agent, guard = pid_of(robot, "robotether_agent"), pid_of(robot, "robotether_agent.guard")
+    robot.shell(f"kill -KILL {guard}")
+    robot.wait("another guard", lambda: pid_of(robot, "robotether_agent.guard") not in {"", guard})
+    assert pid_of(robot, "robotether_agent") == agent
 
 
 def test_health_check_notices_a_hung_simulator(robot: Robot) -> None:

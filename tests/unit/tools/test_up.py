@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from dated_certificate import make_certificate
 
 ROOT = Path(__file__).resolve().parents[3]
 # Answers the lists from a file, and what `tools/compose` itself knows; notes all that it is asked.
@@ -15,7 +17,7 @@ COMPOSE = """#!/bin/sh
 echo "$*" >> calls
 case "$*" in
   --secrets-dir) echo secrets ;;
-  --env*) ;;
+  --env*) [ ! -e env ] || sed -n "s/^$2=//p" env ;;
   *'user list') cat users ;;
   *'robot list') cat robots ;;
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
@@ -121,3 +123,73 @@ def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
     assert "ensure_base_image" not in calls(checkout)
     assert up(checkout).returncode == 0
     assert "build" in calls(checkout)
+
+
+def make_pair(folder: Path, name: str, *, days: int = 2) -> tuple[Path, Path]:
+    """A self-signed certificate that began nine days ago and ends in so many, and its key."""
+    now = datetime.now(UTC)
+    end = now + timedelta(days=days)
+    both = make_certificate(folder, now - timedelta(days=9), end)
+    cert, key = folder / f"{name}.crt", folder / f"{name}.key"
+    begin_of_key = "-----BEGIN PRIVATE KEY-----"
+    certificate, _, private = both.read_text().partition(begin_of_key)
+    cert.write_text(certificate)
+    key.write_text(begin_of_key + private)
+    return cert, key
+
+
+def test_own_certificate_is_handed_to_nginx_and_taken_back(checkout: Path) -> None:
+    """It is copied when both settings name a pair, and removed when they are empty again."""
+    cert, key = make_pair(checkout, "robots.example.org")
+    (checkout / "env").write_text(f"TLS_CERT_FILE={cert}\nTLS_KEY_FILE={key}\n")
+    assert up(checkout).returncode == 0
+    folder = checkout / "secrets" / "tls"
+    assert (folder / "cert.pem").read_bytes() == cert.read_bytes()
+    assert (folder / "key.pem").read_bytes() == key.read_bytes()
+    (checkout / "env").write_text("TLS_CERT_FILE=\n")
+    assert up(checkout).returncode == 0
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("cert", "key", "why"),
+    [
+        ("one.crt", "", "set both"),
+        ("", "one.key", "set both"),
+        ("none.crt", "one.key", "none.crt is missing"),
+        ("one.crt", "two.key", "is not the key of"),
+        ("one.key", "one.key", "is no certificate"),
+        ("ended.crt", "ended.key", "has ended"),
+    ],
+)
+def test_own_certificate_that_cannot_serve_stops_the_start(
+    checkout: Path, cert: str, key: str, why: str
+) -> None:
+    """With a sentence, before anything is started."""
+    make_pair(checkout, "one")
+    make_pair(checkout, "two")
+    make_pair(checkout, "ended", days=-1)
+    (checkout / "env").write_text(f"TLS_CERT_FILE={cert}\nTLS_KEY_FILE={key}\n")
+    done = up(checkout)
+    assert done.returncode == 1
+    assert "cannot use your own certificate" in done.stderr
+    assert why in done.stderr
+    assert "up --detach" not in calls(checkout)
+
+
+@pytest.mark.parametrize(("domain", "starts"), [("robots.example.org", True), ("", False)])
+def test_acme_runs_when_there_is_a_domain(checkout: Path, domain: str, starts: bool) -> None:
+    """Nothing waits for it; without a domain one of before is taken away."""
+    (checkout / "env").write_text(f"DOMAIN={domain}\n")
+    assert up(checkout).returncode == 0
+    assert ("up --detach acme" in calls(checkout)) is starts
+    assert ("--profile acme rm --stop --force acme" in calls(checkout)) is not starts
+
+
+@pytest.mark.parametrize(("sources", "opens"), [("192.0.2.0/24", True), ("", False)])
+def test_open_ports_are_opened_and_closed_again(checkout: Path, sources: str, opens: bool) -> None:
+    """The door is started with the stack when somebody is let in, and taken away when nobody is."""
+    (checkout / "env").write_text(f"DIRECT_SOURCES={sources}\n")
+    assert up(checkout).returncode == 0
+    assert ("up --detach --wait nginx web relay sshd mysql direct" in calls(checkout)) is opens
+    assert ("rm --stop --force direct" in calls(checkout)) is not opens

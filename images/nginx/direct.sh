@@ -1,0 +1,47 @@
+#!/bin/sh
+# Starts the door to robots' published ports. Without a list of sources, or with one that nginx does not understand, it
+# does not start, and then nothing is published.
+set -eu
+
+fail() {
+  echo "cannot publish robots' ports: $*" >&2
+  exit 1
+}
+
+is_port() {
+  case "$1" in
+    '' | *[!0-9]* | ??????*) return 1 ;;
+    *) [ "$1" -ge 1024 ] && [ "$1" -le 65535 ] ;;
+  esac
+}
+
+write_listen() {
+  is_port "$DIRECT_PORT_FIRST" || fail "DIRECT_PORT_FIRST is '$DIRECT_PORT_FIRST'; allowed is 1024 to 65535"
+  is_port "$DIRECT_PORT_LAST" || fail "DIRECT_PORT_LAST is '$DIRECT_PORT_LAST'; allowed is 1024 to 65535"
+  [ "$DIRECT_PORT_FIRST" -le "$DIRECT_PORT_LAST" ] || fail "DIRECT_PORT_LAST is less than DIRECT_PORT_FIRST"
+  echo "listen $DIRECT_PORT_FIRST-$DIRECT_PORT_LAST so_keepalive=10:5:3;" > /run/nginx/direct-listen.conf
+}
+
+# Only what an address or a network in CIDR notation is made of gets into nginx's configuration.
+write_sources() {
+  case "${DIRECT_SOURCES:-}" in
+    '' | *[!0-9a-fA-F.:/,]*) fail "DIRECT_SOURCES is '${DIRECT_SOURCES:-}'; allowed are networks such as 192.0.2.0/24, with commas between" ;;
+  esac
+  for source in $(echo "$DIRECT_SOURCES" | tr , ' '); do
+    case "$source" in
+      */0 | 0.0.0.0* | ::/*) fail "DIRECT_SOURCES has '$source', which is everybody; name your own network" ;;
+    esac
+    echo "allow $source;"
+  done > /run/nginx/direct-sources.conf
+  echo 'deny all;' >> /run/nginx/direct-sources.conf
+}
+
+main() {
+  write_listen
+  write_sources
+  nginx -t -c /etc/nginx/direct.conf
+  echo "direct: ports $DIRECT_PORT_FIRST to $DIRECT_PORT_LAST are open to $DIRECT_SOURCES"
+  exec nginx -c /etc/nginx/direct.conf
+}
+
+main

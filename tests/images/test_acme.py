@@ -1,0 +1,123 @@
+"""Certificates: self-signed at first, from a real ACME authority when there is a domain, the admin's own above all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from acme_network import DOMAIN, AcmeNetwork, make_certificate
+
+HSTS = "strict-transport-security"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder that the containers' users may enter."""
+    for place in (tmp_path, *tmp_path.parents[:3]):
+        place.chmod(place.stat().st_mode | 0o055)
+    return tmp_path
+
+
+@pytest.fixture
+def network(folder: Path) -> Iterator[AcmeNetwork]:
+    """nginx, acme and an authority whose certificates last an hour."""
+    with AcmeNetwork(folder) as made:
+        yield made
+
+
+def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
+    """Self-signed first, without a word about insisting on https; then the authority's, with it."""
+    network.start_authority()
+    nginx = network.start_nginx()
+    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
+    issuer, headers = network.served(nginx)
+    assert issuer == DOMAIN
+    assert HSTS not in headers
+    acme = network.start_acme()
+    network.wait("pebble's certificate", lambda: "Pebble" in network.served(nginx)[0], acme, nginx)
+    assert network.served(nginx)[1][HSTS].startswith("max-age=")
+    assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code == 0
+
+
+def test_a_certificate_is_renewed_before_it_ends(folder: Path) -> None:
+    """A third of its life before the end."""
+    with AcmeNetwork(folder, validity_s=30) as network:
+        network.start_authority()
+        nginx = network.start_nginx()
+        acme = network.start_acme()
+        network.wait("a certificate", lambda: b"has a certificate until" in acme.logs(), acme)
+        network.wait(
+            "a second one",
+            lambda: acme.logs().count(b"has a certificate until") > 1,
+            acme,
+            seconds=60,
+        )
+        assert "Pebble" in network.served(nginx)[0]
+
+
+def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetwork) -> None:
+    """The self-signed certificate serves, the client is unhealthy and says why, and it gets there later."""
+    nginx, acme = network.start_nginx(), network.start_acme()
+    network.wait("the failure", lambda: b"no certificate for" in acme.logs(), acme)
+    assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code != 0
+    assert network.served(nginx)[0] == DOMAIN
+    network.start_authority()
+    network.wait(
+        "pebble's certificate",
+        lambda: "Pebble" in network.served(nginx)[0],
+        acme,
+        nginx,
+        seconds=60,
+    )
+
+
+def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
+    """The authority's refusal stands in the log, and the self-signed certificate goes on."""
+    network.start_authority()
+    nginx, acme = network.start_nginx(), network.start_acme("elsewhere.example.test")
+    network.wait("the failure", lambda: b"no certificate for elsewhere" in acme.logs(), acme)
+    assert network.served(nginx)[0] == DOMAIN
+
+
+@pytest.mark.parametrize("domain", ["", "Robots.Example", "localhost", "-x.example", "a b.example"])
+def test_a_wrong_domain_stops_the_start(network: AcmeNetwork, domain: str) -> None:
+    """With a sentence that names the variable."""
+    acme = network.start_acme(domain)
+    assert acme.wait(timeout=20)["StatusCode"] == 1
+    assert b"DOMAIN is" in acme.logs()
+
+
+def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -> None:
+    """A new pair serves within seconds; half of a pair changes nothing."""
+    nginx = network.start_nginx()
+    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
+    make_certificate(network.own, "own.example.test")
+    network.wait("the own one", lambda: network.served(nginx)[0] == "own.example.test", nginx)
+    assert HSTS in network.served(nginx)[1]
+    (network.own / "key.pem").write_text("half a key")
+    make_certificate(network.folder("next"), "next.example.test")
+    (network.own / "cert.pem").write_bytes((network.folder("next") / "cert.pem").read_bytes())
+    looked = nginx.exec_run(["sh", "-c", "sleep 5"])  # two looks of the watch
+    assert looked.exit_code == 0
+    assert network.served(nginx)[0] == "own.example.test"
+    (network.own / "key.pem").write_bytes((network.folder("next") / "key.pem").read_bytes())
+    network.wait("the next one", lambda: network.served(nginx)[0] == "next.example.test", nginx)
+
+
+def test_nginx_speaks_in_problems(network: AcmeNetwork) -> None:
+    """Where no program answers, nginx's own answer has the headers of all others."""
+    nginx = network.start_nginx()
+    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
+    headers = network.served(nginx)[1]
+    assert headers["content-type"] == "application/problem+json"
+    assert headers["content-security-policy"].startswith("default-src 'none'")
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+def _answers(network: AcmeNetwork, nginx: object) -> bool:
+    try:
+        network.served(nginx)  # type: ignore[arg-type] # a container
+    except OSError:
+        return False
+    return True
