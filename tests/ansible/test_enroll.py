@@ -63,10 +63,11 @@ async def _drive(site: Site, robot: str) -> float:
             "linear": {"x": 1.0, "y": 0.0, "z": 0.0},
             "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
         }
-        await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": twist})
         end = time.monotonic() + 5
         x = start
         while time.monotonic() < end and x - start < 0.5:
+            # Again and again, as a driver does: the guard stops a robot whose commands have stopped.
+            await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": twist})
             x = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
         return float(x - start)
 
