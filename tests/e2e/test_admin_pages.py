@@ -163,7 +163,7 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
 
     def give() -> None:
         page.goto(f"{stack.url}/admin/users/petra")
-        page.get_by_label("Robot", exact=True).fill("sim2")
+        page.get_by_label("What", exact=True).select_option("robot:sim2")
         page.get_by_label("May", exact=True).select_option("observe")
         page.get_by_test_id("grant-submit").click()
         _done(page, "User petra may observe robot sim2.")
@@ -175,8 +175,11 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
         expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
         through_interface_changes(page, give)
         expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
-        gone = "User petra has no grant for robot sim2 any more."
-        _do(page, stack, "/admin/grants/petra/sim2/take?from=user", gone)
+        gone = "The user petra has no grant for robot sim2 any more."
+        page.goto(f"{stack.url}/admin/users/petra")
+        page.get_by_test_id("grant-sim2").get_by_role("link", name="Take away").click()
+        page.get_by_test_id("deed-do").click()
+        _done(page, gone)
         expect(petra.get_by_test_id("robot-card-sim2")).to_have_count(0, timeout=10_000)
     _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
 
@@ -219,7 +222,8 @@ def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Pat
 PAGES = (
     "/", "/admin/robots", "/admin/add-robot", "/admin/pending", "/admin/robots/sim1", "/admin/robots/sim1/remove",
     "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/join-tokens", "/admin/tokens",
-    "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody",
+    "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
+    "/admin/robots/sim1/settings", "/admin/robots/sim1/settings/defaults", "/drives",
 )  # fmt: skip
 
 

@@ -6,8 +6,9 @@ import math
 import time
 
 import pytest
-from pages import log_in, open_robot
-from playwright.sync_api import Page, expect
+from crew import Crew
+from pages import open_robot
+from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
 
@@ -101,17 +102,6 @@ def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -
         page.keyboard.up("w")
 
 
-def test_halt_stops_a_held_key(page: Page, stack: Stack) -> None:
-    """The space bar ends the motion although W is still held."""
-    open_robot(page, stack, "sim1")
-    with SimWatch(stack, "sim1") as watch:
-        page.keyboard.down("w")
-        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
-        page.keyboard.press("Space")
-        _assert_stops(watch, time.monotonic())
-        page.keyboard.up("w")
-
-
 def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
     """The picture is there, with the size of a camera frame."""
     open_robot(page, stack, "sim1")
@@ -138,19 +128,12 @@ def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
         _assert_stops(watch, time.monotonic())
 
 
-def test_observer_sees_and_cannot_drive(page: Page, stack: Stack) -> None:
+def test_observer_sees_and_cannot_drive(stack: Stack, browser: Browser) -> None:
     """A user with the level observe sees the robot live, without controls."""
-    stack.tool(
-        "tools/compose", "exec", "-T", "web", "robotether", "user", "add", "olga", "--password-stdin",
-        stdin="a long enough password",
-    )  # fmt: skip
-    stack.robotether("grant", "olga", "sim1", "observe")
-    other = page.context.browser
-    assert other is not None
-    context = other.new_context(ignore_https_errors=True)
+    crew = Crew(stack, browser)
+    crew.let("olga", "observe", "sim1")
     try:
-        watching = context.new_page()
-        log_in(watching, stack, "olga", "a long enough password")
+        watching = crew.visit("olga")
         expect(watching.get_by_test_id("robot-card-sim1")).to_be_visible()
         expect(watching.get_by_test_id("robot-card-sim2")).to_have_count(0)
         open_robot(watching, stack, "sim1")
@@ -161,4 +144,4 @@ def test_observer_sees_and_cannot_drive(page: Page, stack: Stack) -> None:
             watching.keyboard.up("w")
             assert watch.commands() == []
     finally:
-        context.close()
+        crew.close()

@@ -7,6 +7,8 @@ the robot itself: it stands, and it goes on only after a new press.
 from __future__ import annotations
 
 import itertools
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -173,6 +175,46 @@ def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack)
         thawed = time.monotonic()
         watch.wait_pose("standing", _standing, seconds=1)
         _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=thawed)
+        page.keyboard.up("w")
+
+
+def _freeze(page: Page) -> None:
+    """What a frozen tab, or a machine that hangs, is to its page: nothing runs for two seconds.
+
+    The browser's own way to freeze a tab is only for those that nobody sees, which this one has to be.
+    """
+    assert page.context.browser is not None
+    devtools = page.context.browser.new_browser_cdp_session()
+    processes = devtools.send("SystemInfo.getProcessInfo")["processInfo"]
+    pages = [process["id"] for process in processes if process["type"] == "renderer"]
+    for pid in pages:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(2)  # how long it is frozen is the test's own matter
+    for pid in pages:
+        os.kill(pid, signal.SIGCONT)
+
+
+def _throttle(page: Page) -> None:
+    """What a browser does to a tab in the background: its timers run once a second."""
+    page.evaluate(
+        "{ const end = Date.now() + 3000;"
+        "  const block = () => { const until = Date.now() + 900; while (Date.now() < until);"
+        "    if (Date.now() < end) setTimeout(block, 1); }; block(); }"
+    )
+
+
+@pytest.mark.parametrize("slow", [_freeze, _throttle], ids=["frozen", "throttled"])
+def test_a_tab_that_the_browser_slows_down_drives_no_more(
+    page: Page, stack: Stack, slow: Callable[[Page], None]
+) -> None:
+    """The robot stands within a second, and W, which was never released, does not drive when the tab is awake."""
+    open_robot(page, stack, "sim1")
+    with SimWatch(stack, "sim1") as watch:
+        page.keyboard.down("w")
+        watch.wait_pose("moving", _moving)
+        slow(page)
+        watch.wait_pose("standing", _standing, seconds=1)
+        _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=time.monotonic())
         page.keyboard.up("w")
 
 

@@ -57,7 +57,7 @@ def test_line_pins_the_certificate_that_nginx_shows(
     """Self-signed here, so the line has its fingerprint, and the port that was asked."""
     printed = stack.exec(
         "nginx",
-        *shlex.split("openssl x509 -in /etc/nginx/tls/cert.pem -noout -fingerprint -sha256"),
+        *shlex.split("openssl x509 -in /run/nginx/tls/cert.pem -noout -fingerprint -sha256"),
     )
     fingerprint = printed.strip().split("=")[1].replace(":", "").lower()
     words = shlex.split(invitation["command"])

@@ -68,7 +68,7 @@ async def test_broken_json_leaves_the_connection_alive(program: Program) -> None
 
 async def test_too_large_message_ends_that_connection_only(program: Program) -> None:
     """11 MB ends the connection that sent it with 1009, and its neighbour does not notice."""
-    async with program.connect("sim1") as other, program.connect("sim1") as socket:
+    async with program.connect("sim2") as other, program.connect("sim1") as socket:
         await open_echo(other)
         big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
         with contextlib.suppress(ConnectionError, aiohttp.ClientError):  # it may end in mid-message
@@ -85,7 +85,7 @@ async def test_too_large_message_ends_that_connection_only(program: Program) -> 
 
 async def test_client_that_never_reads_is_ended_and_bounded(program: Program, stack: Stack) -> None:
     """Ten subscriptions that nobody reads end within 20 s, and others are served meanwhile."""
-    async with program.connect("sim1") as other, program.connect("sim1", autoping=False) as socket:
+    async with program.connect("sim2") as other, program.connect("sim1", autoping=False) as socket:
         await open_echo(other)
         transport = socket.get_extra_info("socket")
         assert transport is not None

@@ -33,6 +33,7 @@ from openssh_server import OpenSshServer
 
 HEARTBEAT_S = 0.2
 TIMEOUT_S = 1.5
+GUARD_KEY = "the-key-of-this-session"
 WAIT_S = 10.0
 
 
@@ -114,6 +115,8 @@ class FakeCloud:
         self.timeout_s = TIMEOUT_S
         self.shell_port: int | None = None
         self.rotate_key = False
+        # What the agent's guard is to go by; None as from a server that is older than the guard.
+        self.guard: dict[str, Any] | None = {"key": GUARD_KEY}
         self.checked = {"ros": "ok", "video": "down", "shell": "unknown"}
         self.robot_key = ""
         self._pem = pem or certificate()
@@ -168,7 +171,7 @@ class FakeCloud:
         self.ssh.refuse_all()
 
     def configure(self, **changes: Any) -> None:
-        """Change `shell_port` or `rotate_key`, and tell the session, as the relay does."""
+        """Change `shell_port`, `rotate_key` or `guard`, and tell the session, as the relay does."""
         for name, value in changes.items():
             setattr(self, name, value)
         self.authorize(self.robot_key)
@@ -296,7 +299,9 @@ class FakeCloud:
             await asyncio.sleep(HEARTBEAT_S)
 
     def _config(self, ports: tuple[int, int]) -> dict[str, Any]:
+        guard = {} if self.guard is None else {"guard": self.guard, "direct": False}
         return {
+            **guard,
             "type": "config",
             "robot": "sim1",
             "ros_port": ports[0],
@@ -320,14 +325,15 @@ def vouches(old_key: str, said: dict[str, Any]) -> bool:
         return subprocess.run(command, check=False, input=text, capture_output=True).returncode == 0
 
 
-async def echo(port: int, text: str) -> str:
+async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:
     """Send `text` through the server's `port` to the robot's WebSocket, and return what comes back."""
+    headers = {"Robotether-Key": key, "Robotether-Mode": "observe"}
     async with (
-        aiohttp.ClientSession() as http,
+        aiohttp.ClientSession(headers=headers) as http,
         http.ws_connect(f"ws://127.0.0.1:{port}/", timeout=aiohttp.ClientWSTimeout(5, 5)) as socket,
     ):
-        await socket.send_str(text)
-        return (await socket.receive(5)).data
+        await socket.send_json({"op": "call_service", "service": "/echo", "id": text})
+        return str((await socket.receive_json(timeout=5))["id"])
 
 
 async def eventually(

@@ -9,6 +9,14 @@ Unit tests of the relay start it. Its misbehaviours have names:
     slow_reader        its rosbridge reads nothing
     floods             its rosbridge sends as fast as it can
     no_rosbridge       its ports accept and close, as a tunnel to nothing does
+
+These are agents from before the guard, as `old_agent` is, which behaves. With a guard in front:
+
+    guarded            behaves
+    guard_off          is switched to the bare forward
+    guard_silent       never answers an order to stop or to release
+    guard_refuses      answers 409 to every driver
+    comes_back_stopped says from the beginning that it is stopped
 """
 
 from __future__ import annotations
@@ -16,12 +24,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import time
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
 
 Mode = Literal[
-    "well_behaved",
+    "old_agent",
     "silent",
     "wrong_key",
     "drops_mid_message",
@@ -29,7 +38,15 @@ Mode = Literal[
     "slow_reader",
     "floods",
     "no_rosbridge",
+    "guarded",
+    "guard_off",
+    "guard_silent",
+    "guard_refuses",
+    "comes_back_stopped",
 ]
+GUARDED = {"guarded", "guard_silent", "guard_refuses", "comes_back_stopped"}
+# How far the robot's clock is from this machine's.
+AHEAD_MS = 1e6
 
 HOST = "127.0.0.1"
 WAIT_S = 8.0
@@ -59,6 +76,12 @@ class RobotSession:
         self.configs: list[dict[str, Any]] = []
         self.checked: list[dict[str, Any]] = []
         self.bye: dict[str, Any] | None = None
+        self.leases: list[dict[str, Any]] = []
+        self.orders: list[dict[str, Any]] = []
+        self.stopped = False
+        self.stopped_by = ""
+        self.answers_orders = True
+        self.pings_with_clock = False
         self.pongs = 0
         self.configured = asyncio.Event()
         self.closed = asyncio.Event()
@@ -104,12 +127,42 @@ class RobotSession:
             self.configured.set()
         elif message["type"] == "ping" and not self.silent:
             self.send(type="pong", seq=message["seq"])
+            if self.pings_with_clock:
+                self.send(type="ping", seq=message["seq"], t_ms=self.clock_ms())
+        elif message["type"] == "lease":
+            self.leases.append(message)
+        elif message["type"] in {"stop", "release"}:
+            self._obey(message)
         elif message["type"] == "pong":
             self.pongs += 1
         elif message["type"] == "checked":
             self.checked.append(message)
         elif message["type"] == "bye":
             self.bye = message
+
+    def _obey(self, order: dict[str, Any]) -> None:
+        self.orders.append(order)
+        if self.answers_orders:
+            self.stopped = order["type"] == "stop"
+            self.stopped_by = order["by"]
+            self.tell_guard(answers=order["id"])
+
+    def tell_guard(self, answers: str | None = None) -> None:
+        """Say how the guard is."""
+        self.send(
+            type="guard",
+            state="ready",
+            stopped=self.stopped,
+            by=self.stopped_by,
+            moving=False,
+            answers=answers,
+            refused={"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0},
+        )
+
+    @staticmethod
+    def clock_ms() -> float:
+        """What the robot's clock shows."""
+        return time.monotonic() * 1000 + AHEAD_MS
 
     async def close(self) -> None:
         """Cut the connection, as a lost tunnel does."""
@@ -120,7 +173,7 @@ class RobotSession:
 class FakeRobot:
     """A whole robot: session, media, rosbridge and web_video_server."""
 
-    def __init__(self, robot_id: int, session_key: str, mode: Mode = "well_behaved") -> None:
+    def __init__(self, robot_id: int, session_key: str, mode: Mode = "old_agent") -> None:
         self.mode = mode
         key = "another key" if mode == "wrong_key" else session_key
         silent = mode == "silent"
@@ -130,6 +183,8 @@ class FakeRobot:
         self.video_requests: list[dict[str, Any]] = []
         self.clients: set[web.WebSocketResponse] = set()
         self.clients_ever = 0
+        self.handshakes: list[dict[str, str]] = []
+        self._came = asyncio.Event()
         self.raw_answer: list[bytes] = []
         self._runners: list[web.AppRunner] = []
         self._closer: asyncio.Server | None = None
@@ -143,15 +198,37 @@ class FakeRobot:
         await self.media.connect(session_port)
         await asyncio.wait_for(self.media.configured.wait(), WAIT_S)
         await self._listen(self._video_app(), self.media.configs[0]["video_port"])
-        self.session.send(type="hello", hostname="turtle", agent_version="0.1.0")
+        self._say_hello()
         self.session.send(type="health", ros="ok", video="ok", detail="")
         self._watch = asyncio.create_task(self._close_ports_with_session())
+
+    def _say_hello(self) -> None:
+        session, hello = self.session, {"hostname": "turtle", "agent_version": "0.1.0"}
+        if self.mode in GUARDED:
+            session.answers_orders = self.mode != "guard_silent"
+            session.stopped = session.stopped or self.mode == "comes_back_stopped"
+            session.pings_with_clock = True
+            session.send(type="hello", guard="on", **hello)
+            session.send(type="ping", seq=0, t_ms=session.clock_ms())
+            session.tell_guard()
+        elif self.mode == "guard_off":
+            session.send(type="hello", guard="off", **hello)
+        else:
+            session.send(type="hello", **hello)
 
     async def send_to_clients(self, data: bytes) -> None:
         """Send a text message to everybody who is connected to rosbridge."""
         for client in list(self.clients):
             with contextlib.suppress(ConnectionError):
                 await client.send_frame(data, WSMsgType.TEXT)
+
+    async def connections(self, count: int) -> list[dict[str, str]]:
+        """Wait for so many handshakes; return their headers."""
+        async with asyncio.timeout(WAIT_S):
+            while len(self.handshakes) < count:
+                self._came.clear()
+                await self._came.wait()
+        return self.handshakes
 
     async def stop(self) -> None:
         """Cut everything."""
@@ -192,6 +269,10 @@ class FakeRobot:
         self._runners.append(runner)
 
     async def _rosbridge(self, request: web.Request) -> web.WebSocketResponse:
+        self.handshakes.append(dict(request.headers))
+        self._came.set()
+        if self.mode in GUARDED and (status := self._refusal(request)) is not None:
+            return web.Response(status=status)  # type: ignore[return-value]  # no upgrade
         client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)
         await client.prepare(request)
         assert request.transport is not None
@@ -213,6 +294,16 @@ class FakeRobot:
         finally:
             self.clients.discard(client)
         return client
+
+    def _refusal(self, request: web.Request) -> int | None:
+        session, headers = self.session, request.headers
+        if headers.get("Robotether-Key") != session.configs[-1]["guard"]["key"]:
+            return 403
+        if headers["Robotether-Mode"] != "drive":
+            return None
+        newest = session.leases[-1]["fence"]
+        refused = self.mode == "guard_refuses" or session.stopped
+        return 409 if refused or int(headers["Robotether-Fence"]) < newest else None
 
     async def _flood(self, client: web.WebSocketResponse) -> None:
         with contextlib.suppress(ConnectionError):

@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+import os
+import random
 import socket
 import ssl
 
+# Below the ports that the kernel gives to clients and to servers on port 0: one of those would otherwise take a port
+# that a test has only noted down so far. Each of pytest-xdist's workers has its own share, for the same reason.
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+PORTS = range(10_000 + _WORKER, 32_000, _WORKERS)
+_rng = random.SystemRandom()
+_given: set[int] = set()
+
 
 def free_port() -> int:
-    """A TCP port that was free on all of this machine's addresses a moment ago."""
+    """A TCP port that was free on all of this machine's addresses a moment ago, another one each time."""
+    while True:
+        port = _rng.choice(PORTS)
+        if port not in _given and is_free(port):
+            _given.add(port)
+            return port
+
+
+def is_free(port: int) -> bool:
+    """Tell whether nothing listens at this TCP port, on any of this machine's addresses."""
     with socket.socket() as probe:
-        probe.bind(("", 0))
-        return int(probe.getsockname()[1])
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return False
+        return True
 
 
 def insecure_tls() -> ssl.SSLContext:

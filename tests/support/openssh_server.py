@@ -1,4 +1,4 @@
-"""A real sshd for tests: unprivileged or as root, on 127.0.0.1, configured as the server's image is.
+"""A real sshd for tests: unprivileged or as root, on 127.0.0.1 unless told otherwise, set up as the server's image is.
 
 Its forced command joins a robot's session to a fake relay and, as the real one does, ends its own sshd when
 either side ends. The user is whoever runs the tests, because sshd can log in nobody else without root.
@@ -41,6 +41,7 @@ except OSError as error:
     sys.exit(1)
 address = os.environ["SSH_CONNECTION"].split()[0]
 preface = {"type": "preface", "kind": kind, "robot_id": robot_id, "address": address}
+preface["session_key"] = sys.argv[3]
 relay.sendall(json.dumps(preface).encode() + b"\\n")
 waiting = selectors.DefaultSelector()
 waiting.register(0, selectors.EVENT_READ, lambda data: relay.sendall(data))
@@ -60,14 +61,23 @@ while True:
 class OpenSshServer:
     """One sshd; `port` is where it listens, `host_keys` what a client may pin."""
 
-    def __init__(self, relay_port: int, *, port: int | None = None) -> None:
+    def __init__(
+        self,
+        relay_port: int,
+        *,
+        port: int | None = None,
+        address: str = "127.0.0.1",
+        session_key: str = "none",
+    ) -> None:
         if not SSHD.exists():
             raise RuntimeError(
                 f"cannot start an SSH server: {SSHD} is missing; install openssh-server"
             )
         self.port = port or free_port()
+        self.address = address
         self.user = getpass.getuser()
         self._relay_port = relay_port
+        self._session_key = session_key
         self._place = Path(tempfile.mkdtemp(prefix="rt-sshd-"))
         self._process: subprocess.Popen[bytes] | None = None
         self._authorized = self._place / "authorized_keys"
@@ -85,13 +95,20 @@ class OpenSshServer:
         self.host_keys = [path.with_suffix(".pub").read_text().strip()]
 
     def authorize(self, public_key: str, ports: tuple[int, ...], robot_id: int = 7) -> None:
-        """Let a robot's key in, with the line that the key look-up prints."""
+        """Let a robot's key in and no other, with the line that the key look-up prints."""
+        self._authorized.write_text(self._line(public_key, ports, robot_id))
+
+    def authorize_too(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> None:
+        """Let one more robot's key in."""
+        with self._authorized.open("a") as lines:
+            lines.write(self._line(public_key, ports, robot_id))
+
+    def _line(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> str:
         listens = ",".join(f'permitlisten="*:{port}"' for port in ports)
         script = self._place / "session.py"
         command = f"exec {sys.executable} -S -E {script} {self._relay_port} {robot_id}"
-        self._authorized.write_text(
-            f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
-        )
+        command += f" '{self._session_key}'"
+        return f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
 
     def refuse_all(self) -> None:
         """Let no key in."""
@@ -146,12 +163,12 @@ class OpenSshServer:
         assert self._process is not None
         if self._process.poll() is not None:
             raise RuntimeError(f"sshd did not start:\n{self.log_text()}")
-        return listens(self.port)
+        return listens(self.port, self.address)
 
     def _config(self) -> str:
         return textwrap.dedent(
             f"""
-            ListenAddress 127.0.0.1
+            ListenAddress {self.address}
             Port {self.port}
             HostKey {self._place}/host_key
             AuthorizedKeysFile {self._authorized}
@@ -174,11 +191,11 @@ class OpenSshServer:
         )
 
 
-def listens(port: int) -> bool:
+def listens(port: int, address: str = "127.0.0.1") -> bool:
     """Tell whether something accepts at `port` of this machine."""
     with socket.socket() as probe:
         probe.settimeout(1)
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+        return probe.connect_ex((address, port)) == 0
 
 
 def wait_until(

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from playwright.sync_api import Error, Page, expect
+from playwright.sync_api import Error, Page, Request, expect
 
 # The second is Chromium's own error page, which loads anew by itself while the test asks for a page.
 INTERFACES_CHANGED = ("ERR_NETWORK_CHANGED", "is interrupted by another navigation")
@@ -74,6 +74,28 @@ def open_robot(page: Page, site: Site, name: str) -> None:
 
     through_interface_changes(page, step)
     expect_live(page, seconds=10)
+
+
+def open_live(page: Page, site: Site, robot: str) -> None:
+    """Go straight to a robot's page and wait until its connection stands, also if Chromium drops the page's script."""
+    dropped: list[str] = []
+
+    def note(request: Request) -> None:
+        dropped.append(f"{request.url}: {request.failure}")
+
+    def step() -> None:
+        dropped.clear()
+        page.goto(f"{site.url}/robots/{robot}")
+        try:
+            expect_live(page, seconds=15)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\nrequests that failed: {dropped}") from error
+
+    page.on("requestfailed", note)
+    try:
+        through_interface_changes(page, step)
+    finally:
+        page.remove_listener("requestfailed", note)
 
 
 def expect_live(page: Page, seconds: float) -> None:

@@ -109,7 +109,7 @@ class Site:
     def fingerprint(self) -> str:
         """The SHA-256 of the server's certificate, as nginx has it."""
         printed = self.stack.exec(
-            "nginx", "openssl", "x509", "-in", "/etc/nginx/tls/cert.pem", "-noout", "-fingerprint", "-sha256",
+            "nginx", "openssl", "x509", "-in", "/run/nginx/tls/cert.pem", "-noout", "-fingerprint", "-sha256",
         )  # fmt: skip
         return printed.strip().split("=")[-1].replace(":", "").lower()
 

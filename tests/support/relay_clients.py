@@ -10,7 +10,8 @@ from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
 from relay_server import SESSION_KEY, MemoryRecords, RelayServer
 from robotether_server.store.fleet import AuditEntry, Robot
 
-PUBLISH = '{"op": "publish",  "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}'
+# As the relay writes it anew.
+PUBLISH = '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}'
 
 
 async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:

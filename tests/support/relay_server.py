@@ -20,6 +20,7 @@ from robotether_server.relay.liveness import Limits
 from robotether_server.relay.records import Records
 from robotether_server.relay.relay import Listen, Relay, Timing
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
+from robotether_server.store.control import Kept, NewLease, Stop
 from robotether_server.store.fleet import (
     Changes,
     Credential,
@@ -39,6 +40,9 @@ MESSAGE_LIMIT = 10 * 1024 * 1024
 # Short enough for tests, with the proportions of the real ones.
 FAST = Timing(
     limits=Limits(ping_every_s=0.2, silent_after_s=0.6, slow_after_s=1.0, look_every_s=0.05),
+    driver_limits=Limits(
+        ping_every_s=0.1, silent_after_s=0.6, slow_after_s=1.0, look_every_s=0.05, strict=True
+    ),
     heartbeat_s=0.1,
     timeout_s=0.5,
     poll_every_s=0.05,
@@ -56,6 +60,8 @@ class MemoryRecords:
         self.written: list[Entry] = []
         self.down = False
         self.lookups = 0
+        self.fences: dict[int, int] = {}
+        self.stops: list[Stop] = []
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> Robot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
@@ -91,6 +97,16 @@ class MemoryRecords:
         self._ask()
         self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}
+
+    async def kept(self) -> Kept:
+        self._ask()
+        return Kept(dict(self.fences), list(self.stops))
+
+    async def next_fence(self, lease: NewLease) -> int:
+        self._ask()
+        fence = max(self.fences.get(lease.robot_id, 0), lease.above) + 1
+        self.fences[lease.robot_id] = fence
+        return fence
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         self._ask()

@@ -12,7 +12,15 @@ from typing import Any
 
 import schemathesis
 
-NOBODY: dict[str, Any] = {"robot": "nobody", "user": "nobody", "token_id": 2**31, "key_id": 2**31}
+NOBODY: dict[str, Any] = {
+    "robot": "nobody",
+    "user": "nobody",
+    "group": "nobody",
+    "site": "nobody",
+    "token_id": 2**31,
+    "key_id": 2**31,
+    "grant_id": 2**31,
+}
 
 
 @schemathesis.hook

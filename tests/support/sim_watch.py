@@ -6,18 +6,22 @@ listens, so that a synchronous browser test can look at any time.
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import json
-import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol
 
 import aiohttp
-from stack import Stack
+from docker.models.containers import Container
+from loop_thread import LoopThread
+
+
+class Containers(Protocol):
+    """Where the simulated robots run: a test's stack, or the demo."""
+
+    def container(self, service: str) -> Container:
+        """The container of a service."""
 
 
 @dataclass(frozen=True)
@@ -28,36 +32,17 @@ class Seen:
     msg: dict[str, Any]
 
 
-class SimWatch:
+class SimWatch(LoopThread):
     """Subscribes to a simulator's /pose and /cmd_vel for as long as the `with` block runs."""
 
-    def __init__(self, stack: Stack, sim: str) -> None:
+    def __init__(self, stack: Containers, sim: str) -> None:
         networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
         self._url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
+        super().__init__(f"/pose from {self._url}")
         self._seen: dict[str, deque[Seen]] = {
             "/pose": deque(maxlen=4000),
             "/cmd_vel": deque(maxlen=4000),
         }
-        self._ready = threading.Event()
-        self._loop = asyncio.new_event_loop()
-        self._task: asyncio.Task[None] | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        assert self._ready.wait(10), f"no /pose from {self._url} in 10 s"
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._task:
-            self._loop.call_soon_threadsafe(self._task.cancel)
-        self._thread.join(5)
-        self._loop.close()
 
     @property
     def pose(self) -> dict[str, float]:
@@ -78,13 +63,7 @@ class SimWatch:
             time.sleep(0.01)
         return time.monotonic() - start
 
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._task = self._loop.create_task(self._listen())
-        with contextlib.suppress(asyncio.CancelledError):
-            self._loop.run_until_complete(self._task)
-
-    async def _listen(self) -> None:
+    async def _work(self) -> None:
         async with aiohttp.ClientSession() as http, http.ws_connect(self._url) as socket:
             for topic in self._seen:
                 await socket.send_json({"op": "subscribe", "topic": topic})
@@ -93,4 +72,4 @@ class SimWatch:
                 if message.get("op") == "publish":
                     self._seen[message["topic"]].append(Seen(time.monotonic(), message["msg"]))
                     if message["topic"] == "/pose":
-                        self._ready.set()
+                        self._begun.set()

@@ -27,6 +27,7 @@ LAST_SHELL_PORT = 24049
 TABLES = (
     "audit_events",
     "robot_sessions",
+    "drives",
     "logins",
     "api_tokens",
     "grants",
@@ -34,6 +35,8 @@ TABLES = (
     "join_tokens",
     "user_ssh_keys",
     "robots",
+    "sites",
+    "user_groups",
     "users",
     "port_pairs",
     "shell_ports",

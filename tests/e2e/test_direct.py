@@ -1,0 +1,87 @@
+"""The paper's open ports (compose/direct.yaml): for the listed networks only, and still through the robot's guard."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import Callable, Iterator
+
+import aiohttp
+import pytest
+from sim_watch import SimWatch
+from stack import Stack
+
+PORTS = (20000, 20005)
+FORWARD = {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
+OpenTo = Callable[[str], None]
+
+
+@pytest.fixture
+def open_to(stack: Stack) -> Iterator[OpenTo]:
+    """Publish the robots' ports to these networks; closed again at the end."""
+    before = stack.env_file.read_text()
+
+    def publish(sources: str) -> None:
+        lines = [line for line in before.splitlines() if not line.startswith("DIRECT_")]
+        lines += [f"DIRECT_SOURCES={sources}"]
+        lines += [f"DIRECT_PORT_FIRST={PORTS[0]}", f"DIRECT_PORT_LAST={PORTS[1]}"]
+        stack.env_file.write_text("\n".join(lines) + "\n")
+        stack.tool("tools/up", "--no-build", timeout=120)
+        stack.wait("sim1 online", lambda: stack.online("sim1"), "relay", seconds=20)
+
+    yield publish
+    stack.env_file.write_text(before)
+    stack.tool("tools/up", "--no-build", timeout=120)
+    stack.wait("sim1 online", lambda: stack.online("sim1"), "relay", seconds=20)
+
+
+def ros_port(stack: Stack) -> int:
+    """The port of sim1's rosbridge."""
+    [[port]] = stack.sql("SELECT ros_port FROM robots WHERE name = 'sim1'")
+    return int(port)
+
+
+def answers(port: int) -> bool:
+    """Whether somebody behind the published port says anything to an HTTP request."""
+    with socket.create_connection(("127.0.0.1", port), timeout=5) as plain:
+        try:
+            plain.sendall(b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n")
+            return plain.recv(16).startswith(b"HTTP/")
+        except ConnectionError:
+            return False
+
+
+async def drive(port: int) -> None:
+    """Drive for a moment as a program of the paper's time does, without a word to the server."""
+    async with (
+        aiohttp.ClientSession() as http,
+        http.ws_connect(f"ws://127.0.0.1:{port}/") as socket_,
+    ):
+        for _ in range(10):
+            await socket_.send_str(
+                json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": FORWARD})
+            )
+            await asyncio.sleep(0.05)
+
+
+def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenTo) -> None:
+    """A source outside gets nothing; one inside drives through the guard, which stops the robot afterwards."""
+    port = ros_port(stack)
+    open_to("192.0.2.0/24")
+    assert not answers(port)
+    open_to("192.0.2.0/24,172.16.0.0/12,192.168.0.0/16,10.0.0.0/8")
+    stack.wait("rosbridge behind the open port", lambda: answers(port), "direct", "relay")
+    with SimWatch(stack, "sim1") as watch:
+        asyncio.run(drive(port))
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0.0, seconds=1.5)
+        moved = [seen.msg for seen in watch.commands() if seen.msg["linear"]["x"]]
+        assert moved, "the robot was never driven"
+        assert watch.commands()[-1].msg["linear"]["x"] == 0
+
+
+def test_ports_are_closed_by_default(stack: Stack) -> None:
+    """Nothing of this machine leads to a robot's port."""
+    with socket.socket() as probe:
+        probe.settimeout(2)
+        assert probe.connect_ex(("127.0.0.1", ros_port(stack))) != 0

@@ -1,0 +1,98 @@
+"""An admin in a real browser gives rights by group and site, sets policy and guard, and reads what was driven."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pages import log_in
+from playwright.sync_api import Page, expect
+from stack import Stack
+
+
+def _done(page: Page, message: str) -> None:
+    expect(page.get_by_test_id("done")).to_have_text(message)
+
+
+@pytest.fixture
+def password(stack: Stack) -> Iterator[str]:
+    """That of ida, a user of these tests; afterwards user, group and site are gone."""
+    yield stack.robotether("user", "add", "ida").split()[-1]
+    for kind, name in (("user", "ida"), ("group", "e2e-crew"), ("site", "e2e-lab")):
+        stack.robotether(kind, "remove", name, "--yes")
+
+
+def test_member_of_a_group_sees_the_robots_of_a_site(
+    page: Page, stack: Stack, password: str
+) -> None:
+    """As long as she is a member and the robot is there; her open page follows within seconds."""
+    page.goto(f"{stack.url}/admin/groups")
+    page.get_by_label("Name").fill("e2e-crew")
+    page.get_by_test_id("group-add").click()
+    page.get_by_label("User", exact=True).select_option("ida")
+    page.get_by_test_id("member-add").click()
+    _done(page, "User ida is a member of group e2e-crew.")
+    page.goto(f"{stack.url}/admin/sites")
+    page.get_by_label("Name").fill("e2e-lab")
+    page.get_by_test_id("site-add").click()
+    page.get_by_label("Who", exact=True).select_option("group:e2e-crew")
+    page.get_by_label("May", exact=True).select_option("observe")
+    page.get_by_test_id("grant-submit").click()
+    _done(page, "Group e2e-crew may observe site e2e-lab.")
+    browser = page.context.browser
+    assert browser is not None
+    context = browser.new_context(ignore_https_errors=True)
+    ida = context.new_page()
+    log_in(ida, stack, "ida", password)
+    expect(ida.get_by_test_id("fleet-empty")).to_be_visible()
+    page.goto(f"{stack.url}/admin/robots/sim3")
+    page.get_by_label("Where it is").select_option("e2e-lab")
+    page.get_by_test_id("site-save").click()
+    _done(page, "Robot sim3 is at site e2e-lab.")
+    expect(ida.get_by_test_id("robot-card-sim3")).to_be_visible(timeout=10_000)
+    page.goto(f"{stack.url}/admin/groups/e2e-crew/members/ida/remove")
+    page.get_by_test_id("deed-do").click()
+    _done(page, "User ida is no member of group e2e-crew any more.")
+    expect(ida.get_by_test_id("robot-card-sim3")).to_have_count(0, timeout=10_000)
+    context.close()
+
+
+def test_policy_and_guard_are_set_in_one_form(page: Page, stack: Stack) -> None:
+    """What was said comes back with a sentence; what is good stands on the robot's page; the defaults come back."""
+    path = f"{stack.url}/admin/robots/sim3/settings"
+    page.goto(path)
+    page.get_by_label("Top speed (m/s)").fill("fast")
+    page.get_by_test_id("settings-save").click()
+    expect(page.get_by_test_id("form-problem")).to_contain_text("cannot use guard.max_speed_m_s")
+    page.get_by_label("Top speed (m/s)").fill("0.75")
+    page.get_by_label("Call").first.fill("/arm/*\n/lamp")
+    page.get_by_test_id("settings-save").click()
+    _done(page, "The policy and the guard of robot sim3 are set.")
+    expect(page.get_by_test_id("settings")).to_contain_text("0.75")
+    expect(page.get_by_test_id("settings")).to_contain_text("/arm/*, /lamp")
+    kept = json.loads(stack.sql("SELECT settings FROM robots WHERE name = 'sim3'")[0][0])
+    assert kept == {
+        "guard": {"max_speed_m_s": 0.75},
+        "policy": {"drive": {"call": ["/arm/*", "/lamp"]}},
+    }
+    page.goto(path)
+    page.get_by_test_id("defaults").click()
+    page.get_by_test_id("deed-do").click()
+    expect(page.get_by_test_id("settings")).to_have_text("All as by default.")
+
+
+def test_audit_log_is_saved_as_a_file(page: Page, stack: Stack, tmp_path: Path) -> None:
+    """What the filter finds, as CSV and as JSON lines."""
+    page.goto(f"{stack.url}/admin/audit?kind=login")
+    for kind in ("csv", "jsonl"):
+        with page.expect_download() as started:
+            page.get_by_test_id(f"download-{kind}").click()
+        started.value.save_as(tmp_path / f"audit.{kind}")
+    rows = list(csv.DictReader((tmp_path / "audit.csv").open(newline="")))
+    lines = [json.loads(line) for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
+    assert rows
+    assert {row["kind"] for row in rows} == {"login"}
+    assert [row["id"] for row in rows] == [str(line["id"]) for line in lines]

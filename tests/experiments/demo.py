@@ -1,0 +1,89 @@
+"""The running demo as an experiment sees it: its containers, its door from outside, an API token, tickets.
+
+Made by `bench`; needs `make demo`. It changes nothing of the demo but for one API token, which ends after a day.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+import urllib.request
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import docker
+from docker.models.containers import Container
+from local_network import insecure_tls
+
+ROOT = Path(__file__).resolve().parents[2]
+TOKEN_NAME = "bench"
+
+
+class Demo:
+    """The compose project that `make demo` started."""
+
+    def __init__(self) -> None:
+        self._engine = docker.from_env()
+
+    def compose(self, *arguments: str) -> str:
+        """Run tools/compose and return what it printed."""
+        done = subprocess.run(
+            [str(ROOT / "tools" / "compose"), "--demo", *arguments],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout
+
+    @cached_property
+    def project(self) -> str:
+        """The compose project's name."""
+        return str(json.loads(self.compose("config", "--format", "json"))["name"])
+
+    def container(self, service: str) -> Container:
+        """The container of a service."""
+        labels = [
+            f"com.docker.compose.project={self.project}",
+            f"com.docker.compose.service={service}",
+        ]
+        [found] = self._engine.containers.list(all=True, filters={"label": labels})
+        return found
+
+    def address_of(self, service: str) -> str:
+        """The address of a container in one of its networks, which this machine reaches and nobody else does."""
+        networks = self.container(service).attrs["NetworkSettings"]["Networks"]
+        return str(next(iter(networks.values()))["IPAddress"])
+
+    @cached_property
+    def door(self) -> str:
+        """HOST:PORT of https at which the published ports answer as they do to the network.
+
+        Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
+        """
+        bridge = self._engine.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"]
+        return f"{bridge}:{self.compose('port', 'nginx', '8443').strip().rsplit(':', 1)[1]}"
+
+    @cached_property
+    def token(self) -> str:
+        """An API token of the admin for this run."""
+        name = f"{TOKEN_NAME}-{int(time.time())}"
+        return self.compose(
+            "exec", "-T", "web", "robotether", "token", "create", "--user", "admin", "--name", name, "--days", "1"
+        ).split()[-1]  # fmt: skip
+
+    def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> Any:
+        """One request to the server's API; the parsed answer."""
+        request = urllib.request.Request(
+            f"https://{self.door}{path}",
+            method=method,
+            data=None if body is None else json.dumps(body).encode(),
+            headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
+        )
+        with urllib.request.urlopen(request, context=insecure_tls(), timeout=10) as answer:
+            return json.load(answer)
+
+    def ticket(self, robot: str, mode: str) -> str:
+        """A ticket for one connection."""
+        return str(self.ask("POST", "/api/v1/tickets", {"robot": robot, "mode": mode})["ticket"])

@@ -1,0 +1,118 @@
+"""How many operations one core of the relay checks, and what the dearest message costs.
+
+The relay's own Gate, in this process and without a network, is given the same message again and again: a
+command, a subscription, a publish of 10 KB; then the largest that a robot's default limits let pass. Used by
+`bench`; `python tests/experiments/operations_rate.py` prints the table. It measures nothing but the check.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from sections import Section
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
+
+from robotether_server.relay.drive_commands import stamped
+from robotether_server.relay.operations import Gate
+from robotether_server.robot_settings import DEFAULTS, Limits
+
+# The check alone is measured, not how soon it says that there were too many.
+UNLIMITED = Limits(messages_per_s=10**9, message_kb=DEFAULTS.policy.limits.message_kb)
+SHORTEST_S = 0.2
+ROUNDS = 5
+LARGEST_NUMBERS = 52_000
+LARGEST_OBJECTS = 55_000
+AIM_US = 15
+
+
+@dataclass(frozen=True)
+class Rate:
+    """What one kind of message costs."""
+
+    name: str
+    size: int
+    microseconds: float
+
+    @property
+    def row(self) -> str:
+        """The line of the table."""
+        rate = f"{1_000_000 / self.microseconds:,.0f}"
+        return f"| {self.name} | {self.size:,} | {self.microseconds:,.1f} | {rate} |"
+
+
+def kinds() -> Mapping[str, bytes]:
+    """One message of each kind, as clients send them."""
+    twist = {"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -0.2345678}}
+    moment = {"t_ms": 5123456.789}
+    numbers = [number / 7 for number in range(LARGEST_NUMBERS)]
+    plain = {
+        "`publish` Twist to a drive topic": {
+            "op": "publish", "topic": "/cmd_vel", "msg": twist, "robotether": moment,
+        },
+        "`subscribe`": {
+            "op": "subscribe", "id": "subscribe:/pose:1", "topic": "/pose", "type": "turtlesim/Pose",
+            "throttle_rate": 100, "queue_length": 1, "compression": "none",
+        },
+        "`publish` of one text, 200 bytes": {
+            "op": "publish", "topic": "/chatter", "msg": {"data": "x" * 142},
+        },
+        "`publish` of 500 numbers, 10 KB": {
+            "op": "publish", "topic": "/scan", "msg": {"ranges": [number / 7 for number in range(560)]},
+        },
+        "`publish` of as many numbers as may be": {
+            "op": "publish", "topic": "/cloud", "msg": {"data": numbers},
+        },
+        "`publish` of as many objects as may be": {
+            "op": "publish", "topic": "/cloud", "msg": {"data": [{}] * LARGEST_OBJECTS},
+        },
+    }  # fmt: skip
+    return {name: json.dumps(message).encode() for name, message in plain.items()}
+
+
+def time_of(name: str, data: bytes) -> Rate:
+    """The quickest of some rounds: what else runs on the machine only adds to it."""
+    gate = Gate(DEFAULTS.policy.manage, DEFAULTS.guard.drive_topics, UNLIMITED)
+
+    def one() -> None:
+        command = gate.check(data).drive
+        if command is not None:
+            stamped(command, 1.5, 7)
+
+    started = time.perf_counter()
+    one()
+    count = max(1, int(SHORTEST_S / (time.perf_counter() - started)))
+    best = min(_round(one, count) for _ in range(ROUNDS))
+    return Rate(name, len(data), best / count * 1_000_000)
+
+
+def _round(one: Callable[[], None], count: int) -> float:
+    started = time.perf_counter()
+    for _ in range(count):
+        one()
+    return time.perf_counter() - started
+
+
+def measure() -> Section:
+    """The table for docs/measurements.md."""
+    rates = [time_of(name, data) for name, data in kinds().items()]
+    return Section(
+        "Operations checked by the relay",
+        f"One core, one connection, the check and the new writing of a message alone, the quickest of {ROUNDS}\n"
+        f"rounds. Aim: a small message under {AIM_US} us. While it reads a large one, the relay does nothing else; by\n"
+        "default one driver's connection may send about one of the largest a second.",
+        [
+            "| message | bytes | us each | a second and core |",
+            "|---|---:|---:|---:|",
+            *(rate.row for rate in rates),
+        ],
+    )
+
+
+if __name__ == "__main__":
+    sys.stdout.write(measure().markdown)

@@ -1,0 +1,31 @@
+"""What one measurement gives to docs/measurements.md, and the statistics that all of them use.
+
+Each experiment that `make bench` runs returns a `Section`; `bench` writes them one after the other.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, what was measured and aimed at, and a Markdown table, one text a line."""
+
+    title: str
+    text: str
+    table: Sequence[str]
+
+    @property
+    def markdown(self) -> str:
+        """The section as it stands in the page."""
+        return f"## {self.title}\n\n{self.text}\n\n" + "\n".join(self.table) + "\n"
+
+
+def percentile(values: Sequence[float], percent: int) -> float:
+    """The value that `percent` of 100 stay below, as statistics.quantiles has it."""
+    if len(values) == 1:
+        return values[0]
+    return statistics.quantiles(values, n=100, method="inclusive")[percent - 1]

@@ -1,0 +1,274 @@
+"""How soon the robot stands when its driver is lost, for each way of losing one.
+
+A page in Chromium, or a program on the WebSocket, drives the demo's first robot; then the driver, the network, a part
+of the server or a part of the robot is taken away. What the robot's own rosbridge saw on /cmd_vel tells the rest. Used
+by `bench`; needs `make demo` and root (it drops packets with iptables, and takes the rules away again).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+import urllib.error
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
+
+import processes
+from demo import ROOT, Demo
+from pages import log_in, open_robot
+from playwright.sync_api import Browser, Error, Page, sync_playwright
+from program_driver import ProgramDriver
+from sections import Section, percentile
+from sim_watch import Seen, SimWatch
+
+ROBOT = "sim1"
+ROSBRIDGE_PORT = 9090
+CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+# Longer than any stop may take, and long enough to see a robot that drives on.
+WATCHED_S = 3.0
+BACK_WITHIN_S = 60.0
+AIM_MS = 600
+LIMIT_MS = 1000
+
+
+class NeverDroveError(Exception):
+    """The robot did not move before the driver was taken away: nothing was measured."""
+
+
+@dataclass
+class Outcome:
+    """What the robot got after each loss, in ms; `drove_on` counts repetitions with a late command or no zero."""
+
+    last_command_to_zero: list[float] = field(default_factory=list)
+    loss_to_zero: list[float] = field(default_factory=list)
+    drove_on: int = 0
+
+
+@dataclass(frozen=True)
+class Site:
+    """The demo as the pages' helpers want it."""
+
+    url: str
+    admin_password: str
+
+
+# Takes the driver away, inside the block; afterwards what was taken is put back.
+Loss = Callable[[Demo, ExitStack], None]
+
+
+def is_zero(seen: Seen) -> bool:
+    """Whether a twist stands still."""
+    return not any(value for part in seen.msg.values() for value in part.values())
+
+
+def judge(commands: list[Seen], lost_at: float, outcome: Outcome) -> None:
+    """Add what one repetition showed; `commands` go on for some seconds after the loss."""
+    moving = [seen.at for seen in commands if not is_zero(seen)]
+    last = max(moving)
+    zeros = [seen.at for seen in commands if is_zero(seen) and seen.at > last]
+    if not zeros:
+        outcome.drove_on += 1
+        return
+    first = min(zeros)
+    outcome.last_command_to_zero.append((first - last) * 1000)
+    outcome.loss_to_zero.append((first - lost_at) * 1000)
+    # Commands that were on their way may arrive after the loss, but none after the robot was stopped.
+    stopped = min((seen.at for seen in commands if is_zero(seen) and seen.at > lost_at), default=0)
+    outcome.drove_on += any(at > stopped for at in moving)
+
+
+def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
+    """Wait until the robot moves, have the driver lost, and return what /cmd_vel got until some seconds later."""
+    with SimWatch(demo, ROBOT) as watch:
+        end = time.monotonic() + 10
+        while sum(not is_zero(seen) for seen in watch.commands()) < 10:
+            if time.monotonic() > end:
+                raise NeverDroveError("cannot measure: the robot got no commands in 10 s")
+            time.sleep(0.02)
+        lost_at = time.monotonic()
+        lose()
+        time.sleep(WATCHED_S)
+        return watch.commands(), lost_at
+
+
+def program_loses(demo: Demo, loss: Callable[[Demo, ProgramDriver, ExitStack], None]) -> Outcome:
+    """One repetition with a program that drives."""
+    outcome = Outcome()
+    with ExitStack() as undo:
+        url = f"wss://{demo.door}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
+        driver = undo.enter_context(ProgramDriver(url))
+        judge(*watched(demo, partial(loss, demo, driver, undo)), outcome)
+    return outcome
+
+
+def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> Outcome:
+    """One repetition with a person's page, on which a key is held."""
+    outcome = Outcome()
+    password = (ROOT / "compose" / "secrets" / "admin_password").read_text()
+    site = Site(f"https://{demo.door}", password)
+    with sync_playwright() as playwright, ExitStack() as undo:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=CHROMIUM)
+        page = browser.new_context(ignore_https_errors=True).new_page()
+        log_in(page, site)
+        open_robot(page, site, ROBOT)
+        page.keyboard.down("w")
+        judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
+        undo.close()
+        # One that was killed has nothing to close.
+        with suppress(Error):
+            browser.close()
+    return outcome
+
+
+def close_page(_: Browser, page: Page, __: ExitStack) -> None:
+    """The person closes the tab."""
+    page.close()
+
+
+def freeze_tab(browser: Browser, _: Page, undo: ExitStack) -> None:
+    """The tab's process stands still; Chromium's own way to freeze one is for tabs that nobody sees."""
+    for pid in _processes(browser, "renderer"):
+        os.kill(pid, signal.SIGSTOP)
+        undo.callback(os.kill, pid, signal.SIGCONT)
+
+
+def kill_browser(browser: Browser, _: Page, __: ExitStack) -> None:
+    """The whole browser dies."""
+    for pid in _processes(browser, "browser"):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _processes(browser: Browser, kind: str) -> list[int]:
+    session = browser.new_browser_cdp_session()
+    processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    return [process["id"] for process in processes if process["type"] == kind]
+
+
+def end_program(_: Demo, driver: ProgramDriver, __: ExitStack) -> None:
+    """The program's connection ends without a goodbye."""
+    driver.cut()
+
+
+def cut_operator(_: Demo, driver: ProgramDriver, undo: ExitStack) -> None:
+    """The operator's packets are dropped both ways, without a word."""
+    port = str(driver.local_port)
+    undo.enter_context(dropped("raw", "OUTPUT", "-p", "tcp", "--sport", port))
+    undo.enter_context(dropped("raw", "PREROUTING", "-p", "tcp", "--dport", port))
+
+
+def cut_robot(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
+    """All of the robot's packets are dropped without a word, but for those of this test's own look at its rosbridge."""
+    pid = str(demo.container(ROBOT).attrs["State"]["Pid"])
+    inside = ("nsenter", "--net", "--target", pid)
+    look = str(ROSBRIDGE_PORT)
+    undo.enter_context(
+        dropped("filter", "OUTPUT", "-o", "eth0", "-p", "tcp", "!", "--sport", look, at=inside)
+    )
+    undo.enter_context(
+        dropped("filter", "INPUT", "-i", "eth0", "-p", "tcp", "!", "--dport", look, at=inside)
+    )
+
+
+def kill_service(service: str, demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
+    """A part of the server dies."""
+    container = demo.container(service)
+    undo.callback(container.start)
+    container.kill()
+
+
+def kill_on_robot(words: str, demo: Demo, _: ProgramDriver, __: ExitStack) -> None:
+    """A process on the robot dies; what starts it again is the robot's own matter."""
+    pids = processes.with_words(demo.container(ROBOT), words)
+    if not pids:
+        raise NeverDroveError(f"cannot measure: no process of {ROBOT} has {words!r} in its command")
+    # The oldest: a second guard waits to take the first one's place.
+    os.kill(pids[0], signal.SIGKILL)
+
+
+@contextmanager
+def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Iterator[None]:
+    """Drop these packets inside the block, on this machine or where the command `at` goes first."""
+    command, rule = [*at, "iptables", "-w", "-t", table], [*what, "-j", "DROP"]
+    subprocess.run([*command, "-I", chain, *rule], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run([*command, "-D", chain, *rule], check=True)
+
+
+WAYS: Mapping[str, Callable[[Demo], Outcome]] = {
+    "page closed": lambda demo: page_loses(demo, close_page),
+    "tab frozen": lambda demo: page_loses(demo, freeze_tab),
+    "browser killed": lambda demo: page_loses(demo, kill_browser),
+    "program's connection cut": lambda demo: program_loses(demo, end_program),
+    "operator's network cut": lambda demo: program_loses(demo, cut_operator),
+    "relay killed": lambda demo: program_loses(demo, partial(kill_service, "relay")),
+    "sshd killed": lambda demo: program_loses(demo, partial(kill_service, "sshd")),
+    "robot's uplink cut": lambda demo: program_loses(demo, cut_robot),
+    "agent killed": lambda demo: program_loses(demo, partial(kill_on_robot, "robotether_agent run")),
+    "guard killed": lambda demo: program_loses(demo, partial(kill_on_robot, "robotether_agent.guard")),
+}  # fmt: skip
+
+
+def wait_drivable(demo: Demo) -> None:
+    """Wait until a program can drive the robot again."""
+    end = time.monotonic() + BACK_WITHIN_S
+    while not _drives(demo):
+        if time.monotonic() > end:
+            raise NeverDroveError(f"cannot go on: {ROBOT} is not back in {BACK_WITHIN_S:g} s")
+        time.sleep(0.5)
+
+
+def _drives(demo: Demo) -> bool:
+    try:
+        ticket = demo.ticket(ROBOT, "drive")
+    except (urllib.error.URLError, ConnectionError, TimeoutError):
+        return False
+    url = f"wss://{demo.door}/robots/{ROBOT}/ros?ticket={ticket}"
+    try:
+        with SimWatch(demo, ROBOT) as watch, ProgramDriver(url):
+            time.sleep(0.5)
+            return any(not is_zero(seen) for seen in watch.commands())
+    except AssertionError:
+        return False
+
+
+def row(way: str, outcome: Outcome) -> str:
+    """One line of the table."""
+    times, losses = outcome.last_command_to_zero, outcome.loss_to_zero
+    if not times:
+        return f"| {way} | 0 | - | - | - | {outcome.drove_on} |"
+    return (
+        f"| {way} | {len(times)} | {percentile(times, 50):.0f} | {max(times):.0f} "
+        f"| {percentile(losses, 50):.0f} | {outcome.drove_on} |"
+    )
+
+
+def measure(demo: Demo, repeat: int) -> Section:
+    """Lose the driver in each way, `repeat` times."""
+    table = [
+        "| way | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | drove on |",
+        "|---|---|---|---|---|---|",
+    ]
+    for way, once in WAYS.items():
+        total = Outcome()
+        for _ in range(repeat):
+            wait_drivable(demo)
+            one = once(demo)
+            total.last_command_to_zero += one.last_command_to_zero
+            total.loss_to_zero += one.loss_to_zero
+            total.drove_on += one.drove_on
+        table.append(row(way, total))
+    wait_drivable(demo)
+    return Section(
+        title="From the loss of the driver to a robot that stands",
+        text=(
+            f"Aim: zero on `cmd_vel` {AIM_MS} ms after the last command, never more than {LIMIT_MS} ms, and no "
+            "repetition in which the robot drove on. The simulated robot, dead man's time 500 ms, commands at 20 Hz."
+        ),
+        table=table,
+    )

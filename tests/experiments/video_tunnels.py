@@ -1,0 +1,55 @@
+"""The robot's two SSH connections as the agent makes them, with the media door; for behind_video.
+
+Started by behind_video inside the robot's namespace with a directory that has `key` and `known_hosts`, then address and
+port of sshd, the two ports to forward, and the congestion control of the media connection, in place of what the agent
+would choose; ends with its stdin.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+import logging
+import os
+import socket
+import sys
+from pathlib import Path
+
+from robotether_agent.media.door import MediaDoor
+from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
+from robotether_agent.tunnel import Tunnel
+from video_robot import ROS_PORT, VIDEO_PORT
+
+
+async def opened(place: Path, target: Target, kind: Kind) -> Tunnel:
+    """A connection of `kind` that is logged in."""
+    files = SshFiles((place / "key",), place / "known_hosts", place / f"{kind}.sock")
+    tunnel = await Tunnel.open(target, files, kind)
+    # The session command's line.
+    await tunnel.lines_in.readline()
+    return tunnel
+
+
+async def main() -> None:
+    """Keep both tunnels until stdin ends."""
+    place, host, port, ros_port, video_port, congestion = sys.argv[1:]
+    target = Target(host, int(port), getpass.getuser())
+    door = MediaDoor(f"http://127.0.0.1:{VIDEO_PORT}")
+    door_port = await door.start()
+    session = await opened(Path(place), target, "session")
+    await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
+    media = await opened(Path(place), target, "media")
+    if media.socket is not None:
+        media.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, congestion.encode())
+    door.use(media.socket)
+    await media.add(Forward(int(video_port), "127.0.0.1", door_port))
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    await asyncio.to_thread(os.read, 0, 1)
+    await door.close()
+    await asyncio.gather(session.close(), media.close())
+
+
+if __name__ == "__main__":
+    logging.basicConfig(level=os.environ.get("LOG_LEVEL", "WARNING"))
+    asyncio.run(main())

@@ -1,0 +1,82 @@
+"""Fuzzes the guard's parser: whatever an operator sends, nothing that can drive passes, and nothing else is raised.
+
+Run by `pytest tests/fuzz` for some seconds, or by hand without end: `python tests/fuzz/fuzz_guard_messages.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import atheris
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agent"))
+
+with atheris.instrument_imports(include=["robotether_agent.guard"]):
+    from robotether_agent.guard import commands, messages
+    from robotether_agent.guard.names import DriveTopics
+    from robotether_agent.guard.refused import Refused
+
+TOPICS = DriveTopics(["/cmd_vel", "*/cmd_vel", "/base/vel*"])
+SEEDS = (
+    b'{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1},"angular":{"z":-0.5}},"id":"a"}',
+    b'{"op":"publish","topic":"base/cmd_vel","msg":{"header":{"stamp":{"sec":1}},"twist":{}}}',
+    b'{"op":"advertise","topic":"/cmd_vel","type":"geometry_msgs/Twist"}',
+    b'{"op":"subscribe","topic":"/odom","msg":{"op":"publish","topic":"/cmd_vel"}}',
+    b'{"op":"fragment","data":"{}","id":1}',
+)
+
+
+def one_input(data: bytes) -> None:
+    """Check one message as the joint and the helm do."""
+    try:
+        found = messages.drive_message(data, TOPICS)
+    except messages.Unclear:
+        return
+    if found is None:
+        must_not_drive(json.loads(data))
+    elif found.operation == "publish":
+        must_be_sound(found)
+
+
+def must_not_drive(message: Any) -> None:
+    """An independent look at what would pass: no guarded operation inside, and none on a drive topic."""
+    assert isinstance(message, dict)
+    inside = [op for value in message.values() for op in operations(value)]
+    assert not messages.GUARDED.intersection(op for op in inside if isinstance(op, str))
+    assert message["op"] not in messages.WRAPPERS
+    if message["op"] in messages.ON_TOPICS:
+        assert not TOPICS.match("/" + message["topic"].strip("/"))
+        assert messages.STAMP not in message
+
+
+def must_be_sound(found: messages.DriveMessage) -> None:
+    """What a command says anew is JSON, and says the same when it is read again."""
+    try:
+        command = commands.read(found.fields.get("msg", {}), None)
+    except Refused:
+        return
+    again = json.loads(json.dumps(commands.write(command), allow_nan=False))
+    assert commands.read(again, None).linear == command.linear
+
+
+def operations(value: Any) -> list[Any]:
+    """Every `op` inside, without recursion: messages may be deep."""
+    found, open_values = [], [value]
+    while open_values:
+        one = open_values.pop()
+        if isinstance(one, dict):
+            found += [one["op"]] if "op" in one else []
+            open_values += one.values()
+        elif isinstance(one, list):
+            open_values += one
+    return found
+
+
+if __name__ == "__main__":
+    for seed in SEEDS:
+        one_input(seed)
+    atheris.Setup(sys.argv, one_input)
+    atheris.Fuzz()

@@ -1,0 +1,208 @@
+"""nginx, acme and a real ACME authority (pebble) on a network of their own, without the rest of the stack.
+
+Used by tests/images/test_acme.py. The host name leads to nginx by the engine's own DNS, and pebble asks it on nginx's
+port 8080, since a container without root has no port 80.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import ssl
+import subprocess
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import docker
+from docker.models.containers import Container
+from local_network import insecure_tls
+
+ROOT = Path(__file__).resolve().parents[2]
+DOMAIN = "robots.example.test"
+AUTHORITY = "authority"
+
+
+class AcmeNetwork:
+    """The three containers; `start_*` starts one, the `with` block's end removes all."""
+
+    def __init__(self, folder: Path, *, validity_s: int = 3600) -> None:
+        self._engine = docker.from_env()
+        self._name = f"robotether-test-acme-{uuid.uuid4().hex[:8]}"
+        self._folder = folder
+        self._validity_s = validity_s
+        self._containers: list[Container] = []
+
+    def __enter__(self) -> Self:
+        subprocess.run(
+            [ROOT / "tools" / "build", "nginx", "acme", "pebble"],
+            check=True,
+            capture_output=True,
+        )
+        self._network = self._engine.networks.create(self._name)
+        self._volumes = [
+            self._engine.volumes.create(f"{self._name}-{part}")
+            for part in ("certificates", "challenges", "state")
+        ]
+        self._write_authority()
+        (self._folder / "own").mkdir()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for container in self._containers:
+            container.remove(force=True, v=True)
+        self._network.remove()
+        for volume in self._volumes:
+            volume.remove(force=True)
+
+    @property
+    def own(self) -> Path:
+        """The folder in which nginx looks for the admin's own certificate."""
+        return self._folder / "own"
+
+    def folder(self, name: str) -> Path:
+        """A folder of this network for more files."""
+        made = self._folder / name
+        made.mkdir(exist_ok=True)
+        return made
+
+    def start_nginx(self) -> Container:
+        """Start nginx under the host name."""
+        return self._run(
+            "nginx",
+            "nginx",
+            aliases=[DOMAIN],
+            environment={"PUBLIC_HOST": DOMAIN},
+            volumes={
+                self._volumes[0].name: {"bind": "/etc/nginx/acme", "mode": "ro"},
+                self._volumes[1].name: {"bind": "/var/lib/acme-challenge", "mode": "ro"},
+                str(self.own): {"bind": "/etc/nginx/own", "mode": "ro"},
+            },
+            tmpfs={"/run/nginx": "uid=33,gid=33,mode=0700"},
+        )
+
+    def start_acme(self, domain: str = DOMAIN) -> Container:
+        """Start the client."""
+        return self._run(
+            "acme",
+            "acme",
+            environment={
+                "DOMAIN": domain,
+                "ACME_EMAIL": "admin@example.test",
+                "ACME_SERVER": f"https://{AUTHORITY}:14000/dir",
+            },
+            volumes={
+                self._volumes[0].name: {"bind": "/etc/nginx/acme", "mode": "rw"},
+                self._volumes[1].name: {"bind": "/var/lib/acme-challenge", "mode": "rw"},
+                self._volumes[2].name: {"bind": "/var/lib/acme", "mode": "rw"},
+                str(self._folder / "pebble" / "cert.pem"): {
+                    "bind": "/etc/robotether/acme-ca.pem",
+                    "mode": "ro",
+                },
+            },
+            tmpfs={"/tmp": ""},
+        )
+
+    def start_authority(self) -> Container:
+        """Start pebble, and wait until it listens."""
+        container = self._run(
+            "pebble",
+            AUTHORITY,
+            aliases=[AUTHORITY],
+            volumes={str(self._folder / "pebble"): {"bind": "/etc/pebble", "mode": "ro"}},
+        )
+        self.wait("pebble listens", lambda: b"Listening on" in container.logs(), container)
+        return container
+
+    def served(self, nginx: Container) -> tuple[str, dict[str, str]]:
+        """The issuer of the certificate that serves, and the headers of an answer of nginx's own."""
+        nginx.reload()
+        address = nginx.attrs["NetworkSettings"]["Networks"][self._name]["IPAddress"]
+        with (
+            socket.create_connection((address, 8443), timeout=5) as plain,
+            # The handshake inside the block: a reload of nginx may cut it, and then nobody else would close the socket.
+            insecure_tls().wrap_socket(
+                plain, server_hostname=DOMAIN, do_handshake_on_connect=False
+            ) as secure,
+        ):
+            secure.do_handshake()
+            der = secure.getpeercert(binary_form=True)
+            assert der is not None
+            request = f"GET /api/v1/robots HTTP/1.1\r\nHost: {DOMAIN}\r\nConnection: close\r\n\r\n"
+            secure.sendall(request.encode())
+            head = secure.recv(4096).decode().split("\r\n\r\n")[0].splitlines()
+        headers = dict(line.lower().split(": ", 1) for line in head[1:])
+        return issuer_of(ssl.DER_cert_to_PEM_cert(der)), headers
+
+    def wait(
+        self, what: str, condition: Callable[[], bool], *containers: Container, seconds: float = 30
+    ) -> None:
+        """Wait until the condition holds; on a time-out show the containers' logs."""
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                logs = "\n".join(
+                    each.logs(tail=30, timestamps=True).decode() for each in containers
+                )
+                raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
+            time.sleep(0.2)
+
+    def _run(self, image: str, name: str, **options: object) -> Container:
+        aliases = options.pop("aliases", [])
+        container = self._engine.containers.create(
+            f"robotether/{image}:dev",
+            name=f"{self._name}-{name}",
+            cap_drop=["ALL"],
+            read_only=True,
+            network=self._name,
+            networking_config={
+                self._name: self._engine.api.create_endpoint_config(aliases=aliases)
+            },
+            **options,  # type: ignore[arg-type] # the SDK's own names
+        )
+        self._containers.append(container)
+        container.start()
+        return container
+
+    def _write_authority(self) -> None:
+        """Write pebble's settings, and the certificate under which it serves its own directory."""
+        place = self._folder / "pebble"
+        place.mkdir()
+        make_certificate(place, AUTHORITY)
+        settings = {
+            "listenAddress": "0.0.0.0:14000",
+            "managementListenAddress": "0.0.0.0:15000",
+            "certificate": "/etc/pebble/cert.pem",
+            "privateKey": "/etc/pebble/key.pem",
+            "httpPort": 8080,
+            "tlsPort": 8443,
+            "ocspResponderURL": "",
+            "externalAccountBindingRequired": False,
+            "certificateValidityPeriod": self._validity_s,
+        }
+        (place / "pebble.json").write_text(json.dumps({"pebble": settings}))
+
+
+def make_certificate(folder: Path, name: str, days: int = 2) -> None:
+    """Write cert.pem and key.pem for a host name, signed by itself, readable by everybody."""
+    command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
+    command += ["-nodes", "-days", str(days), "-subj", f"/CN={name}"]
+    command += ["-addext", f"subjectAltName=DNS:{name}"]
+    command += ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem")]
+    subprocess.run(command, check=True, capture_output=True)
+    (folder / "key.pem").chmod(0o644)
+
+
+def issuer_of(pem: str) -> str:
+    """The issuer's name of a certificate."""
+    command = ["openssl", "x509", "-noout", "-issuer", "-nameopt", "multiline"]
+    done = subprocess.run(command, input=pem, capture_output=True, text=True, check=True)
+    return done.stdout.partition("commonName")[2].strip(" =\n")

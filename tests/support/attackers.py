@@ -1,0 +1,158 @@
+"""What the tests of attacks take into their hands: people with little rights, their cookies and tickets, raw requests.
+
+Everything goes through the running stack's own front door, as somebody outside would send it; the library of an honest
+client would not let most of it out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from local_network import insecure_tls
+from programs import Program
+from stack import Stack
+
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
+OPEN = "open"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came back; `body` is at most its first 64 KB."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: str
+    cookies: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def code(self) -> str:
+        """The problem's short code; `OPEN` for what was let in, else nothing."""
+        if self.status in {101, 200, 201, 204}:
+            return OPEN
+        try:
+            return str(json.loads(self.body).get("code", ""))
+        except ValueError:
+            return ""
+
+    @property
+    def said(self) -> str:
+        """Status and code in one, as the tables of the tests write it."""
+        return f"{self.status} {self.code}".strip()
+
+
+def raw(
+    stack: Stack,
+    method: str,
+    path: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    body: object = None,
+    form: str | None = None,
+) -> Answer:
+    """Send one request with exactly these headers; a body is sent as JSON, a form as it stands."""
+    sent = dict(headers or {})
+    data = form
+    if form is not None:
+        sent.setdefault("Content-Type", "application/x-www-form-urlencoded")
+    elif body is not None:
+        sent.setdefault("Content-Type", "application/json")
+        data = json.dumps(body)
+    door = http.client.HTTPSConnection(
+        "localhost", stack.https_port, timeout=10, context=insecure_tls()
+    )
+    try:
+        door.request(method, path, body=data, headers=sent)
+        answer = door.getresponse()
+        endless = answer.status == http.HTTPStatus.SWITCHING_PROTOCOLS or (
+            answer.headers.get_content_type() in {"text/event-stream", "multipart/x-mixed-replace"}
+        )
+        text = "" if endless else answer.read(65536).decode(errors="replace")
+        return Answer(answer.status, dict(answer.headers), text, _cookies(answer))
+    finally:
+        door.close()
+
+
+def _cookies(answer: http.client.HTTPResponse) -> dict[str, str]:
+    pairs = (line.split(";")[0] for line in answer.headers.get_all("Set-Cookie") or [])
+    return dict(pair.split("=", 1) for pair in pairs)
+
+
+class Person:
+    """A user with a password, an API token and, once logged in, a cookie."""
+
+    def __init__(self, stack: Stack, name: str, *grants: tuple[str, str]) -> None:
+        self.stack = stack
+        self.name = name
+        printed = stack.robotether("user", "add", name)
+        self.password = printed.split()[-1]
+        for robot, level in grants:
+            stack.robotether("grant", name, robot, level)
+        self.token = stack.token("attacks", name)
+        self.program = Program(stack, self.token)
+        self.bearer = {"Authorization": f"Bearer {self.token}"}
+        self._cookie: dict[str, str] | None = None
+        for robot, _ in grants:
+            self._wait_until_known(robot)
+
+    @property
+    def cookie(self) -> dict[str, str]:
+        """The header of a browser in which this person is logged in, and nothing else of that browser."""
+        if self._cookie is None:
+            self._cookie = self._log_in()
+        return self._cookie
+
+    def ticket(self, robot: str, mode: str = "observe") -> str:
+        """A new ticket, asked for with the token."""
+        return self.program.ticket(robot, mode)
+
+    def ask(self, method: str, path: str, body: object = None) -> Answer:
+        """One request with the token."""
+        return raw(self.stack, method, path, headers=self.bearer, body=body)
+
+    def _wait_until_known(self, robot: str) -> None:
+        """Wait until the relay, which looks for new rights once a second, has seen them."""
+        path = f"/api/v1/robots/{robot}/control"
+        self.stack.wait(f"{self.name} sees {robot}", lambda: self.ask("GET", path).code == OPEN)
+
+    def _log_in(self) -> dict[str, str]:
+        page = raw(self.stack, "GET", "/login")
+        form = CSRF.search(page.body)
+        assert form is not None, page.body
+        cookies = "; ".join(f"{name}={value}" for name, value in page.cookies.items())
+        answer = raw(
+            self.stack,
+            "POST",
+            "/login",
+            headers={"Cookie": cookies, "Referer": f"{self.stack.url}/login"},
+            form=f"csrf_token={form[1]}&name={self.name}&password={self.password}&next=",
+        )
+        assert "robotether_login" in answer.cookies, answer
+        return {"Cookie": f"robotether_login={answer.cookies['robotether_login']}"}
+
+
+def open_ros(stack: Stack, robot: str, ticket: str | None, **headers: str) -> Answer:
+    """Ask for a robot's rosbridge with an upgrade; a connection that opens is closed at once."""
+    query = "" if ticket is None else f"?ticket={ticket}"
+    return raw(stack, "GET", f"/robots/{robot}/ros{query}", headers={**UPGRADE, **headers})
+
+
+async def refusal_of(socket: Any, data: str | bytes) -> dict[str, Any]:
+    """Send one message as it stands; the status that the relay answers, before anything else is sent."""
+    await (socket.send_bytes(data) if isinstance(data, bytes) else socket.send_str(data))
+    while True:
+        message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
+        if message.get("op") == "status":
+            return dict(message)

@@ -1,0 +1,84 @@
+"""The people of an end-to-end test: users with a grant for one robot, each in a browser of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from pages import expect_live, log_in, open_live
+from playwright.sync_api import Browser, BrowserContext, Page, expect
+from stack import Stack
+
+PASSWORD = "a long enough password"
+DESKTOP = {"width": 1280, "height": 800}
+
+
+class Crew:
+    """Makes users when they are first needed, and opens their pages; `close` closes those."""
+
+    def __init__(self, stack: Stack, browser: Browser) -> None:
+        self.stack = stack
+        self._browser = browser
+        self._made: set[str] = set()
+        self._open = ExitStack()
+
+    def let(self, name: str, level: str, robot: str) -> None:
+        """Give a user, made now if there is none of that name, a level on a robot."""
+        if name not in self._made and name not in self._users():
+            self.stack.tool(
+                "tools/compose", "exec", "-T", "web", "robotether", "user", "add", name, "--password-stdin",
+                stdin=PASSWORD,
+            )  # fmt: skip
+        self._made.add(name)
+        self.stack.robotether("grant", name, robot, level)
+
+    def _users(self) -> set[str]:
+        return {line.split()[0] for line in self.stack.robotether("user", "list").splitlines()}
+
+    def visit(self, name: str) -> Page:
+        """A user's own browser on the fleet page; `admin` is there from the beginning."""
+        context = self._open.enter_context(self._context())
+        page = context.new_page()
+        log_in(page, self.stack, name, None if name == "admin" else PASSWORD)
+        return page
+
+    def open(self, name: str, robot: str) -> Page:
+        """A user's own browser on a robot's page, whose connection stands."""
+        page = self.visit(name)
+        self.go(page, robot)
+        return page
+
+    def go(self, page: Page, robot: str) -> None:
+        """Open a robot's page and wait until its connection stands."""
+        open_live(page, self.stack, robot)
+
+    def close(self) -> None:
+        """Close all browsers."""
+        self._open.close()
+        self._open = ExitStack()
+
+    @contextmanager
+    def _context(self) -> Iterator[BrowserContext]:
+        context = self._browser.new_context(ignore_https_errors=True, viewport=DESKTOP)
+        try:
+            yield context
+        finally:
+            context.close()
+
+
+def expect_mode(page: Page, mode: str, seconds: float = 5) -> None:
+    """Wait until the page drives or watches, with a connection that stands."""
+    control = page.get_by_test_id("control")
+    expect(control).to_have_attribute("data-mode", mode, timeout=seconds * 1000)
+    expect_live(page, seconds)
+
+
+def release_all(stack: Stack, robots: list[str], token: str) -> None:
+    """Release robots, so that the next test finds them as it expects."""
+
+    def released(robot: str) -> Callable[[], bool]:
+        path, headers = f"/api/v1/robots/{robot}/release", {"Authorization": f"Bearer {token}"}
+        return lambda: stack.request("POST", path, {}, headers)[0] == 200
+
+    for robot in robots:
+        stack.wait(f"{robot} released", released(robot), "relay", robot)

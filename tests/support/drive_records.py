@@ -1,0 +1,28 @@
+"""Drives in the database as the relay leaves them, for tests of those who show them."""
+
+from __future__ import annotations
+
+from robotether_server.store import Database
+
+
+def add_drive(admin_database: Database, robot: str, user: str, **changes: object) -> int:
+    """Add a drive of ten minutes; `changes` are columns. The robot may be one that is gone."""
+    columns: dict[str, object] = {
+        "fence": 13,
+        "started_at": "2026-01-31 12:00:00",
+        "ended_at": "2026-01-31 12:10:00",
+        "end_code": "lease_lost",
+        "distance_m": 12.34,
+        "top_speed_m_s": 0.75,
+        "messages": 4000,
+        "dropped_old": 2,
+        "refused": '{"topic": 3}',
+        "address": "198.51.100.7",
+    } | changes
+    names, marks = ", ".join(columns), ", ".join(["%s"] * len(columns))
+    with admin_database.transaction() as tx:
+        return tx.insert(
+            f"INSERT INTO drives (robot, user_name, robot_id, {names}) "
+            f"VALUES (%s, %s, (SELECT id FROM robots WHERE name = %s), {marks})",
+            (robot, user, robot, *columns.values()),
+        )

@@ -1,0 +1,121 @@
+"""A driver's program at the relay, with misbehaviours that have names.
+
+    silent_cut    its network is gone: nothing comes from it, and nothing tells so
+    late_sender   stamps its commands with a moment that is long over
+    floods        sends as many commands as it can
+    frozen_page   its tab sleeps: pings are answered, and no beat and no command comes
+
+Unit tests of the relay start it, beside robots of `fake_robot`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import Any
+
+import aiohttp
+from aiohttp import WSMsgType
+
+WAIT_S = 8.0
+
+
+class FakeOperator:
+    """One WebSocket that sends beats and stamped commands, as the drive page does."""
+
+    def __init__(self, http: aiohttp.ClientSession, url: str) -> None:
+        self._http = http
+        self._url = url
+        self.messages: list[dict[str, Any]] = []
+        self.controls: list[dict[str, Any]] = []
+        self.closed: tuple[int | None, str] | None = None
+        self._ended = asyncio.Event()
+        self._ahead_ms: list[float] = []
+        self._socket: aiohttp.ClientWebSocketResponse
+        self._reader: asyncio.Task[None]
+
+    async def __aenter__(self) -> FakeOperator:
+        self._socket = await self._http.ws_connect(self._url, autoping=False, max_msg_size=0)
+        self._reader = asyncio.create_task(self._read())
+        return self
+
+    async def __aexit__(self, *_exc: object) -> None:
+        self._reader.cancel()
+        await asyncio.gather(self._reader, return_exceptions=True)
+        await self._socket.close()
+
+    @staticmethod
+    def clock_ms() -> float:
+        """What the page's clock shows; it began when the page did."""
+        return time.monotonic() * 1000 - 5e6
+
+    async def send(self, **message: object) -> None:
+        """Send one operation."""
+        await self._socket.send_str(json.dumps(message))
+
+    async def beat(self) -> None:
+        """Send a beat."""
+        await self.send(op="robotether.beat", t_ms=self.clock_ms())
+
+    async def drive(self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel") -> None:
+        """Send a command of an input event that was so long ago."""
+        moment = self.clock_ms() - age_ms + max(self._ahead_ms)
+        stamp = {"t_ms": moment}
+        msg = {"linear": {"x": speed}}
+        await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
+
+    async def late_sender(self, speed: float) -> None:
+        """Send a command of two seconds ago."""
+        await self.drive(speed, age_ms=2000)
+
+    async def floods(self, count: int) -> None:
+        """Send many commands at once, the last of which is 9."""
+        for place in range(count):
+            await self.drive(9.0 if place == count - 1 else 0.1)
+
+    def silent_cut(self) -> None:
+        """Neither read nor write any more, with the connection still open."""
+        self._reader.cancel()
+        transport = self._socket._writer.transport
+        assert transport is not None
+        transport.pause_reading()
+
+    async def frozen_page(self) -> None:
+        """Do nothing but what the browser does by itself: `_read` answers pings."""
+
+    async def until(self, what: str) -> dict[str, Any]:
+        """Wait for a message of this operation."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                for message in self.messages:
+                    if message["op"] == what:
+                        self.messages.remove(message)
+                        return message
+                await asyncio.sleep(0.005)
+
+    async def ending(self) -> tuple[int | None, str]:
+        """Wait until the relay closes."""
+        async with asyncio.timeout(WAIT_S):
+            await self._ended.wait()
+        assert self.closed is not None
+        return self.closed
+
+    async def _read(self) -> None:
+        while True:
+            message = await self._socket.receive()
+            if message.type is WSMsgType.PING:
+                await self._socket.pong(message.data)
+            elif message.type is WSMsgType.TEXT:
+                self._take(json.loads(message.data))
+            elif message.type is not WSMsgType.PONG:
+                self.closed = (self._socket.close_code, message.extra or "")
+                self._ended.set()
+                return
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if message["op"] == "robotether.beat":
+            self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
+        if message["op"] == "robotether.control":
+            self.controls.append(message["control"])
+        self.messages.append(message)

@@ -1,0 +1,105 @@
+"""A rosbridge with named misbehaviours, for tests of what stands before it.
+
+`good` keeps what it gets and echoes what is published on /echo; `silent` takes connections and answers no ping;
+`slow_reader` reads nothing from the first message on, until `read_on`; `drops` closes each connection with its first
+message; `refuses` takes no WebSocket.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import Any, Literal, Self
+
+from aiohttp import WSMsgType, web
+
+Mode = Literal["good", "silent", "slow_reader", "drops", "refuses"]
+
+
+class FakeRosbridge:
+    """One that listens on a port of its own; `stop` and `start` are a crash and a restart on the same port."""
+
+    def __init__(self, mode: Mode = "good") -> None:
+        self.mode = mode
+        self.port = 0
+        self.got: list[tuple[float, dict[str, Any]]] = []
+        self.raw: list[bytes | str] = []
+        self.connections = 0
+        self.sockets: list[web.WebSocketResponse] = []
+        self._reads = asyncio.Event()
+        self._reads.set()
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.read_on()
+        await self.stop()
+
+    async def start(self) -> None:
+        """Listen, the second time on the same port."""
+        app = web.Application()
+        app.router.add_get("/", self._serve)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+        self.port = self._runner.addresses[0][1]
+
+    async def stop(self) -> None:
+        """End all connections at once, as a crash does."""
+        for socket in self.sockets:
+            transport = socket._req.transport if socket._req else None
+            if transport is not None:
+                transport.abort()
+        await self._runner.cleanup()
+
+    def read_on(self) -> None:
+        """End the fit of a slow reader."""
+        self.mode = "good"
+        self._reads.set()
+
+    def published(self, topic: str = "/cmd_vel") -> list[tuple[float, dict[str, Any]]]:
+        """When which message came on a topic."""
+        return [
+            (at, m["msg"]) for at, m in self.got if m["op"] == "publish" and m["topic"] == topic
+        ]
+
+    def speeds(self) -> list[float]:
+        """The speeds that /cmd_vel got."""
+        return [message["linear"]["x"] for _, message in self.published()]
+
+    async def _serve(self, request: web.Request) -> web.StreamResponse:
+        if self.mode == "refuses":
+            return web.Response(status=503)
+        socket = web.WebSocketResponse(compress=False, autoping=False, max_msg_size=0, timeout=0.1)
+        if not socket.can_prepare(request):
+            return web.Response(status=400)
+        await socket.prepare(request)
+        self.connections += 1
+        self.sockets.append(socket)
+        while True:
+            message = await socket.receive()
+            if message.type is WSMsgType.PING:
+                if self.mode != "silent":
+                    await socket.pong(message.data)
+            elif message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                await self._take(socket, message.data)
+            elif message.type is not WSMsgType.PONG:
+                return socket
+
+    async def _take(self, socket: web.WebSocketResponse, data: bytes | str) -> None:
+        self.raw.append(data)
+        operation = json.loads(data)
+        self.got.append((time.monotonic(), operation))
+        if self.mode == "drops" and socket._req and socket._req.transport:
+            socket._req.transport.abort()
+        if self.mode == "slow_reader":
+            self._reads.clear()
+            if socket._req and isinstance(socket._req.transport, asyncio.ReadTransport):
+                socket._req.transport.pause_reading()
+                await self._reads.wait()
+                socket._req.transport.resume_reading()
+        if operation.get("topic") == "/echo":
+            await (socket.send_str if isinstance(data, str) else socket.send_bytes)(data)  # type: ignore[arg-type]

@@ -1,0 +1,190 @@
+"""A guard as its agent runs it: a process with two pipes, and clients as the relay is one."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+import aiohttp
+from robotether_agent.clock import robot_time
+
+AGENT = Path(__file__).resolve().parents[2] / "agent"
+KEY = "the key of this test"
+TICK_EVERY_S = 0.2
+WAIT_S = 5.0
+
+
+class GuardProcess:
+    """`python -m robotether_agent.guard` in `place`; it gets a tick every 0.2 s until `silence`."""
+
+    def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
+        self.place = place
+        self.port = 0
+        self.lines: list[dict[str, Any]] = []
+        self.started_at = time.monotonic()
+        self.ready_s = 0.0
+        self.config: dict[str, Any] = {
+            "type": "config",
+            "rosbridge_url": f"ws://127.0.0.1:{rosbridge_port}/",
+            "guard": {"key": KEY, **guard},
+            "direct": False,
+        }
+        self.process: asyncio.subprocess.Process
+        self._tasks: list[asyncio.Task[None]] = []
+        self._ticks = True
+        self._asked = 0
+
+    async def __aenter__(self) -> Self:
+        self.process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "robotether_agent.guard",
+            f"--state-dir={self.place}",
+            f"--run-dir={self.place}",
+            cwd=AGENT,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+        )
+        self._tasks = [asyncio.create_task(self._read()), asyncio.create_task(self._tick())]
+        self.tell(**self.config)
+        try:
+            await self.until(lambda: self.port > 0 and len(self.lines) > 1, "it listens")
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self.process.returncode is None:
+            with suppress(ProcessLookupError):
+                self.process.kill()
+            await self.process.wait()
+        # asyncio's own transport keeps the pipes until it is closed.
+        self.process._transport.close()  # type: ignore[attr-defined]
+
+    def tell(self, **line: Any) -> None:
+        """Send a line as the agent does."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps(line).encode() + b"\n")
+
+    def reconfigure(self, **config: Any) -> None:
+        """Send the configuration again, with these members changed."""
+        self.config |= config
+        self.tell(**self.config)
+
+    async def grant(self, fence: int) -> None:
+        """Say that the session stands and this lease is held; wait until that is heard."""
+        self.tell(type="session", up=True)
+        self.tell(type="lease", fence=fence, held=True)
+        await self.heard()
+
+    async def heard(self) -> None:
+        """Wait until the guard has heard all that it was told; asks for a release, which is answered in turn."""
+        if self.state["stopped"]:
+            return
+        self._asked += 1
+        identity = f"heard {self._asked}"
+        self.tell(type="release", id=identity, by="")
+        await self.until(lambda: self.state["answers"] == identity, "it has heard")
+
+    def leave(self) -> None:
+        """End its input, as an agent that ends."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+
+    def silence(self) -> None:
+        """Send no more ticks, as an agent that hangs."""
+        self._ticks = False
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """The newest line on the guard's state."""
+        return [line for line in self.lines if line["type"] == "guard"][-1]
+
+    async def until(
+        self, condition: Callable[[], bool], what: str, seconds: float = WAIT_S
+    ) -> None:
+        """Wait until the condition holds, or fail and show what the guard said."""
+        end = time.monotonic() + seconds
+        while not condition():
+            told = [line for line in self.lines if line["type"] != "tick"]
+            assert time.monotonic() < end, f"after {seconds} s still not: {what}; it said {told}"
+            await asyncio.sleep(0.005)
+
+    async def ended(self) -> int:
+        """Wait for its end; the exit code."""
+        return await asyncio.wait_for(self.process.wait(), WAIT_S)
+
+    async def _read(self) -> None:
+        assert self.process.stdout is not None
+        async for line in self.process.stdout:
+            self.lines.append(json.loads(line))
+            if self.lines[-1]["type"] == "ready":
+                self.port = self.lines[-1]["port"]
+                self.ready_s = time.monotonic() - self.started_at
+
+    async def _tick(self) -> None:
+        while True:
+            assert self.process.stdin is not None
+            if self._ticks and not self.process.stdin.is_closing():
+                self.tell(type="tick")
+            await asyncio.sleep(TICK_EVERY_S)
+
+
+class GuardClient:
+    """A WebSocket to the guard, as the relay opens it; fence 0 observes, None has no key."""
+
+    def __init__(self, port: int, fence: int | None = 0, key: str = KEY) -> None:
+        mode = "drive" if fence else "observe"
+        headers = {"Robotether-Key": key, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
+        self._headers = {} if fence is None else headers
+        self._fence = fence
+        self._port = port
+        self._http = aiohttp.ClientSession()
+        self.socket: aiohttp.ClientWebSocketResponse
+
+    async def __aenter__(self) -> Self:
+        try:
+            url = f"ws://127.0.0.1:{self._port}/"
+            self.socket = await self._http.ws_connect(url, headers=self._headers, max_msg_size=0)
+        except BaseException:
+            await self._http.close()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.socket._response.close()
+        await self._http.close()
+
+    async def send(self, **operation: Any) -> None:
+        """Send one operation."""
+        await self.socket.send_str(json.dumps(operation))
+
+    async def drive(
+        self, speed: float, *, turn: float = 0.0, age_ms: float = 0.0, **more: Any
+    ) -> None:
+        """Send a Twist to /cmd_vel, stamped as the relay does."""
+        stamp = {"t_ms": robot_time() * 1000 - age_ms, "fence": self._fence}
+        fields: dict[str, Any] = {"topic": "/cmd_vel", "robotether": stamp, **more}
+        message = {"linear": {"x": speed}, "angular": {"z": turn}}
+        await self.send(op="publish", **({"msg": message} | fields))
+
+    async def receive(self) -> dict[str, Any]:
+        """Wait for the next message."""
+        message: dict[str, Any] = await self.socket.receive_json(timeout=WAIT_S)
+        return message
+
+    async def closed(self) -> int:
+        """Wait until the guard closes it; the code."""
+        while not self.socket.closed:
+            await self.socket.receive(timeout=WAIT_S)
+        return int(self.socket.close_code or 0)

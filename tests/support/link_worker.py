@@ -1,0 +1,119 @@
+"""The process between the two ends of an emulated link: moves packets from TUN to TUN as `link_queue` says.
+
+Started by link.py with the names of two namespaces and a seed. Takes JSON lines on stdin: {"up": SHAPE, "down": SHAPE}
+changes the link; each line is answered with the counts of both directions. At the end of stdin, which comes also when
+its owner is killed, it removes both namespaces and ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import select
+import struct
+import sys
+import time
+from contextlib import suppress
+from dataclasses import asdict
+from random import Random
+
+import namespaces
+from link_queue import Direction, Shape
+
+TUNSETIFF = 0x400454CA
+IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
+DEVICE = "link0"
+PACKET_LIMIT = 65536
+# Packets that are read in one go, so that a flood does not keep what is due from leaving.
+BATCH = 32
+
+
+def open_tun(namespace: str) -> int:
+    """Make the device in `namespace` and return its descriptor, which works from anywhere."""
+    namespaces.enter(namespace)
+    descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+    fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+    return descriptor
+
+
+def be_punctual() -> None:
+    """Run before what only computes, where that is allowed: a packet late by a time slice is a wrong delay."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+
+
+class Worker:
+    """Both directions, and where each begins and ends."""
+
+    def __init__(self, robot: int, server: int, seed: int) -> None:
+        self._up = Direction(Shape(), Random(seed))
+        self._down = Direction(Shape(), Random(seed + 1))
+        self._ways = ((self._up, robot, server), (self._down, server, robot))
+        self._orders = b""
+
+    def run(self) -> None:
+        """Move packets until stdin ends."""
+        waiting = [0, *(entry for _, entry, _ in self._ways)]
+        while True:
+            ready, _, _ = select.select(waiting, [], [], self._pause_s())
+            for direction, entry, _ in self._ways:
+                if entry in ready:
+                    take(direction, entry)
+            now = time.monotonic()
+            for direction, _, way_out in self._ways:
+                for packet in direction.due(now):
+                    put(way_out, packet)
+            if 0 in ready and not self._obey():
+                return
+
+    def _pause_s(self) -> float | None:
+        times = [at for direction, _, _ in self._ways if (at := direction.next_at()) is not None]
+        return max(0.0, min(times) - time.monotonic()) if times else None
+
+    def _obey(self) -> bool:
+        """Do what stdin says; False at its end."""
+        data = os.read(0, 65536)
+        *lines, self._orders = (self._orders + data).split(b"\n")
+        for line in lines:
+            order = json.loads(line)
+            for name, direction in (("up", self._up), ("down", self._down)):
+                if name in order:
+                    direction.change(time.monotonic(), Shape.of(order[name]))
+            answer = {"up": asdict(self._up.counts), "down": asdict(self._down.counts)}
+            os.write(1, json.dumps(answer).encode() + b"\n")
+        return bool(data)
+
+
+def take(direction: Direction, entry: int) -> None:
+    """Read what came, each packet with the moment of its reading."""
+    for _ in range(BATCH):
+        try:
+            packet = os.read(entry, PACKET_LIMIT)
+        except BlockingIOError:
+            return
+        direction.offer(time.monotonic(), packet)
+
+
+def put(way_out: int, packet: bytes) -> None:
+    """Deliver one packet; a device that was set down takes none, as a real one."""
+    with suppress(OSError):
+        os.write(way_out, packet)
+
+
+def main() -> None:
+    """Serve one link."""
+    robot, server, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    try:
+        worker = Worker(open_tun(robot), open_tun(server), seed)
+        be_punctual()
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        worker.run()
+    finally:
+        for name in (robot, server):
+            namespaces.remove(name)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Processes inside a container, as this machine numbers them, for tests and experiments that hurt them one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from docker.models.containers import Container
+
+# Of proc(5)'s stat, counted from the state, which follows the name.
+USER_TICKS, SYSTEM_TICKS, START = 11, 12, 19
+
+
+def with_words(container: Container, words: str) -> list[int]:
+    """Those with these words in their command, the oldest first: numbers begin anew when they are used up."""
+    table = container.top(ps_args="-eo pid,args")["Processes"]
+    found = [int(pid) for pid, command in table if words in command and "tini" not in command]
+    return sorted(found, key=lambda pid: _fields(pid)[START])
+
+
+def ticks(pid: int) -> int:
+    """Processor time that a process has used so far, in the kernel's ticks."""
+    fields = _fields(pid)
+    return fields[USER_TICKS] + fields[SYSTEM_TICKS]
+
+
+def _fields(pid: int) -> list[int]:
+    text = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2]
+    return [0, *(int(field) for field in text.split()[1:])]

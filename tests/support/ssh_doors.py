@@ -1,0 +1,41 @@
+"""What answers at a server's SSH port, without the SSH behind it: for tests of how the agent gets there.
+
+speaks     says its name at once, as sshd does
+shy        says its name when spoken to, as nginx's port 443 makes it look
+silent     accepts and says nothing, as a captive portal may
+babbles    says what is not SSH
+closes     ends every connection at once, as a full sshd does
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Literal
+
+from door_server import DoorServer
+
+Mode = Literal["speaks", "shy", "silent", "babbles", "closes"]
+
+BANNER = b"SSH-2.0-door\r\n"
+
+
+class Door(DoorServer):
+    """One port; `visitors` counts the connections, `heard` is what they said."""
+
+    def __init__(self, mode: Mode = "speaks") -> None:
+        super().__init__()
+        self.mode = mode
+        self.visitors = 0
+        self.heard = b""
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.visitors += 1
+        if self.mode == "closes":
+            return
+        if self.mode == "shy":
+            self.heard += await reader.readline()
+        if self.mode == "babbles":
+            writer.write(b"HTTP/1.1 302 Log in first\r\n\r\n")
+        elif self.mode != "silent":
+            writer.write(BANNER)
+        self.heard += await reader.read()

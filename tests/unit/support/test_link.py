@@ -1,0 +1,210 @@
+"""The emulated link with real traffic: rate, round trip, queue, loss, order, changes, and what it leaves behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import namespaces
+import pytest
+from link import Link, Namespace, Shape, why_not_here
+from openssh_server import wait_until
+
+pytestmark = pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
+
+PORT = 5000
+# Not in the module socket.
+SO_RCVBUFFORCE = 33
+DATAGRAM = 1000
+# Of the IP packet: payload, UDP, IP.
+PACKET = DATAGRAM + 28
+SUPPORT = Path(__file__).resolve().parents[2] / "support"
+
+
+def udp(end: Namespace, port: int = 0) -> socket.socket:
+    with end.entered():
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 22)
+    made.bind((end.address, port))
+    made.settimeout(2)
+    return made
+
+
+@contextmanager
+def echoing(link: Link) -> Iterator[None]:
+    """A UDP echo at the server's end."""
+    with closing(udp(link.server, PORT)) as echo:
+
+        def serve() -> None:
+            try:
+                while data := echo.recvfrom(2048):
+                    if data[0] == b"end":
+                        return
+                    echo.sendto(*data)
+            except TimeoutError:
+                return
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield
+        with closing(udp(link.server)) as last:
+            last.sendto(b"end", (link.server.address, PORT))
+        thread.join()
+
+
+def round_trips_ms(link: Link, count: int = 40) -> list[float]:
+    found = []
+    with echoing(link), closing(udp(link.robot)) as here:
+        for _ in range(count):
+            sent = time.perf_counter()
+            here.sendto(b"x" * 172, (link.server.address, PORT))
+            here.recv(2048)
+            found.append((time.perf_counter() - sent) * 1000)
+    return found
+
+
+def received(there: socket.socket, until_s: float = 0.5) -> list[tuple[float, bytes]]:
+    """All datagrams until none comes for `until_s`, each with its moment."""
+    there.settimeout(until_s)
+    found = []
+    try:
+        while True:
+            data = there.recv(2048)
+            found.append((time.perf_counter(), data))
+    except TimeoutError:
+        return found
+
+
+def burst(link: Link, count: int) -> list[tuple[float, bytes]]:
+    """Send `count` numbered datagrams at once from the robot, and return what arrived."""
+    with closing(udp(link.server, PORT)) as there, closing(udp(link.robot)) as here:
+
+        def send() -> None:
+            for number in range(count):
+                here.sendto(number.to_bytes(4, "big").ljust(DATAGRAM), (link.server.address, PORT))
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        found = received(there)
+        sender.join()
+        return found
+
+
+def test_round_trip_is_both_delays() -> None:
+    """Within 1 ms at the median."""
+    with Link(up=Shape(delay_s=0.019), down=Shape(delay_s=0.012)) as link:
+        assert statistics.median(round_trips_ms(link)) == pytest.approx(31, abs=1)
+
+
+@pytest.mark.parametrize("rate", [4.97e6, 50e6])
+def test_rate_is_kept(rate: float) -> None:
+    """Within 5 %, from the first to the last of a burst that waits in the queue."""
+    with Link(up=Shape(rate_bit_s=rate, queue_bytes=1 << 20), down=Shape()) as link:
+        arrived = burst(link, 600)
+    lasted = arrived[-1][0] - arrived[0][0]
+    assert len(arrived) == 600
+    assert 599 * PACKET * 8 / lasted == pytest.approx(rate, rel=0.05)
+
+
+def test_queue_drops_what_is_too_much() -> None:
+    """50 packets fit, and the link sends a few while the burst comes."""
+    with Link(up=Shape(rate_bit_s=1e6, queue_bytes=50 * PACKET), down=Shape()) as link:
+        arrived = burst(link, 200)
+        up, _ = link.counts()
+    assert 50 <= len(arrived) <= 60
+    assert up.overflowed == 200 - len(arrived)
+
+
+def test_loss_is_as_said() -> None:
+    """One in ten, give or take."""
+    with Link(up=Shape(loss=0.1, queue_bytes=1 << 21), down=Shape()) as link:
+        arrived = burst(link, 1000)
+        up, _ = link.counts()
+    assert len(arrived) + up.lost == 1000
+    assert 60 < up.lost < 140
+
+
+def test_jitter_keeps_order() -> None:
+    """Round trips differ, numbers come one after the other."""
+    with Link(up=Shape(delay_s=0.02, jitter_s=0.015), down=Shape()) as link:
+        trips = round_trips_ms(link)
+        numbers = [int.from_bytes(data[:4], "big") for _, data in burst(link, 100)]
+    assert max(trips) - min(trips) > 10
+    assert numbers == list(range(100))
+
+
+def test_a_running_link_can_be_changed() -> None:
+    """Delay, then nothing at all, then everything again, with the same addresses."""
+    with Link(up=Shape(), down=Shape()) as link:
+        assert statistics.median(round_trips_ms(link)) < 2
+        link.change(up=Shape(delay_s=0.01))
+        assert statistics.median(round_trips_ms(link)) == pytest.approx(10, abs=1)
+        link.change(up=Shape(blackhole=True))
+        assert burst(link, 5) == []
+        link.change(up=Shape())
+        assert len(burst(link, 5)) == 5
+
+
+def test_tcp_gets_through_at_the_rate() -> None:
+    """A bulk transfer over both directions, as an SSH connection would make it."""
+    shape = Shape(rate_bit_s=10e6, delay_s=0.005)
+    with Link(up=shape, down=shape) as link:
+        with link.server.entered():
+            listener = socket.create_server((link.server.address, PORT))
+        with link.robot.entered():
+            here = socket.create_connection((link.server.address, PORT), timeout=5)
+        there, _ = listener.accept()
+        with listener, here, there:
+            threading.Thread(target=here.sendall, args=(bytes(2_000_000),)).start()
+            there.settimeout(5)
+            total, started = 0, time.perf_counter()
+            while total < 2_000_000:
+                total += len(there.recv(65536))
+            rate = total * 8 / (time.perf_counter() - started)
+    # The headers of IP and TCP take 3.5 %, the start some more.
+    assert 8.5e6 < rate < 10e6
+
+
+def made_by(pid: int) -> list[str]:
+    return [path.name for path in namespaces.PLACE.glob(f"{namespaces.PREFIX}-{pid}-*")]
+
+
+def test_nothing_is_left_behind() -> None:
+    """Neither a namespace nor the process between them."""
+    with Link(up=Shape(), down=Shape()) as link:
+        assert sorted(made_by(os.getpid())) == sorted([link.robot.name, link.server.name])
+    assert made_by(os.getpid()) == []
+
+
+def test_a_killed_owner_leaves_nothing_behind() -> None:
+    """The worker sees its end and removes both namespaces."""
+    program = "import sys, time; sys.path.insert(0, sys.argv[1]); from link import *\n"
+    program += "with Link(up=Shape(), down=Shape()):\n  print('up', flush=True); time.sleep(60)"
+    command = [sys.executable, "-c", program, str(SUPPORT)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline() == "up\n"
+        assert len(made_by(owner.pid)) == 2
+        owner.send_signal(signal.SIGKILL)
+    wait_until(lambda: made_by(owner.pid) == [], lambda: f"left: {made_by(owner.pid)}")
+
+
+def test_leftovers_of_the_dead_are_swept() -> None:
+    """Those of a process that is gone, and no others."""
+    with subprocess.Popen(["true"]) as gone:
+        gone.wait()
+    name = f"{namespaces.PREFIX}-{gone.pid}-1-robot"
+    namespaces.ip("netns", "add", name)
+    with Link(up=Shape(), down=Shape()) as link:
+        assert made_by(gone.pid) == []
+        namespaces.sweep()
+        assert link.robot.path.exists()
