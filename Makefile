@@ -31,9 +31,9 @@ test: lint test-unit frontend-test test-images test-e2e test-ansible ## everythi
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
 
-test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH
+test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 2 --timeout 120 --timeout-method thread tests/unit
+	@$(PYTEST) -n 2 --timeout 120 --timeout-method thread tests/unit tests/fuzz
 
 frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
@@ -59,8 +59,9 @@ enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to
 	@tools/ensure_robot_host_image
 	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/enrol_times.py
 
-bench: venv ## latency of the whole path beside a bare ssh -R and straight rosbridge; needs make demo
-	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/bench.py
+bench: venv ## latency, stops, recovery and loads, into docs/measurements.md (some 40 minutes); needs make demo and root
+	@tools/ensure_test_hosts
+	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
 
 screenshots: venv ## pictures of all pages into tests/artifacts; needs make demo
 	@tools/ensure_test_hosts

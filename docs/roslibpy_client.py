@@ -4,8 +4,11 @@ Needs `pip install roslibpy` and an API token (`robotether token create --user N
 
     python roslibpy_client.py https://robots.example sim1 rt_...
 
-Take a new ticket for every connection: a ticket opens one WebSocket, within 30 s. With a self-signed certificate give
-its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a network that you trust.
+Take a new ticket for every connection: a ticket opens one WebSocket, within 30 s. Its mode `drive` makes this program
+the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. Whoever may
+`drive` publishes on the drive topics, such as /cmd_vel; for any other topic, as here, it takes `manage`, or the topic
+in the robot's policy. With a self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a
+network that you trust.
 """
 
 import json
@@ -16,6 +19,8 @@ import threading
 import urllib.request
 
 import roslibpy
+
+TRIES = 20
 
 
 def get_ticket(server: str, robot: str, token: str, mode: str = "drive") -> str:
@@ -47,9 +52,15 @@ def main() -> None:
 
     topic.subscribe(hear)
     topic.advertise()
-    while not came_back.wait(0.5):
+    for _ in range(TRIES):
         topic.publish(roslibpy.Message({"data": f"hello from {robot}"}))
+        if came_back.wait(0.5):
+            break
     ros.terminate()
+    if not came_back.is_set():
+        sys.exit(
+            f"nothing came back from {robot}: does somebody drive it, or its policy refuse this?"
+        )
 
 
 if __name__ == "__main__":
