@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import processes
-from demo import ROOT, Demo
+from demo import Demo
 from pages import log_in, open_robot
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
@@ -46,14 +46,6 @@ class Outcome:
     last_command_to_zero: list[float] = field(default_factory=list)
     loss_to_zero: list[float] = field(default_factory=list)
     drove_on: int = 0
-
-
-@dataclass(frozen=True)
-class Site:
-    """The demo as the pages' helpers want it."""
-
-    url: str
-    admin_password: str
 
 
 # Takes the driver away, inside the block; afterwards what was taken is put back.
@@ -108,13 +100,11 @@ def program_loses(demo: Demo, loss: Callable[[Demo, ProgramDriver, ExitStack], N
 def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> Outcome:
     """One repetition with a person's page, on which a key is held."""
     outcome = Outcome()
-    password = (ROOT / "compose" / "secrets" / "admin_password").read_text()
-    site = Site(f"https://{demo.door}", password)
     with sync_playwright() as playwright, ExitStack() as undo:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=CHROMIUM)
         page = browser.new_context(ignore_https_errors=True).new_page()
-        log_in(page, site)
-        open_robot(page, site, ROBOT)
+        log_in(page, demo)
+        open_robot(page, demo, ROBOT)
         page.keyboard.down("w")
         judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
         undo.close()

@@ -7,19 +7,17 @@ released.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
+from demo import ROOT, Demo
 from local_network import insecure_tls
 from pages import Site, expect_live, log_in
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 # Of the range that is kept for documentation: no machine has it.
@@ -43,27 +41,6 @@ ADMIN_PAGES = {
     "profile": "/profile",
     "unknown": "/robots/nobody",
 }
-
-
-@dataclass(frozen=True)
-class Demo:
-    """The running demo."""
-
-    url: str
-    admin_password: str
-
-
-def compose(*arguments: str) -> str:
-    """What tools/compose prints."""
-    command = [str(ROOT / "tools" / "compose"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-
-def running_demo() -> Demo:
-    """The demo as tools/compose sees it."""
-    password = ROOT / compose("--secrets-dir") / "admin_password"
-    port = compose("--env", "HTTPS_PORT") or "443"
-    return Demo(f"https://localhost:{port}", password.read_text())
 
 
 def drive_a_little(page: Page) -> None:
@@ -199,15 +176,15 @@ def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
 
 
 @contextmanager
-def a_second_driver() -> Iterator[str]:
+def a_second_driver(demo: Demo) -> Iterator[str]:
     """A user who may drive sim1, until the pictures are taken; gives the password."""
     robotether = ("exec", "-T", "web", "robotether")
-    password = compose(*robotether, "user", "add", SECOND_DRIVER).split()[-1]
+    password = demo.compose(*robotether, "user", "add", SECOND_DRIVER).split()[-1]
     try:
-        compose(*robotether, "grant", SECOND_DRIVER, "sim1", "drive")
+        demo.compose(*robotether, "grant", SECOND_DRIVER, "sim1", "drive")
         yield password
     finally:
-        compose(*robotether, "user", "remove", SECOND_DRIVER, "--yes")
+        demo.compose(*robotether, "user", "remove", SECOND_DRIVER, "--yes")
 
 
 def new_context(browser: Browser, size: str, scheme: str) -> BrowserContext:
@@ -238,13 +215,13 @@ def shoot_all(browser: Browser, site: Site, look: tuple[str, str], password: str
 def main() -> None:
     """Take all pictures and say where they are."""
     FOLDER.mkdir(parents=True, exist_ok=True)
-    demo = running_demo()
+    demo = Demo()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path="/usr/bin/chromium",
             args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
         )
-        with a_stranger(demo, browser), a_second_driver() as password:
+        with a_stranger(demo, browser), a_second_driver(demo) as password:
             for size in SIZES:
                 for scheme in ("light", "dark"):
                     shoot_all(browser, demo, (size, scheme), password)

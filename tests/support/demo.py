@@ -1,6 +1,6 @@
-"""The running demo as an experiment sees it: its containers, its door from outside, an API token, tickets.
+"""The running demo as experiments and pictures see it: its containers, its door from outside, an API token, tickets.
 
-Made by `bench`; needs `make demo`. It changes nothing of the demo but for one API token, which ends after a day.
+Needs `make demo`, and changes nothing of it but for one API token, which ends after a day.
 """
 
 from __future__ import annotations
@@ -21,6 +21,11 @@ ROOT = Path(__file__).resolve().parents[2]
 TOKEN_NAME = "bench"
 
 
+def _run_compose(*arguments: str) -> str:
+    command = [str(ROOT / "tools" / "compose"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
 class Demo:
     """The compose project that `make demo` started."""
 
@@ -28,14 +33,8 @@ class Demo:
         self._engine = docker.from_env()
 
     def compose(self, *arguments: str) -> str:
-        """Run tools/compose and return what it printed."""
-        done = subprocess.run(
-            [str(ROOT / "tools" / "compose"), "--demo", *arguments],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return done.stdout
+        """Run tools/compose with the simulated robots and return what it printed."""
+        return _run_compose("--demo", *arguments)
 
     @cached_property
     def project(self) -> str:
@@ -65,6 +64,16 @@ class Demo:
         bridge = self._engine.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"]
         return f"{bridge}:{self.compose('port', 'nginx', '8443').strip().rsplit(':', 1)[1]}"
 
+    @property
+    def url(self) -> str:
+        """The site's address from outside, without a slash at the end."""
+        return f"https://{self.door}"
+
+    @cached_property
+    def admin_password(self) -> str:
+        """The password of the user admin, unless somebody has changed it."""
+        return (ROOT / _run_compose("--secrets-dir").strip() / "admin_password").read_text()
+
     @cached_property
     def token(self) -> str:
         """An API token of the admin for this run."""
@@ -76,7 +85,7 @@ class Demo:
     def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> Any:
         """One request to the server's API; the parsed answer."""
         request = urllib.request.Request(
-            f"https://{self.door}{path}",
+            f"{self.url}{path}",
             method=method,
             data=None if body is None else json.dumps(body).encode(),
             headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
