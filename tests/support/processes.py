@@ -1,7 +1,8 @@
-"""Processes inside a container, as this machine numbers them, for tests and experiments that hurt them one by one."""
+"""Processes as this machine numbers them, also of a container, for tests and experiments that hurt them one by one."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from docker.models.containers import Container
@@ -14,13 +15,22 @@ def with_words(container: Container, words: str) -> list[int]:
     """Those with these words in their command, the oldest first: numbers begin anew when they are used up."""
     table = container.top(ps_args="-eo pid,args")["Processes"]
     found = [int(pid) for pid, command in table if words in command and "tini" not in command]
-    return sorted(found, key=lambda pid: _fields(pid)[START])
+    return sorted(found, key=_started)
+
+
+def oldest(pids: Iterable[int]) -> int:
+    """The one that started first, whatever its number."""
+    return min(pids, key=_started)
 
 
 def ticks(pid: int) -> int:
     """Processor time that a process has used so far, in the kernel's ticks."""
     fields = _fields(pid)
     return fields[USER_TICKS] + fields[SYSTEM_TICKS]
+
+
+def _started(pid: int) -> int:
+    return _fields(pid)[START]
 
 
 def _fields(pid: int) -> list[int]:
