@@ -14,11 +14,6 @@ from robotether_agent.keys import ensure_key
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged
 from robotether_agent.status import has_problem
 
-# A machine that runs other tests beside this one is slower than a robot.
-BACK_WITHIN_S = 2.0
-TEN_S = 10.0
-
-
 async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent):
     """A new robot joins, and rosbridge and video answer at its ports of the server."""
     cloud = await make_cloud()
