@@ -14,6 +14,7 @@ from robotether_agent.keys import ensure_key
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged
 from robotether_agent.status import has_problem
 
+
 async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent):
     """A new robot joins, and rosbridge and video answer at its ports of the server."""
     cloud = await make_cloud()
