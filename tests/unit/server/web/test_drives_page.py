@@ -36,7 +36,14 @@ def test_admin_sees_all_and_user_her_own(
     """With what was commanded and refused."""
     add_drive(admin_database, "sim2", "zoe")
     page = admin.ask("GET", "/drives").text
-    for text in ("sim2", "zoe", "lease_lost", "12.3 m", "0.75 m/s", "2 too old, 3 topic"):
+    for text in (
+        "sim2",
+        "zoe",
+        'title="lease_lost">a change of driver<',
+        "12.3 m",
+        "0.75 m/s",
+        "2 too old, 3 topic",
+    ):
         assert text in page
     assert "No drive fits" in ann.ask("GET", "/drives").text
     add_drive(admin_database, "sim1", "ann", ended_at=None, stops=1)
@@ -45,6 +52,15 @@ def test_admin_sees_all_and_user_her_own(
     assert "1 stop" in page
     assert "zoe" not in page
     assert "/admin/" not in page
+
+
+def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Database) -> None:
+    """The API and the files have the code."""
+    add_drive(admin_database, "sim1", "ann", end_code="robot_stopped", stops=1)
+    page = admin.ask("GET", "/drives").text
+    assert "a stop of the robot" in page
+    assert "1 stop<" not in page
+    assert '"robot_stopped"' in admin.ask("GET", "/drives/download?format=jsonl").text
 
 
 def test_menu_leads_everybody_to_it(ann: Browser) -> None:

@@ -1,0 +1,32 @@
+"""Why drives and sessions ended, in words."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import get_args
+
+from robotether_server.relay import endings
+from robotether_server.relay.sessions import ByeCode
+from robotether_server.web.ending_texts import DRIVES, SESSIONS, drive_end, session_end
+
+# What a relay writes of drives and sessions that the one before it left open.
+BY_THE_NEXT_RELAY = {"relay_restarted"}
+
+
+def test_every_ending_of_a_drive_has_words() -> None:
+    """Those of the relay's own list, and no other."""
+    written = set(re.findall(r'Ending\(\s*\d+, "([a-z_]+)"', inspect.getsource(endings)))
+    assert len(written) > 15
+    assert set(DRIVES) == written | BY_THE_NEXT_RELAY
+
+
+def test_every_ending_of_a_session_has_words() -> None:
+    """Those that the agent reads in `bye`, and no other."""
+    assert set(SESSIONS) == set(get_args(ByeCode)) | BY_THE_NEXT_RELAY
+
+
+def test_unknown_code_is_shown_as_it_is() -> None:
+    """A page tells what it can."""
+    assert (drive_end("lease_lost"), drive_end("eaten")) == ("a change of driver", "eaten")
+    assert (session_end("timeout"), session_end("eaten")) == (SESSIONS["timeout"], "eaten")
