@@ -9,6 +9,7 @@ from robotether_server.administration import robots as deeds_on_robots
 from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.problems import Problem
 from robotether_server.store import control_states, robots
+from robotether_server.store.control_states import FREE, ControlState
 from robotether_server.store.robots import SeenRobot
 from robotether_server.web import deeds, forms, visitors
 from robotether_server.web.parts import parts
@@ -24,6 +25,8 @@ STATES = (
     ("active", "Active"),
     ("pending", "Announced or waiting"),
     ("disabled", "Disabled"),
+    ("stopped", "Stopped"),
+    ("driven", "Driven now"),
 )
 
 
@@ -34,13 +37,18 @@ class Search:
     words: str = ""
     state: str = ""
 
-    def finds(self, seen: SeenRobot) -> bool:
+    def finds(self, seen: SeenRobot, control: ControlState = FREE) -> bool:
         """Tell whether a robot is one of those."""
-        presence = "online" if seen.online else "offline"
-        if self.state not in ("", presence, seen.robot.state):
+        if self.state and self.state not in _states(seen, control):
             return False
         row = " ".join(_searched(seen)).lower()
         return all(word in row for word in self.words.lower().split())
+
+
+def _states(seen: SeenRobot, control: ControlState) -> list[str]:
+    presence = "online" if seen.online else "offline"
+    stopped = ["stopped"] if control.stopped else []
+    return [presence, seen.robot.state, *stopped, *(["driven"] if control.driver else [])]
 
 
 def _searched(seen: SeenRobot) -> list[str]:
@@ -56,8 +64,8 @@ def show() -> str:
     search = Search(request.args.get("q", "").strip(), request.args.get("state", ""))
     with parts().database.transaction() as tx:
         everyone = robots.list_seen(tx, visitors.visitor())
-        stopped = control_states.stopped(tx)
-    found = [seen for seen in everyone if search.finds(seen)]
+        control = control_states.of_all(tx)
+    found = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
     return render_template(
         "admin/robots.html",
         robots=found[:MOST_SHOWN],
@@ -65,7 +73,7 @@ def show() -> str:
         total=len(everyone),
         search=search,
         states=STATES,
-        stopped=stopped,
+        control=control,
     )
 
 

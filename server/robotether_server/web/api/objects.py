@@ -7,6 +7,7 @@ import datetime as dt
 from collections.abc import Mapping
 
 from robotether_server.settings import JoinSettings
+from robotether_server.store.control_states import ControlState
 from robotether_server.store.grants import Grant
 from robotether_server.store.robots import SeenRobot
 from robotether_server.store.users import User
@@ -25,8 +26,11 @@ def plain(record: Mapping[str, object]) -> Object:
     }
 
 
-def robot_object(seen: SeenRobot, *, for_admin: bool) -> Object:
-    """Return a robot as an admin, or a user who may see it, may know it."""
+def robot_object(seen: SeenRobot, control: ControlState | None, *, for_admin: bool) -> Object:
+    """Return a robot as an admin, or a user who may see it, may know it.
+
+    Without `control` it does not say who drives and who stopped it: who asks may not see that.
+    """
     robot = seen.robot
     known: Object = {
         "name": robot.name,
@@ -41,7 +45,18 @@ def robot_object(seen: SeenRobot, *, for_admin: bool) -> Object:
         "settings": robot.settings,
         "site": robot.site,
     }
+    if control is not None:
+        known |= _control(control)
     return known | _for_admins(seen) if for_admin else known
+
+
+def _control(control: ControlState) -> Object:
+    """Return the members of the relay's control object that the database knows, by the same names."""
+    driver, stopped = control.driver, control.stopped
+    return {
+        "driver": plain(vars(driver)) if driver else None,
+        "stopped": plain(vars(stopped)) if stopped else None,
+    }
 
 
 def _for_admins(seen: SeenRobot) -> Object:

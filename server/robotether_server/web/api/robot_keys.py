@@ -6,7 +6,7 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server.administration import robots as deeds
-from robotether_server.store import Transaction, robots
+from robotether_server.store import Transaction, control_states, robots
 from robotether_server.store.audit import Source
 from robotether_server.store.robots import Robot
 from robotether_server.web import fields
@@ -53,7 +53,8 @@ def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
     with callers.admin() as caller:
         do(caller.tx, caller.source)
         seen = robots.get_seen(caller.tx, robot)
-    return jsonify(robot_object(seen, for_admin=True))
+        control = control_states.of_robot(caller.tx, seen.robot.id)
+    return jsonify(robot_object(seen, control, for_admin=True))
 
 
 def _fingerprint() -> str:

@@ -12,7 +12,7 @@ from robotether_server.administration.names import LONGEST_NAME
 from robotether_server.administration.vouching import Vouch
 from robotether_server.problems import FieldInvalid, RobotUnknown
 from robotether_server.ssh_keys import LONGEST_LINE
-from robotether_server.store import robots, sessions
+from robotether_server.store import control_states, robots, sessions
 from robotether_server.store.audit import Source
 from robotether_server.web import access, fields
 from robotether_server.web.api import callers
@@ -36,7 +36,13 @@ def list_robots() -> Response:
     """List the robots that the user may see."""
     with callers.any_user() as caller:
         seen = robots.list_seen(caller.tx, caller.user)
-    return jsonify({"robots": [robot_object(one, for_admin=caller.user.is_admin) for one in seen]})
+        control = control_states.of_all(caller.tx)
+    is_admin = caller.user.is_admin
+    shown = [
+        robot_object(one, control.get(one.robot.id, control_states.FREE), for_admin=is_admin)
+        for one in seen
+    ]
+    return jsonify({"robots": shown})
 
 
 @blueprint.get("/robots/<robot>")
@@ -44,11 +50,12 @@ def show_robot(robot: str) -> Response:
     """Show one robot; one that the user may not see looks like one that does not exist."""
     with callers.any_user() as caller:
         seen = robots.find_seen(caller.tx, caller.user, robot)
-    if seen is None:
-        raise RobotUnknown(
-            f"cannot show robot {robot}: there is none of that name that you may see"
-        )
-    return jsonify(robot_object(seen, for_admin=caller.user.is_admin))
+        if seen is None:
+            raise RobotUnknown(
+                f"cannot show robot {robot}: there is none of that name that you may see"
+            )
+        control = control_states.of_robot(caller.tx, seen.robot.id)
+    return jsonify(robot_object(seen, control, for_admin=caller.user.is_admin))
 
 
 @blueprint.put("/robots/<robot>")
@@ -61,7 +68,9 @@ def register_robot(robot: str) -> tuple[Response, int]:
         source = Source(vouch.actor, request.remote_addr)
         _, is_new = deeds.register(tx, source, registration)
         seen = robots.get_seen(tx, robot)
-    shown = robot_object(seen, for_admin=vouch.admin is not None) | {"ssh": ssh}
+        # A join token lets robots in; it may not see who drives them.
+        control = control_states.of_robot(tx, seen.robot.id) if vouch.admin else None
+    shown = robot_object(seen, control, for_admin=vouch.admin is not None) | {"ssh": ssh}
     if vouch.admin is None:
         shown["level"] = None
     return jsonify(shown), HTTPStatus.CREATED if is_new else HTTPStatus.OK
@@ -76,7 +85,8 @@ def change_robot(robot: str) -> Response:
             raise FieldInvalid(f"cannot change robot {robot}: give one of {', '.join(CHANGES)}")
         name = _change(caller, robot, body)
         seen = robots.get_seen(caller.tx, name)
-    return jsonify(robot_object(seen, for_admin=True))
+        control = control_states.of_robot(caller.tx, seen.robot.id)
+    return jsonify(robot_object(seen, control, for_admin=True))
 
 
 @blueprint.delete("/robots/<robot>")

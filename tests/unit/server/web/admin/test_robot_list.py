@@ -37,6 +37,32 @@ def test_a_robot_is_found_by_its_state(state: str) -> None:
     assert Search("", state).finds(SEEN)
 
 
+def test_list_shows_who_drives_and_what_is_stopped(
+    admin: Browser, admin_database: Database
+) -> None:
+    """And finds the robots by it; the robot's own page says it too."""
+    with admin_database.transaction() as tx:
+        one, two = (robots.get(tx, name).id for name in ("sim1", "sim2"))
+        tx.change(
+            "INSERT INTO control_leases (robot_id, fence, user_name, since) "
+            "VALUES (%s, 1, 'ben', '2026-01-31 12:03')",
+            (one,),
+        )
+        tx.change(
+            "INSERT INTO robot_stops (robot_id, by_name, stopped_at) "
+            "VALUES (%s, 'zoe', '2026-01-31 12:04')",
+            (two,),
+        )
+    page = admin.ask("GET", "/admin/robots").text
+    assert 'title="since 2026-01-31 12:03 UTC">ben drives<' in page
+    assert 'title="by zoe, 2026-01-31 12:04 UTC">Stopped<' in page
+    for state, name in (("driven", "sim1"), ("stopped", "sim2")):
+        page = admin.ask("GET", f"/admin/robots?state={state}").text
+        assert (page.count('data-testid="row-'), f'data-testid="row-{name}"' in page) == (1, True)
+    assert "ben drives" in admin.ask("GET", "/admin/robots/sim1").text
+    assert "Stopped by zoe" in admin.ask("GET", "/admin/robots/sim2").text
+
+
 def test_list_shows_what_the_search_finds(admin: Browser) -> None:
     """And how many of how many."""
     page = admin.ask("GET", "/admin/robots?q=sim2").text

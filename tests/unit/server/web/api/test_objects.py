@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
+from robotether_server.store.control_states import FREE, ControlState, Driver, Stopped
 from robotether_server.store.robots import Report, Robot, SeenRobot
 from robotether_server.web.api.objects import plain, robot_object, ssh_object
 
@@ -39,7 +40,7 @@ def test_records_moments_are_texts() -> None:
 
 def test_users_see_what_they_need_to_use_a_robot() -> None:
     """Neither its key nor where it is."""
-    assert robot_object(SEEN, for_admin=False) == {
+    assert robot_object(SEEN, FREE, for_admin=False) == {
         "name": "turtle",
         "mac": "00:1b:44:11:3a:b7",
         "state": "active",
@@ -51,13 +52,24 @@ def test_users_see_what_they_need_to_use_a_robot() -> None:
         "shell_port": None,
         "settings": {"shell_user": "pi"},
         "site": "lab",
+        "driver": None,
+        "stopped": None,
     }
+
+
+def test_driver_and_stop_have_the_names_of_the_control_object() -> None:
+    """And are left out, rather than said to be nobody, for who may not know."""
+    control = ControlState(Driver("ann", MOMENT), Stopped("ben", MOMENT))
+    shown = robot_object(SEEN, control, for_admin=False)
+    assert shown["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
+    assert shown["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}
+    assert not {"driver", "stopped"} & set(robot_object(SEEN, None, for_admin=True))
 
 
 def test_admins_see_more() -> None:
     """What the join told, and what the newest session does."""
-    users = robot_object(SEEN, for_admin=False)
-    seen = robot_object(SEEN, for_admin=True)
+    users = robot_object(SEEN, FREE, for_admin=False)
+    seen = robot_object(SEEN, FREE, for_admin=True)
     assert {name: value for name, value in seen.items() if name not in users} == {
         "fingerprint": "SHA256:abc",
         "hostname": "turtle.local",

@@ -33,6 +33,8 @@ def test_robots_are_listed_with_what_the_user_may(ann: Program, root: Program) -
                 "shell_port": None,
                 "settings": {},
                 "site": None,
+                "driver": None,
+                "stopped": None,
             }
         ]
     }
@@ -42,6 +44,31 @@ def test_robots_are_listed_with_what_the_user_may(ann: Program, root: Program) -
         ("sim2", "manage"),
     ]
     assert "fingerprint" in seen[0]
+
+
+def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
+    ann: Program, root: Program, admin_database: Database
+) -> None:
+    """In the list and alone, as the relay wrote them."""
+    with admin_database.transaction() as tx:
+        for number, robot in enumerate(("sim1", "sim2"), start=1):
+            tx.change(
+                "INSERT INTO control_leases (robot_id, fence, user_name, since) "
+                "SELECT id, %s, 'ben', '2026-01-01 12:03:00.9' FROM robots WHERE name = %s",
+                (number, robot),
+            )
+        tx.change(
+            "INSERT INTO robot_stops (robot_id, by_name, stopped_at, reason) "
+            "SELECT id, 'zoe', '2026-01-01 12:04', 'smoke' FROM robots WHERE name = 'sim1'"
+        )
+    driver = {"user": "ben", "since": "2026-01-01T12:03:00Z"}
+    stopped = {"by": "zoe", "at": "2026-01-01T12:04:00Z"}
+    robot = ann.get("/robots/sim1")
+    assert (robot["driver"], robot["stopped"]) == (driver, stopped)
+    assert ann.get("/robots")["robots"] == [robot]
+    seen = root.get("/robots")["robots"]
+    assert [one["driver"] for one in seen] == [driver, driver]
+    assert [one["stopped"] for one in seen] == [stopped, None]
 
 
 def test_online_robot_has_since(ann: Program, admin_database: Database) -> None:
@@ -143,7 +170,9 @@ def test_join_token_enrols_and_is_told_no_more_than_a_user(
         answer = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=headers)
         assert answer.status_code == status, answer.text
         assert answer.json["level"] is None
-        assert not {"fingerprint", "address", "join_address"} & set(answer.json)
+        assert not {"fingerprint", "address", "join_address", "driver", "stopped"} & set(
+            answer.json
+        )
     other = registration(mac="00:1b:44:11:3a:b8")
     answer = program.ask("PUT", "/api/v1/robots/other", json=other, headers=headers)
     assert (answer.status_code, answer.json["code"]) == (401, "token_used_up")
