@@ -2,7 +2,8 @@
 
 Kept by the guard's process. The disk may take its time, so it works in a thread, one order after the other. A stop
 that comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and so it is
-told: nothing else would be true, and the server keeps the stop as well.
+told: nothing else would be true, and the server keeps the stop as well. A disk that hangs lets a bounded number of
+orders wait, the newest stop always among them.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ MOST_WAITING = 100
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Job:
     order: Stop | Release
     stops_before: int
+    waits: bool = True
 
 
 class Latch:
@@ -37,6 +39,7 @@ class Latch:
         self._changed = changed
         self._answer = answer
         self._jobs: asyncio.Queue[_Job] = asyncio.Queue()
+        self._newest: _Job | None = None
         self._stops = 0
         by = file.read()
         self.stopped = by is not None
@@ -50,14 +53,28 @@ class Latch:
             self._stops += 1
             self.stopped, self.by = True, order.by
             self._changed()
-        # A stop always follows the release before it to the disk.
-        if isinstance(order, Stop) or self._jobs.qsize() < MOST_WAITING:
-            self._jobs.put_nowait(_Job(order, self._stops))
+            self._put_stop(order)
+        elif self._jobs.qsize() < MOST_WAITING:
+            self._put(order)
+
+    def _put_stop(self, order: Stop) -> None:
+        """Have the stop written after the release before it; it takes the place of a stop that still waits there."""
+        newest = self._newest
+        if newest is not None and newest.waits and isinstance(newest.order, Stop):
+            # Nobody misses the older one's answer: the agent waits for its newest stop's, the server for releases'.
+            newest.order = order
+        else:
+            self._put(order)
+
+    def _put(self, order: Stop | Release) -> None:
+        self._newest = _Job(order, self._stops)
+        self._jobs.put_nowait(self._newest)
 
     async def run(self) -> None:
         """Do what was ordered, without end."""
         while True:
             job = await self._jobs.get()
+            job.waits = False
             try:
                 await asyncio.to_thread(self._on_disk, job.order)
             except StateUnusable as problem:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import tempfile
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from robotether_agent.guard.latch import MOST_WAITING, Latch
 from robotether_agent.guard.marks import StopFile
 from robotether_agent.guard.orders import Release, Stop
@@ -22,9 +25,11 @@ class SlowFile(StopFile):
         super().__init__(state_dir)
         self.go = threading.Event()
         self.go.set()
+        self.written = list[str]()
 
     def write(self, by: str) -> None:
         assert self.go.wait(5)
+        self.written.append(by)
         super().write(by)
 
     def remove(self) -> None:
@@ -110,6 +115,75 @@ async def test_a_stop_is_written_however_many_orders_wait(tmp_path: Path) -> Non
         await latch.settled()
         assert (latch.stopped, file.read(), answers[-1]) == (True, "ben", "last")
         assert len(answers) <= MOST_WAITING + 2
+
+
+async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:
+    """The newest is written and answered, for which the agent waits; those that it overtook are not."""
+    file, answers = SlowFile(tmp_path), list[str]()
+    async with running(file, answers) as latch:
+        file.go.clear()
+        latch.order(Stop("first", "ben"))
+        await asyncio.sleep(0)
+        for number in range(1000):
+            latch.order(Stop(str(number), f"p{number}"))
+        assert (latch.stopped, latch.by) == (True, "p999")
+        file.go.set()
+        await latch.settled()
+        assert (file.written, file.read()) == (["ben", "p999"], "p999")
+        assert (answers, latch.told_by) == (["first", "999"], "p999")
+
+
+async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
+    """Whatever the orders; those that are dropped are releases, so that the robot stays stopped."""
+    file, answers = SlowFile(tmp_path), list[str]()
+    async with running(file, answers) as latch:
+        file.go.clear()
+        for number in range(10 * MOST_WAITING):
+            latch.order(Stop(f"s{number}", "ben"))
+            latch.order(Release(f"r{number}", "ann"))
+        file.go.set()
+        await latch.settled()
+        assert len(answers) <= MOST_WAITING + 1
+        assert (latch.stopped, file.read()) == (True, "ben")
+
+
+STEPS = st.lists(
+    st.sampled_from(["stop by ben", "stop by eve", "release", "disk hangs", "disk works", "wait"]),
+    max_size=30,
+)
+
+
+@given(STEPS)
+def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
+    """However the disk hangs and comes back meanwhile; each release and the newest stop are answered."""
+
+    async def scenario(file: SlowFile) -> None:
+        last: str | None = None
+        answers = list[str]()
+        async with running(file, answers) as latch:
+            for number, step in enumerate(steps):
+                if step.startswith("stop"):
+                    last = step.removeprefix("stop by ")
+                    latch.order(Stop(str(number), last))
+                    assert (latch.stopped, latch.by) == (True, last)
+                elif step == "release":
+                    last = None
+                    latch.order(Release(str(number), "ann"))
+                elif step == "wait":
+                    await asyncio.sleep(0.001)
+                else:
+                    (file.go.set if step == "disk works" else file.go.clear)()
+            file.go.set()
+            await latch.settled()
+            assert (file.read(), latch.told_by) == (last, last)
+            assert (latch.stopped, latch.by) == (last is not None, last or "")
+        releases = [str(number) for number, step in enumerate(steps) if step == "release"]
+        stops = [str(number) for number, step in enumerate(steps) if step.startswith("stop")]
+        assert answers == sorted(answers, key=int)
+        assert set(answers) >= {*releases, *stops[-1:]}
+
+    with tempfile.TemporaryDirectory() as place:
+        asyncio.run(scenario(SlowFile(Path(place))))
 
 
 async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> None:
