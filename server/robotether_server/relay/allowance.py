@@ -1,7 +1,7 @@
 """How often somebody may do something: so many times a second on average, and some at once.
 
 `robot_link` keeps one for the lines of a robot, a `Gate` for the messages of a client and for the
-answers to them. Pure: no network, no clock of its own.
+answers to them, a `Lease` for the questions of each user. Pure: no network, no clock of its own.
 """
 
 from __future__ import annotations
@@ -25,3 +25,8 @@ class Allowance:
             return False
         self._left -= count
         return True
+
+    def free_in_s(self, now: float, count: int = 1) -> float:
+        """How long until it may be used so many times."""
+        left = min(self._left + (now - self._filled_at) * self._per_s, self._most)
+        return max(0.0, (count - left) / self._per_s)

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from aiohttp import web
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem
+from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throttled
 from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.metrics import Metrics
@@ -80,6 +80,8 @@ def problem_answer(problem: Problem) -> web.Response:
     headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
     if problem.status == 401:  # noqa: PLR2004  # RFC 9110 wants the header with this status
         headers["WWW-Authenticate"] = "Bearer"
+    if isinstance(problem, Throttled):
+        headers["Retry-After"] = str(problem.retry_after_s)
     return web.json_response(
         problem.as_dict(), status=problem.status, headers=headers, content_type=PROBLEM_JSON
     )

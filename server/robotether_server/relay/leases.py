@@ -7,16 +7,21 @@ database gave is granted. Whoever loses it is returned to the caller, who ends t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Protocol
 
-from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks
+from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
+from robotether_server.relay.allowance import Allowance
 from robotether_server.store.fleet import User
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0
+# Of one user at one robot: each question stands before the eyes of who drives, and in the audit log.
+QUESTIONS_AT_ONCE = 3
+QUESTION_EVERY_S = 30.0
 
 
 class Holder(Protocol):
@@ -95,6 +100,7 @@ class Lease:
         self.waiting: Waiting | None = None
         self._reserved: Reserved | None = None
         self._claimant: Holder | None = None
+        self._questions: dict[int, Allowance] = {}
 
     def reserved(self, now: Now) -> Reserved | None:
         """For whom the lease is kept now."""
@@ -150,7 +156,7 @@ class Lease:
             self.driver.input = now
 
     def ask(self, user: User, now: Now) -> bool:
-        """Ask the driver for the control; False when this user asked already."""
+        """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
             raise LeaseFree("cannot ask for the control: it is yours")
@@ -158,6 +164,7 @@ class Lease:
             raise AlreadyAsked(f"cannot ask for the control: {self.waiting.user.name} waits for it")
         if self.waiting is not None:
             return False
+        self._count_question(user, now)
         self.waiting = Waiting(user, now)
         return True
 
@@ -181,8 +188,8 @@ class Lease:
         return self._pass_to(asker, now)
 
     def take(self, user: User, now: Now) -> Passed | None:
-        """Give a manager the control at once; None when it has it."""
-        if self.driver is not None and self.driver.holder.user_id == user.id:
+        """Give a manager the control at once; None when it has it, or it is kept for it."""
+        if self._is_for(user, now):
             return None
         if self.driver is None and self.reserved(now) is None:
             self._driver_or_free(now)
@@ -210,6 +217,23 @@ class Lease:
         if self._reserved is not None and not may_drive(self._reserved.user.id):
             self._reserved = None
         return before != (self.waiting, self._reserved)
+
+    def _is_for(self, user: User, now: Now) -> bool:
+        if self.driver is not None:
+            return self.driver.holder.user_id == user.id
+        kept = self.reserved(now)
+        return kept is not None and kept.user.id == user.id
+
+    def _count_question(self, user: User, now: Now) -> None:
+        fresh = Allowance(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
+        allowance = self._questions.setdefault(user.id, fresh)
+        if not allowance.take(now.s):
+            wait_s = math.ceil(allowance.free_in_s(now.s))
+            raise Throttled(
+                f"cannot ask for the control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
+                f"ask again in {wait_s} s",
+                wait_s,
+            )
 
     def _driver_or_free(self, now: Now) -> Driver:
         if self.driver is not None:

@@ -154,17 +154,17 @@ def test_what_is_no_name_mac_or_key_is_refused(site: Site, signer: RobotSigner) 
     assert register(site, signer, mac="02:00:00:00:00:01", local=True)[1]
 
 
-def ask_again(ask: Callable[[int], Answer], number: int) -> Answer:
+def ask_again(ask: Callable[[int], Answer], number: int, tries: int = 10) -> Answer:
     """Ask until there is a turn, as agents do: a busy machine has fewer than twenty in the time that web waits.
 
     A database that refused, for a deadlock say, is the problem's cause, and is not asked again.
     """
-    while True:
-        try:
-            return ask(number)
-        except StoreUnavailable as problem:
-            if problem.__cause__ is not None:
-                raise
+    try:
+        return ask(number)
+    except StoreUnavailable as problem:
+        if problem.__cause__ is not None or tries == 1:
+            raise
+    return ask_again(ask, number, tries - 1)
 
 
 def all_at_once(count: int, ask: Callable[[int], Answer]) -> tuple[list[Answer], list[Problem]]:

@@ -41,3 +41,14 @@ def test_something_may_count_more_than_once():
     assert allowance.take(0.0, 7)
     assert not allowance.take(0.0, 4)
     assert allowance.take(0.0, 3)
+
+
+def test_it_says_when_it_may_be_used_again():
+    """At once, or when enough has filled again."""
+    allowance = Allowance(0.0, per_s=0.5, at_once=2)
+    assert allowance.free_in_s(0.0) == 0
+    assert taken(allowance, 0.0, 2) == 2
+    assert allowance.free_in_s(0.0) == 2
+    assert allowance.free_in_s(1.5) == 0.5
+    assert not allowance.take(1.5)
+    assert allowance.take(2.0)

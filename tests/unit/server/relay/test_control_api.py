@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import pytest_asyncio
-from relay_clients import closing
+from relay_clients import audit_lines, closing
 from relay_server import until
 from robotether_server.relay import credentials
 from robotether_server.store.fleet import User
@@ -129,6 +129,25 @@ async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, 
         status, body = await ask("POST", lease, "carl", {"action": "take"})
         assert (status, body["reserved"]["user"]) == (200, "carl")
         assert (await closing(socket))[0] == 4010
+
+
+async def test_who_asks_in_a_loop_is_told_to_wait(
+    *, relay, guarded, sim1, http, people, ask, records
+):
+    """429 with the time to wait; neither the driver nor the audit log hears of it."""
+    lease = f"{SIM1}/lease"
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        for _ in range(5):
+            await ask("POST", lease, "ben", {"action": "ask"})
+            await ask("POST", lease, "ben", {"action": "withdraw"})
+        url, body = relay.url + lease, {"action": "ask"}
+        async with http.post(url, json=body, headers=people["ben"]) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (429, "throttled")
+            assert 0 < int(answer.headers["Retry-After"]) <= 30
+        assert relay.relay.control.describe(sim1.id)["waiting"] is None
+    await relay.relay.journal.flush(5)
+    assert [line.kind for line in audit_lines(records)].count("lease_asked") == 3
 
 
 async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, records, ask):

@@ -16,6 +16,7 @@ from robotether_server.problems import (
     LeaseNotYours,
     NobodyAsks,
     Problem,
+    Throttled,
 )
 from robotether_server.relay.leases import HeldError, Lease, Now
 from robotether_server.store.fleet import User
@@ -193,6 +194,38 @@ def test_wrong_deeds_have_names():
     lease.take(CARL, at(2))
     with pytest.raises(AlreadyAsked):
         lease.ask(BEN, at(3))
+
+
+def test_a_driver_is_not_asked_again_and_again():
+    """After three questions in a row one every 30 s is heard; others' are, too, and at other robots."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    for second in range(3):
+        assert lease.ask(BEN, at(second))
+        assert not lease.ask(BEN, at(second))
+        lease.refuse(ANN, at(second))
+    with pytest.raises(Throttled, match="ask again in 28 s") as throttled:
+        lease.ask(BEN, at(2))
+    assert throttled.value.retry_after_s == 28
+    assert lease.waiting is None
+    assert lease.ask(CARL, at(3))
+    lease.withdraw(CARL)
+    assert lease.ask(BEN, at(30))
+    lease.withdraw(BEN)
+    with pytest.raises(Throttled):
+        lease.ask(BEN, at(59))
+
+
+def test_what_is_kept_for_a_manager_is_not_taken_again():
+    """It has its time, and no longer; another manager may take it."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    lease.take(BEN, at(0))
+    assert lease.take(BEN, at(9)) is None
+    assert lease.reserved(at(10)) is None
+    driven_by(ANN, lease, 11)
+    lease.take(BEN, at(12))
+    assert lease.take(CARL, at(13)).to == CARL
 
 
 def test_who_waits_is_next_when_the_driver_leaves():
