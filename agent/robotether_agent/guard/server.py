@@ -22,10 +22,10 @@ from robotether_agent.guard.sockets import ClientSocket, open_rosbridge
 from robotether_agent.reasons import why
 
 ADDRESS = "127.0.0.1"
-# The relay lets 64 observers and a driver to a robot; direct connections come on top.
 MOST_CONNECTIONS = 128
-# ... but never so many that the server finds no place: for a driver, who may have to stop the robot.
-KEPT_FOR_THE_SERVER = 32
+# The others are the server's, whoever came first: for the 64 observers and the driver that its relay lets in, and for
+# those that left and are not gone yet when the next ones come. Its look-ups are no upgrades, and need no place.
+MOST_DIRECT = 32
 SHUTDOWN_S = 0.2
 
 log = logging.getLogger(__name__)
@@ -49,6 +49,7 @@ class Server:
         self._rosbridge_up = rosbridge_up
         self._joints: set[Joint] = set()
         self._count = 0
+        self._direct = 0
         # Cancellation ends a joint whose client is gone also while it waits for rosbridge.
         server = web.Server(self._answer, handler_cancellation=True, access_log=None)
         self._runner = web.ServerRunner(server, shutdown_timeout=SHUTDOWN_S)
@@ -81,14 +82,16 @@ class Server:
                 if down
                 else _problem(426, "connect with a WebSocket")
             )
-        most = MOST_CONNECTIONS - (0 if KEY_HEADER in request.headers else KEPT_FOR_THE_SERVER)
-        if self._count >= most:
+        direct = KEY_HEADER not in request.headers
+        if self._count >= MOST_CONNECTIONS or (direct and self._direct >= MOST_DIRECT):
             return _problem(503, f"{self._count} connections are open")
         self._count += 1
+        self._direct += direct
         try:
             return await self._join(request, client, config)
         finally:
             self._count -= 1
+            self._direct -= direct
 
     async def _join(
         self, request: web.BaseRequest, client: ClientSocket, config: Config | None

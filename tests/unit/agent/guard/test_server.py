@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -17,7 +18,7 @@ from robotether_agent.guard.drive_line import DriveLine
 from robotether_agent.guard.helm import Helm
 from robotether_agent.guard.marks import MotionFile
 from robotether_agent.guard.orders import Config
-from robotether_agent.guard.server import Server
+from robotether_agent.guard.server import MOST_DIRECT, Server
 from robotether_agent.guard.sockets import new_http
 from sim_client import until
 
@@ -107,19 +108,55 @@ async def test_the_number_of_connections_is_bounded(
             assert await status(port, 0) == 503
 
 
-async def test_direct_connections_leave_places_for_the_server(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whoever reaches the robot's port must not keep its driver out."""
-    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 4)
-    monkeypatch.setattr(server_module, "KEPT_FOR_THE_SERVER", 2)
+async def direct_door(stack: AsyncExitStack, place: Path) -> int:
+    """The port of a server that takes direct connections too."""
+    rosbridge = await stack.enter_async_context(FakeRosbridge())
+    port, rights, _ = await stack.enter_async_context(running(rosbridge.port, place))
+    rights.direct = True
+    return port
+
+
+async def enters(stack: AsyncExitStack, port: int) -> bool:
+    """Whether there is a place for a direct connection, which then has it."""
+    try:
+        await stack.enter_async_context(GuardClient(port, None))
+    except aiohttp.WSServerHandshakeError:
+        return False
+    return True
+
+
+async def test_direct_connections_leave_places_for_the_server(tmp_path: Path) -> None:
+    """Whoever reaches the robot's port keeps out neither its driver nor the 64 observers that the relay lets in."""
     async with AsyncExitStack() as stack:
-        rosbridge = await stack.enter_async_context(FakeRosbridge())
-        port, rights, _ = await stack.enter_async_context(running(rosbridge.port, tmp_path))
-        rights.direct = True
-        for _ in range(2):
+        port = await direct_door(stack, tmp_path)
+        for _ in range(MOST_DIRECT):
             await stack.enter_async_context(GuardClient(port, None))
         assert await status(port, None) == 503
-        for fence in (0, 13):
+        for fence in [0] * 64 + [13]:
             await stack.enter_async_context(GuardClient(port, fence))
-        assert await status(port, 0) == 503
+
+
+async def test_a_look_up_needs_no_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server asks whether rosbridge is there, however many connections are open."""
+    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 0)
+    async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
+        assert await status(port) == 503
+        async with aiohttp.ClientSession() as http, http.get(f"http://127.0.0.1:{port}/") as answer:
+            assert answer.status == 426
+
+
+async def test_a_direct_connection_that_ends_frees_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For another direct one; those of the server never take it."""
+    monkeypatch.setattr(server_module, "MOST_DIRECT", 1)
+    async with AsyncExitStack() as stack:
+        port = await direct_door(stack, tmp_path)
+        await stack.enter_async_context(GuardClient(port, 0))
+        async with GuardClient(port, None):
+            assert await status(port, None) == 503
+        for _ in range(500):
+            if await enters(stack, port):
+                return
+            await asyncio.sleep(0.01)
+        pytest.fail("its place is not free in 5 s")
