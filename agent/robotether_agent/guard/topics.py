@@ -13,6 +13,10 @@ from robotether_agent.guard.messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
 
 MOST_TOPICS = 16
+# A client advertises a topic once, so the type outlives the place. Without one, rosbridge takes what its graph says of
+# the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a zero,
+# show what it is.
+MOST_TYPES = 64
 
 
 class Source(Protocol):
@@ -73,6 +77,7 @@ class Topics:
     def __init__(self) -> None:
         self.named: frozenset[str] = frozenset()
         self._topics: dict[str, Topic] = {}
+        self._types: dict[str, str] = {}
         self._parting: dict[str, None] = {}
 
     def __iter__(self) -> Iterator[Topic]:
@@ -91,7 +96,9 @@ class Topics:
         """Return the topic of this name, however many there are."""
         # It was to be unadvertised, which must not come after its next command.
         self._parting.pop(name, None)
-        return self._topics.setdefault(name, Topic(name))
+        if name not in self._topics:
+            self._topics[name] = Topic(name, self._types.pop(name, ""))
+        return self._topics[name]
 
     def place(self, name: str, now: float, may_go: Callable[[Topic], bool]) -> Topic:
         """Return the topic of this name; one that `may_go` makes room for it, or it is Refused."""
@@ -102,10 +109,11 @@ class Topics:
         return topic
 
     def free_unmoved(self, may_go: Callable[[Topic], bool]) -> None:
-        """Free the places of topics that never moved anything."""
+        """Free the places of topics that never moved anything, and forget the types of those that made room."""
         for topic in self._guests():
             if not topic.moved and may_go(topic):
                 self._forget(topic)
+        self._types.clear()
 
     @property
     def parting(self) -> bool:
@@ -141,6 +149,10 @@ class Topics:
         del self._topics[topic.name]
         if topic.announced or topic.sent is not None:
             self._parting[topic.name] = None
+        if topic.type:
+            self._types[topic.name] = topic.type
+            if len(self._types) > MOST_TYPES:
+                del self._types[next(iter(self._types))]
         # Whoever still has it in hand must not advertise it again.
         topic.type = ""
 

@@ -136,6 +136,34 @@ async def test_a_new_driver_finds_free_places(world: World) -> None:
     assert direct.kinds == ["shape"]
 
 
+async def test_a_topic_that_made_room_is_zeroed_by_its_type(world: World) -> None:
+    """A rosbridge that has just started knows no types: it would refuse a zero that has not been advertised."""
+    advertise = {"op": "advertise", "topic": "/real/cmd_vel", "type": "geometry_msgs/Twist"}
+    await world.send(**advertise)
+    await invent(world, MOST_TOPICS)
+    world.line.read_until = world.now
+    await world.helm.step()
+    assert names(world, "unadvertise") == ["/real/cmd_vel"]
+    await world.drive(0.5, topic="/real/cmd_vel")
+    world.helm.line_lost()
+    world.line.sent.clear()
+    world.helm.line_up()
+    await world.helm.step()
+    assert next(m for m in world.line.sent if m["topic"] == "/real/cmd_vel") == advertise
+    assert world.line.sent[-1]["op"] == "publish"
+
+
+async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) -> None:
+    """Rosbridge reads it as zero of the advertised type."""
+    await world.send(op="advertise", topic="/real/cmd_vel", type="geometry_msgs/Twist")
+    await invent(world, MOST_TOPICS)
+    world.line.read_until = world.now
+    await world.drive(0.5, topic="/real/cmd_vel")
+    await world.drive(0.0, topic="/real/cmd_vel", msg={})
+    assert world.source.refused == []
+    assert world.line.speeds[-2:] == [0.5, 0.0]
+
+
 async def test_a_broken_command_takes_nobodys_place(world: World) -> None:
     """It is refused before."""
     await invent(world, MOST_TOPICS)

@@ -8,7 +8,7 @@ from robotether_agent.guard.commands import Command
 from robotether_agent.guard.marks import Driven
 from robotether_agent.guard.messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
-from robotether_agent.guard.topics import MOST_TOPICS, Topic, Topics, Waiting
+from robotether_agent.guard.topics import MOST_TOPICS, MOST_TYPES, Topic, Topics, Waiting
 
 
 class Nobody:
@@ -92,6 +92,29 @@ def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
     assert topics.parting
     topics.place("/t", 1.0, goes)
     assert not topics.parting
+
+
+def advertised(topics: Topics, names: list[str]) -> None:
+    """Let these topics be advertised, one after the other."""
+    for at, name in enumerate(names):
+        topics.place(name, float(at), goes).type = "geometry_msgs/Twist"
+
+
+def test_the_type_of_a_topic_that_made_room_comes_back_with_it() -> None:
+    """Its client advertised it once; of more topics than may be kept, those count that went last."""
+    topics = Topics()
+    invented = [f"/t{number}" for number in range(MOST_TOPICS + MOST_TYPES)]
+    advertised(topics, ["/first", *invented])
+    assert topics.place("/t1", 200.0, goes).type == "geometry_msgs/Twist"
+    assert topics.place("/first", 201.0, goes).type == ""
+
+
+def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
+    """Else the one before could make rosbridge refuse what the new one sends."""
+    topics = Topics()
+    advertised(topics, ["/first", *(f"/t{number}" for number in range(MOST_TOPICS))])
+    topics.free_unmoved(goes)
+    assert {topics.place(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
 def test_topics_that_moved_keep_their_places_for_a_new_driver() -> None:
