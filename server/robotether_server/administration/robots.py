@@ -3,10 +3,13 @@
 Every deed takes the enrolment lock first: joins and other deeds wait for the end of its transaction.
 """
 
+from collections.abc import Callable
+
 from robotether_server import macs, robot_settings
 from robotether_server.administration import enrolment
 from robotether_server.administration.enrolment import Registration
 from robotether_server.problems import NotPossible
+from robotether_server.setting_paths import Settings
 from robotether_server.store import Transaction, audit, claims, locks, robots
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.claims import Claim
@@ -173,6 +176,16 @@ def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str,
         details: dict[str, object] = {"was": found.settings, "settings": given}
         audit.record(tx, source, Event("robot_settings_set", name, details))
     return robots.get(tx, name)
+
+
+def change_settings(
+    tx: Transaction, source: Source, name: str, change: Callable[[Settings], Settings]
+) -> Robot:
+    """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalid.
+
+    No other change comes in between.
+    """
+    return set_settings(tx, source, name, change(_get(tx, name).settings))
 
 
 def rekey(tx: Transaction, source: Source, name: str) -> Robot:

@@ -1,4 +1,4 @@
-"""robotether robot disable, enable, rename, set-mac, move-ports, shell, set: what an admin changes of a robot.
+"""robotether robot disable, enable, rename, set-mac, move-ports, shell: what an admin changes of a robot.
 
 A live tunnel follows within 2 s: it is cut, or told of its new settings.
 """
@@ -7,7 +7,6 @@ import click
 
 from robotether_server.administration import robots
 from robotether_server.cli.common import SOURCE, NotDone, open_database
-from robotether_server.store import robots as records
 
 PORT = click.IntRange(1024, 65535)
 
@@ -88,23 +87,3 @@ def shell(name: str, switch: str) -> None:
         changed = robots.set_shell(tx, SOURCE, name, switch == "on")
     where = f", at port {changed.shell_port} of the server" if changed.shell_port else ""
     click.echo(f"the shell of robot {name} is {switch}{where}")
-
-
-@click.command("set")
-@click.argument("name")
-@click.option(
-    "--shell-user",
-    metavar="ACCOUNT",
-    help="Account on the robot that ssh takes; '' for none in particular.",
-)
-def set_settings(name: str, shell_user: str | None) -> None:
-    """Change a robot's settings."""
-    if shell_user is None:
-        raise NotDone(f"cannot set anything of robot {name}: say what; see --help")
-    with open_database().transaction() as tx:
-        settings = dict(records.get(tx, name).settings)
-        settings.pop("shell_user", None)
-        if shell_user:
-            settings["shell_user"] = shell_user
-        robots.set_settings(tx, SOURCE, name, settings)
-    click.echo(f"robot {name} has shell_user {shell_user or 'not set'}")

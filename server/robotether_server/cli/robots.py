@@ -22,7 +22,6 @@ from robotether_server.cli.robot_changes import (
     move_ports,
     rename,
     set_mac,
-    set_settings,
     shell,
 )
 from robotether_server.cli.robot_keys import (
@@ -32,6 +31,7 @@ from robotether_server.cli.robot_keys import (
     rekey,
     rotate_key,
 )
+from robotether_server.cli.robot_settings import set_settings, show_settings
 from robotether_server.store import Database, sessions
 from robotether_server.store import robots as records
 
@@ -151,5 +151,6 @@ for command in (
     set_mac,
     set_settings,
     shell,
+    show_settings,
 ):
     robot.add_command(command)

@@ -5,10 +5,11 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import robots
 from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.setting_paths import Settings, put, take_out
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import deeds, forms
-from robotether_server.web.admin.robot_page import find, get, page_of
+from robotether_server.web.admin.robot_page import get, page_of
 from robotether_server.web.deeds import METHODS, Deed, Field
 
 blueprint = Blueprint("robot_changes", __name__, url_prefix="/robots/<name>")
@@ -126,10 +127,13 @@ def set_shell_user(name: str) -> AnyResponse:
 
     def do(tx: Transaction, source: Source) -> None:
         user = forms.optional_text("shell_user", "Shell user", LONGEST_USER)
-        present = find(tx, name).robot.settings
-        others = {key: value for key, value in present.items() if key != "shell_user"}
-        changed = {**others, "shell_user": user} if user else others
-        robots.set_settings(tx, source, name, changed)
+
+        def change(present: Settings) -> Settings:
+            if user is None:
+                return take_out(present, "shell_user")
+            return put(present, "shell_user", user)
+
+        robots.change_settings(tx, source, name, change)
 
     return deeds.run(deed, do)
 

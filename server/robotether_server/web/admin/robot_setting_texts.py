@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid
+from robotether_server.setting_paths import is_in, look_up
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
 
 
@@ -33,19 +34,5 @@ def text_of(value: object) -> str:
         return ""
     if isinstance(value, list | tuple):
         return "\n".join(map(str, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def is_in(settings: Mapping[str, object], path: str) -> bool:
-    """Tell whether something stands there, be it null."""
-    folder, _, last = path.rpartition(".")
-    found = look_up(settings, folder)
-    return isinstance(found, Mapping) and last in found
-
-
-def look_up(settings: Mapping[str, object], path: str) -> object:
-    """Return what stands at a path such as guard.deadman_ms; None where nothing does."""
-    found: object = settings
-    for step in path.split("."):
-        found = found.get(step) if isinstance(found, Mapping) else None
-    return found
+    # All digits that the form takes back: saved unchanged it must change nothing.
+    return f"{value:.12g}" if isinstance(value, float) else str(value)

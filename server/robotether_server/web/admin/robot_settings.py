@@ -13,12 +13,13 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import robot_settings
 from robotether_server.administration import robots
 from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.setting_paths import Settings, look_up, put
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import deeds, visitors
 from robotether_server.web.admin import robot_page
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
-from robotether_server.web.admin.robot_setting_texts import line_of, look_up, text_of
+from robotether_server.web.admin.robot_setting_texts import line_of, text_of
 from robotether_server.web.deeds import METHODS, Deed
 from robotether_server.web.parts import parts
 
@@ -26,8 +27,6 @@ blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/set
 
 LONGEST_FIELD = 20_000
 NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
-
-Settings = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,8 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
     if request.method == "GET":
         return _page(name, present)
     try:
-        settings = _from_form(present)
         with parts().database.transaction() as tx:
-            robots.set_settings(tx, visitors.source(), name, settings)
+            robots.change_settings(tx, visitors.source(), name, _from_form)
     except Problem as problem:
         return _page(name, present, problem), problem.status
     return deeds.go_on(
@@ -59,7 +57,7 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
 @blueprint.route("/defaults", methods=METHODS)
 def to_defaults(name: str) -> AnyResponse:
     """Go back to the defaults."""
-    present = robot_page.get(name).robot.settings
+    robot_page.get(name)
     deed = Deed(
         title=f"Policy and guard of robot {name} back to the defaults?",
         effects=(
@@ -75,7 +73,7 @@ def to_defaults(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        robots.set_settings(tx, source, name, _kept(present))
+        robots.change_settings(tx, source, name, _kept)
 
     return deeds.run(deed, do)
 
@@ -110,7 +108,7 @@ def _from_form(present: Mapping[str, object]) -> Settings:
             text = request.form.get(field.path)
             if text is None or len(text) > LONGEST_FIELD:
                 raise FieldInvalid(f"cannot use {field.path}: it is missing or too long")
-            _put(settings, field.path, _value(field, text.strip()))
+            settings = put(settings, field.path, _value(field, text.strip()))
     return settings
 
 
@@ -125,14 +123,3 @@ def _value(field: SettingField, text: str) -> object:
 
 def _kept(present: Mapping[str, object]) -> Settings:
     return {name: value for name, value in present.items() if name not in ("guard", "policy")}
-
-
-def _put(settings: Settings, path: str, value: object) -> None:
-    folder, _, rest = path.partition(".")
-    if not rest:
-        settings[folder] = value
-        return
-    inner = settings.get(folder)
-    found: Settings = inner if isinstance(inner, dict) else {}
-    settings[folder] = found
-    _put(found, rest, value)

@@ -211,6 +211,25 @@ def test_wrong_settings_are_refused(site: Site, settings: dict[str, object]) -> 
     assert site.robot("sim1").settings == {}
 
 
+def test_settings_are_changed_from_what_they_are(site: Site) -> None:
+    """With one line in the log that has both; a change that is wrong does nothing."""
+    do(site, deeds.set_settings, "sim1", {"shell_user": "pi"})
+    changed = do(
+        site,
+        deeds.change_settings,
+        "sim1",
+        lambda present: present | {"guard": {"deadman_ms": 400}},
+    )
+    assert changed.settings == {"shell_user": "pi", "guard": {"deadman_ms": 400}}
+    with pytest.raises(FieldInvalid, match=r"cannot use guard\.deadman_ms: "):
+        do(site, deeds.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
+    assert site.robot("sim1").settings == changed.settings
+    assert [json.loads(str(one["details"])) for one in site.events("robot_settings_set")] == [
+        {"was": {}, "settings": {"shell_user": "pi"}},
+        {"was": {"shell_user": "pi"}, "settings": changed.settings},
+    ]
+
+
 def test_wrong_changes_are_refused(site: Site) -> None:
     """What the database refuses comes with its sentence."""
     site.announce("other", OTHER_MAC)

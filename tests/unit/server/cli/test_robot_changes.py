@@ -1,4 +1,4 @@
-"""robotether robot disable, enable, rename, set-mac, move-ports, shell, set."""
+"""robotether robot disable, enable, rename, set-mac, move-ports, shell."""
 
 from __future__ import annotations
 
@@ -71,13 +71,3 @@ def test_shell_has_a_port_while_it_is_on(run: Run, database: Database) -> None:
     assert robot(database).shell_port == port
     assert run("robot", "shell", "sim1", "off").out == "the shell of robot sim1 is off\n"
     assert robot(database).shell_port is None
-
-
-def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
-    """Only a name that an account may have; saying nothing is a mistake."""
-    assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0
-    assert robot(database).settings == {"shell_user": "pi"}
-    assert "cannot use shell_user" in run("robot", "set", "sim1", "--shell-user", "a b").err
-    assert "say what" in run("robot", "set", "sim1").err
-    assert run("robot", "set", "sim1", "--shell-user", "").status == 0
-    assert robot(database).settings == {}

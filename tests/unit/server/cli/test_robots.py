@@ -150,6 +150,7 @@ def test_wait_online(run: Run, admin_database: Database) -> None:
         ("rotate-key",),
         ("set", "--shell-user", "pi"),
         ("set-mac", "00:1b:44:11:3a:b7"),
+        ("settings",),
         ("shell", "on"),
         ("show",),
         ("wait-online",),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.robot_settings import DEFAULTS
+from robotether_server.setting_paths import look_up
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
-from robotether_server.web.admin.robot_setting_texts import look_up
 
 FIELDS = [field for section in SECTIONS for field in section.fields]
 

@@ -1,0 +1,117 @@
+"""robotether robot settings, set: a robot's policy, its guard's limits and the account of its shell.
+
+docs/protocols.md describes every setting. Relay and guard follow a change by themselves.
+"""
+
+import json
+from collections.abc import Sequence
+
+import click
+
+from robotether_server import robot_settings
+from robotether_server.administration import robots
+from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
+from robotether_server.problems import FieldInvalid
+from robotether_server.setting_paths import Settings, is_in, look_up, put, take_out
+from robotether_server.store import robots as records
+
+# What is missing in the settings in force when there is none.
+SHELL_USER = "shell_user"
+
+# A path such as guard.deadman_ms, and the value that is to stand there; None: its default.
+Change = tuple[str, object]
+
+
+@click.command("settings")
+@click.argument("name")
+def show_settings(name: str) -> None:
+    """Print the settings that are in force at a robot.
+
+    All of them as JSON, the defaults included. To change them: set.
+    """
+    with open_database().transaction() as tx:
+        present = records.get_seen(tx, name).robot.settings
+    try:
+        in_force = robot_settings.parse(present).as_dict()
+    except FieldInvalid as problem:
+        raise NotDone(
+            f"cannot tell the settings of robot {name}, which is locked until they are mended with "
+            f"robot set: {problem.detail}"
+        ) from problem
+    print_json(in_force)
+
+
+@click.command("set")
+@click.argument("name")
+@click.argument("changes", nargs=-1, metavar="[KEY=VALUE]...")
+@click.option(
+    "--shell-user",
+    metavar="ACCOUNT",
+    help="Account on the robot that ssh takes; '' for none in particular.",
+)
+def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> None:
+    """Change a robot's settings, all that are given or none.
+
+    A KEY is a path into what robot settings prints, a VALUE is JSON or else a plain text. null takes the setting
+    back to its default.
+
+    robotether robot set sim1 guard.max_speed_m_s=0.5 guard.deadman_ms=400
+
+    robotether robot set sim1 'guard.drive_topics=["/cmd_vel"]' guard.max_speed_m_s=null
+
+    It holds at once. With other drive topics, another max_age_ms or another policy, who is connected has to
+    connect again.
+    """
+    asked = [_change(name, text) for text in changes]
+    if shell_user is not None:
+        asked.append((SHELL_USER, shell_user or None))
+    if not asked:
+        raise NotDone(f"cannot set anything of robot {name}: say what; see --help")
+    _check_said_once([path for path, _ in asked])
+    with open_database().transaction() as tx:
+        changed = robots.change_settings(tx, SOURCE, name, lambda present: _changed(present, asked))
+    in_force = robot_settings.parse(changed.settings).as_dict()
+    now = " ".join(f"{path}={json.dumps(look_up(in_force, path))}" for path, _ in asked)
+    click.echo(f"robot {name} has {now}")
+
+
+def _change(name: str, text: str) -> Change:
+    path, equals, value = text.partition("=")
+    if not equals:
+        raise NotDone(
+            f"cannot set {text!r} of robot {name}: write KEY=VALUE, such as guard.deadman_ms=400"
+        )
+    return path, _value(value)
+
+
+def _value(text: str) -> object:
+    """Return what JSON says, or else the text itself; whether it is right is for the settings to say."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+
+
+def _check_said_once(paths: Sequence[str]) -> None:
+    for path in paths:
+        if paths.count(path) > 1:
+            raise FieldInvalid(f"cannot use {path}: it is given twice")
+
+
+def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
+    """Return the settings with the changes, unchecked; raise FieldInvalid for a default of no setting."""
+    settings = present
+    for path, value in asked:
+        if value is None:
+            _check_known(present, path)
+            settings = take_out(settings, path)
+        else:
+            settings = put(settings, path, value)
+    return settings
+
+
+def _check_known(present: Settings, path: str) -> None:
+    # A typing error in the name of a limit must not pass for the end of that limit.
+    defaults = robot_settings.DEFAULTS.as_dict()
+    if path != SHELL_USER and not is_in(defaults, path) and not is_in(present, path):
+        raise FieldInvalid(f"cannot use {path}: it is no setting; see: robot settings")

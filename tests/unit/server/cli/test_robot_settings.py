@@ -1,0 +1,109 @@
+"""robotether robot settings, set."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from admin_records import ADD, details_of, events, kinds, robot
+from robotether_server.robot_settings import DEFAULTS
+from robotether_server.store import Database, robots
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture(autouse=True)
+def _sim1(run: Run) -> None:
+    run(*ADD)
+
+
+def test_settings_in_force_are_json(run: Run) -> None:
+    """With the defaults, and as they are to be set."""
+    assert json.loads(run("robot", "settings", "sim1").out) == DEFAULTS.as_dict()
+    run("robot", "set", "sim1", "guard.deadman_ms=400", "shell_user=pi")
+    shown = json.loads(run("robot", "settings", "sim1").out)
+    assert (shown["guard"]["deadman_ms"], shown["shell_user"]) == (400, "pi")
+
+
+def test_settings_are_set_in_one_step(run: Run, database: Database) -> None:
+    """The others stay, and the audit log has one line that says what was."""
+    run("robot", "set", "sim1", "--shell-user", "pi")
+    done = run("robot", "set", "sim1", "guard.max_speed_m_s=0.5", 'policy.drive.call=["/arm/*"]')
+    assert done.out == 'robot sim1 has guard.max_speed_m_s=0.5 policy.drive.call=["/arm/*"]\n'
+    given = {
+        "shell_user": "pi",
+        "guard": {"max_speed_m_s": 0.5},
+        "policy": {"drive": {"call": ["/arm/*"]}},
+    }
+    assert robot(database).settings == given
+    assert events(database)[-1] == ("cli", "robot_settings_set", "sim1")
+    assert details_of(database, "robot_settings_set")[-1] == {
+        "was": {"shell_user": "pi"},
+        "settings": given,
+    }
+
+
+def test_null_is_the_default(run: Run, database: Database) -> None:
+    """Of one setting or of all in an object; said again, it changes nothing."""
+    run("robot", "set", "sim1", "guard.max_speed_m_s=1", "guard.deadman_ms=400", "shell_user=pi")
+    done = run("robot", "set", "sim1", "guard.deadman_ms=null", "shell_user=null")
+    assert done.out == "robot sim1 has guard.deadman_ms=500 shell_user=null\n"
+    assert robot(database).settings == {"guard": {"max_speed_m_s": 1.0}}
+    for _ in range(2):
+        assert run("robot", "set", "sim1", "guard=null", "policy.drive=null").status == 0
+    assert robot(database).settings == {}
+    assert kinds(database).count("robot_settings_set") == 3
+
+
+def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
+    """Only a name that an account may have; saying nothing is a mistake."""
+    assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0
+    assert robot(database).settings == {"shell_user": "pi"}
+    assert "cannot use shell_user" in run("robot", "set", "sim1", "--shell-user", "a b").err
+    assert "say what" in run("robot", "set", "sim1").err
+    assert run("robot", "set", "sim1", "--shell-user", "").status == 0
+    assert robot(database).settings == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (["guard.deadman_ms"], "write KEY=VALUE"),
+        (["guard.deadman_ms=100"], "cannot use guard.deadman_ms: it must be a whole number"),
+        (["guard.deadman_ms.x=1"], "cannot use guard.deadman_ms: it must be a whole number"),
+        (["guard.max_speed_m_s=0,5"], "cannot use guard.max_speed_m_s: it must be null"),
+        (["guard.max_speed_m_s=NaN"], "cannot use guard.max_speed_m_s: it must be null"),
+        (["guard.max_speed_m_s="], "cannot use guard.max_speed_m_s: it must be null"),
+        (["guard.drive_topics=[]"], "cannot use guard.drive_topics: it must name at least one"),
+        (["policy.drive.call=/arm"], "cannot use policy.drive.call: it must be a list"),
+        (["policy.drive.call=" + "[" * 100_000], "cannot use policy.drive.call: it must be a list"),
+        (["guard.max_sped=1"], "cannot use guard: 'max_sped' is no setting; there is"),
+        (["guard.max_sped=null"], "cannot use guard.max_sped: it is no setting"),
+        (["guard.={}"], "cannot use guard: '' is no setting"),
+        (["speed=1"], "cannot use settings: 'speed' is no setting"),
+        (["guard.deadman_ms=300", "guard.deadman_ms=400"], "it is given twice"),
+        (["shell_user=pi", "--shell-user", "ubuntu"], "it is given twice"),
+    ],
+)
+def test_wrong_changes_are_refused(
+    run: Run, database: Database, changes: list[str], sentence: str
+) -> None:
+    """Each by the name of the setting; what was right beside it is not done either."""
+    done = run("robot", "set", "sim1", "guard.max_turn_rad_s=1", *changes)
+    assert (done.status, done.err.count("\n"), done.out) == (1, 1, "")
+    assert sentence in done.err
+    assert robot(database).settings == {}
+
+
+def test_settings_that_somebody_wrote_by_sql_are_mended(run: Run, database: Database) -> None:
+    """A robot with settings that nobody may set is locked until then."""
+    with database.transaction() as tx:
+        robots.set_settings(tx, robots.get(tx, "sim1").id, {"speed": 1, "guard": {"deadman_ms": 5}})
+    done = run("robot", "settings", "sim1")
+    assert (done.status, done.out) == (1, "")
+    assert "'speed' is no setting" in done.err
+    assert "'speed' is no setting" in run("robot", "set", "sim1", "guard.deadman_ms=400").err
+    assert run("robot", "set", "sim1", "guard.deadman_ms=400", "speed=null").status == 0
+    assert robot(database).settings == {"guard": {"deadman_ms": 400}}

@@ -1,0 +1,40 @@
+"""Paths into a robot's settings."""
+
+from __future__ import annotations
+
+from robotether_server.setting_paths import is_in, look_up, put, take_out
+
+SETTINGS = {"shell_user": "pi", "guard": {"max_speed_m_s": None, "deadman_ms": 300}}
+
+
+def test_paths_lead_to_values() -> None:
+    """Null is a value; what is not there is none."""
+    assert look_up(SETTINGS, "guard.deadman_ms") == 300
+    assert look_up(SETTINGS, "guard.deadman_ms.x") is None
+    for path in ("shell_user", "guard", "guard.max_speed_m_s"):
+        assert is_in(SETTINGS, path)
+    for path in ("policy.drive.call", "guard.", ".guard", "", "policy"):
+        assert not is_in(SETTINGS, path)
+
+
+def test_values_are_put_where_they_belong() -> None:
+    """Beside what is there, or in the place of what stands in their way; what was given stays."""
+    assert put(SETTINGS, "guard.deadman_ms", 400) == {
+        "shell_user": "pi",
+        "guard": {"max_speed_m_s": None, "deadman_ms": 400},
+    }
+    assert put({"guard": 5}, "guard.deadman_ms", 400) == {"guard": {"deadman_ms": 400}}
+    assert put({}, "policy.drive.call", []) == {"policy": {"drive": {"call": []}}}
+    assert put({}, "guard.", 1) == {"guard": {"": 1}}
+    assert look_up(SETTINGS, "guard.deadman_ms") == 300
+
+
+def test_values_are_taken_out() -> None:
+    """Nothing happens where nothing stands."""
+    assert take_out(SETTINGS, "shell_user") == {"guard": SETTINGS["guard"]}
+    assert take_out(SETTINGS, "guard.deadman_ms") == {
+        "shell_user": "pi",
+        "guard": {"max_speed_m_s": None},
+    }
+    for path in ("policy.drive", "guard.deadman_ms.x", "guard."):
+        assert take_out(SETTINGS, path) == SETTINGS
