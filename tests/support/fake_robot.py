@@ -147,8 +147,8 @@ class RobotSession:
             self.stopped_by = order["by"]
             self.tell_guard(answers=order["id"])
 
-    def tell_guard(self, answers: str | None = None) -> None:
-        """Say how the guard is."""
+    def tell_guard(self, answers: str | None = None, **refused: int) -> None:
+        """Say how the guard is, and what it has refused since its start."""
         self.send(
             type="guard",
             state="ready",
@@ -156,7 +156,7 @@ class RobotSession:
             by=self.stopped_by,
             moving=False,
             answers=answers,
-            refused={"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0},
+            refused={"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0} | refused,
         )
 
     @staticmethod

@@ -17,6 +17,7 @@ from robotether_agent.guard.refused import Kind
 
 LONGEST_QUEUE_BYTES = 16 * 1024
 MOTION_EVERY_S = 0.1
+COUNTS_EVERY_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Reports:
         self._pipe = pipe
         self._clock = clock
         self._told: State | None = None
+        self._told_refused: Mapping[Kind, int] = {}
         self._told_at = 0.0
 
     def ready(self, port: int) -> None:
@@ -50,11 +52,11 @@ class Reports:
     def state(
         self, state: State, refused: Mapping[Kind, int], *, answers: str | None = None
     ) -> None:
-        """Tell the state if it is another one than was told last, or if it `answers` a stop or a release.
+        """Tell the state if it or `refused` is another than was told last, or if it `answers` a stop or a release.
 
-        Call it now and then also when nothing changed: the end of a motion that was short may be told later.
+        Call it now and then also when nothing changed: counts and the end of a short motion may be told later.
         """
-        if answers is None and (state == self._told or self._can_wait(state)):
+        if answers is None and self._can_wait(state, refused):
             return
         told = {"stopped": state.stopped, "by": state.by, "moving": state.moving}
         line = {
@@ -66,12 +68,15 @@ class Reports:
         }
         if self._line(line):
             self._told, self._told_at = state, self._clock()
+            self._told_refused = dict(refused)
 
-    def _can_wait(self, state: State) -> bool:
-        told = self._told
+    def _can_wait(self, state: State, refused: Mapping[Kind, int]) -> bool:
+        told, since_s = self._told, self._clock() - self._told_at
+        if state == told:
+            return refused == self._told_refused or since_s < COUNTS_EVERY_S
         if state.moving or told is None or (told.stopped, told.by) != (state.stopped, state.by):
             return False
-        return self._clock() - self._told_at < MOTION_EVERY_S
+        return since_s < MOTION_EVERY_S
 
     def _line(self, fields: Mapping[str, object]) -> bool:
         if self._pipe.is_closing() or self._pipe.get_write_buffer_size() > LONGEST_QUEUE_BYTES:

@@ -7,9 +7,13 @@ the next, and no longer than the guard lets it: the robot stops by itself then. 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from datetime import datetime
 
 from robotether_server.store.control import DriveEntry
+
+# Before the guard's kinds: some have the name of a kind of the policy's.
+GUARD = "guard_"
 
 
 class DriveLog:
@@ -18,6 +22,9 @@ class DriveLog:
     def __init__(self, entry: DriveEntry, deadman_s: float, refused: Counter[str]) -> None:
         self.entry = entry
         self._refused = refused
+        self._refused_by_guard: Counter[str] = Counter()
+        # None: it goes on.
+        self.ended_s: float | None = None
         self._deadman_s = deadman_s
         # When the last command was sent, with its speeds.
         self._last = (0.0, 0.0, 0.0)
@@ -38,15 +45,20 @@ class DriveLog:
         """A command was too old."""
         self.entry.dropped_old += 1
 
+    def refused_by_guard(self, more: Mapping[str, int]) -> None:
+        """The guard refused so many more messages, by kind; it may tell so after the drive's end."""
+        self._refused_by_guard.update(more)
+
     def written(self) -> DriveEntry:
         """Return the entry as it stands."""
-        self.entry.refused = dict(self._refused)
+        guards = {f"{GUARD}{kind}": count for kind, count in self._refused_by_guard.items()}
+        self.entry.refused = dict(self._refused) | guards
         return self.entry
 
     def end(self, now: float, moment: datetime, code: str) -> DriveEntry:
         """Close the books."""
         self._count_until(now)
-        self._last = (now, 0.0, 0.0)
+        self._last, self.ended_s = (now, 0.0, 0.0), now
         self.entry.ended_at, self.entry.end_code = moment, code
         self.entry.stops = int(code == "robot_stopped")
         return self.written()

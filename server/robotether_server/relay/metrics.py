@@ -41,6 +41,9 @@ class Metrics:
             "session_refusals", "Robots' connections refused, by reason", "code"
         )
         self.dropped_old = self._counter("commands_dropped", "Drive commands that were too old")
+        self.guard_refusals = self._counter(
+            "guard_refusals", "Messages that robots' guards refused, by kind", "kind"
+        )
         self.port_checks = self._counter(
             "port_checks",
             "Robots' ports tried from this side, by what answered",

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.guard_counts import GuardCounts
 from robotether_server.relay.journal import Journal
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge import ConnectionReport
@@ -18,6 +19,9 @@ from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, SessionEntry, Snapshot
 
 log = logging.getLogger(__name__)
+
+# A guard tells what it refused a second later, or when its robot is back.
+GUARD_TELLS_WITHIN_S = 10.0
 
 
 class Reports:
@@ -31,6 +35,9 @@ class Reports:
         self._snapshot = snapshot
         self._sessions: dict[int, SessionEntry] = {}
         self._drives: set[DriveLog] = set()
+        # Of each robot, which the guard's refusals belong to.
+        self._newest: dict[int, DriveLog] = {}
+        self._guards = GuardCounts()
 
     def robot(self, change: Change) -> None:
         """Something happened to a robot."""
@@ -40,6 +47,8 @@ class Reports:
             self._robot_left(change)
         elif change.what == "told":
             self._robot_told(change)
+        elif change.what == "guard":
+            self._guard_told(change)
 
     def session_refused(self, code: str) -> None:
         """A robot's connection was refused."""
@@ -67,11 +76,14 @@ class Reports:
         """Write the drives that last, so that a relay that is killed loses little of them."""
         for drive in self._drives:
             self._journal.add(drive.written())
+        self._newest = {robot_id: one for robot_id, one in self._newest.items() if _takes_more(one)}
+        self._guards.keep_only(self._snapshot().robots)
 
     def _drive(self, report: ConnectionReport, drive: DriveLog) -> None:
         ending = report.ending
         if ending is None:
             self._drives.add(drive)
+            self._newest[drive.entry.robot_id] = drive
             self._journal.add(_audit(report, "drive_started", {"fence": drive.entry.fence}))
             self._journal.add(drive.written())
             return
@@ -106,9 +118,25 @@ class Reports:
             entry.agent_version = change.presence.agent_version
             self._journal.add(entry)
 
+    def _guard_told(self, change: Change) -> None:
+        more = self._guards.news(change.robot_id, change.presence.report.refused)
+        for kind, count in more.items():
+            self._metrics.guard_refusals.labels(kind).inc(count)
+        drive = self._newest.get(change.robot_id)
+        if not more or drive is None or not _takes_more(drive):
+            return
+        drive.refused_by_guard(more)
+        if drive.ended_s is not None:
+            self._journal.add(drive.written())
+
     def _name(self, robot_id: int) -> str:
         robot = self._snapshot().robots.get(robot_id)
         return robot.name if robot is not None else str(robot_id)
+
+
+def _takes_more(drive: DriveLog) -> bool:
+    """Tell whether what a guard tells now may belong to the drive."""
+    return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_TELLS_WITHIN_S
 
 
 def _audit(report: ConnectionReport, kind: str, details: Mapping[str, object]) -> AuditEntry:

@@ -18,7 +18,7 @@ class Drive:
     """One drive; without `ended_at` it goes on.
 
     Distance, turn and speeds are what was commanded. `dropped_old` counts the commands that came too late,
-    `refused` the operations that the policy refused, by their kind.
+    `refused` the operations that the policy refused, by their kind, and those of the robot's guard (`guard_...`).
     """
 
     id: int

@@ -6,7 +6,7 @@ from flask import Flask
 
 from robotether_server.store.robots import Robot
 from robotether_server.times import rfc3339
-from robotether_server.web import audit_texts, ending_texts
+from robotether_server.web import audit_texts, ending_texts, refusal_texts
 
 KEY_GROUP = 4
 
@@ -18,6 +18,7 @@ def register(app: Flask) -> None:
     app.add_template_filter(audit_texts.sentence, "sentence")
     app.add_template_filter(ending_texts.drive_end, "drive_end")
     app.add_template_filter(ending_texts.session_end, "session_end")
+    app.add_template_filter(refusal_texts.refusal)
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
 

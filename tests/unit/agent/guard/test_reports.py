@@ -5,6 +5,7 @@ from __future__ import annotations
 from fake_pipe import FakePipe
 from robotether_agent.guard.refused import KINDS
 from robotether_agent.guard.reports import (
+    COUNTS_EVERY_S,
     LONGEST_QUEUE_BYTES,
     MOTION_EVERY_S,
     Reports,
@@ -55,6 +56,23 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
     assert pipe.lines[-1]["moving"] is False
     reports.state(State(stopped=True, by="ben", moving=True), COUNTS)
     assert pipe.lines[-1]["stopped"] is True
+
+
+def test_what_is_refused_is_told_without_a_motion_too() -> None:
+    """Once a second at most, and no more when nothing more is refused."""
+    now, counts = 5.0, dict(COUNTS)
+    reports = Reports(pipe := FakePipe(), lambda: now)
+    reports.state(STANDS, counts)
+    for _ in range(1000):
+        counts["held"] += 1
+        now += COUNTS_EVERY_S / 500
+        reports.state(STANDS, counts)
+    assert 1 < len(pipe.lines) <= 3
+    now += COUNTS_EVERY_S
+    for _ in range(2):
+        reports.state(STANDS, counts)
+    assert pipe.lines[-1]["refused"]["held"] == 1000
+    assert len(pipe.lines) <= 4
 
 
 def test_an_agent_that_does_not_read_holds_nothing_up() -> None:

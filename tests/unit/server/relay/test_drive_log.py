@@ -53,3 +53,13 @@ def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
     entry = log.end(1.0, NOON, "robot_stopped")
     assert (entry.messages, entry.dropped_old, entry.stops) == (1, 1, 1)
     assert (entry.ended_at, entry.end_code) == (NOON, "robot_stopped")
+
+
+def test_what_the_guard_refused_stands_apart_from_the_policys(log, refused):
+    """Also what it tells after the end."""
+    refused["shape"] += 1
+    log.refused_by_guard({"shape": 2})
+    assert log.written().refused == {"shape": 1, "guard_shape": 2}
+    log.end(1.0, NOON, "client_left")
+    log.refused_by_guard({"shape": 1, "old": 1})
+    assert log.written().refused == {"shape": 1, "guard_shape": 3, "guard_old": 1}

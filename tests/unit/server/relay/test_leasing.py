@@ -8,7 +8,7 @@ import pytest
 from relay_clients import audit_lines, closing
 from relay_server import until
 from robotether_server.relay import leases, leasing
-from robotether_server.store.control import LeaseEnd
+from robotether_server.store.control import DriveEntry, LeaseEnd
 from robotether_server.store.fleet import User
 
 ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
@@ -54,6 +54,23 @@ async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
         assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
     await until(lambda: not guarded.session.leases[-1]["held"], "the robot hears of the end")
     assert guarded.session.leases[-1]["fence"] == 1
+
+
+async def test_what_the_guard_refuses_stands_in_the_drives_record(
+    relay, guarded, sim1, http, records
+):
+    """Also what it tells when the drive is over."""
+
+    def refused() -> dict[str, int]:
+        drives = [entry for entry in records.written if isinstance(entry, DriveEntry)]
+        return drives[-1].refused if drives else {}
+
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await guarded.connections(1)
+        guarded.session.tell_guard(old=2)
+    await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+    guarded.session.tell_guard(old=2, shape=1)
+    await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
 
 
 async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):

@@ -16,7 +16,7 @@ from robotether_server.relay.journal import Journal
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.reports import Reports
 from robotether_server.relay.rosbridge import ConnectionReport
-from robotether_server.relay.sessions import Change, Presence
+from robotether_server.relay.sessions import Change, GuardReport, Presence
 from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 
@@ -128,6 +128,45 @@ def test_a_drive_is_written_while_it_lasts(reports, journal, sim1):
     count = len(journal.notes)
     reports.write_drives()
     assert len(journal.notes) == count
+
+
+def guard_refused(**kinds: int) -> Change:
+    return Change(
+        "guard", 7, replace(ONLINE, report=GuardReport("ready", refused=tuple(kinds.items())))
+    )
+
+
+def refused_in(journal: Notes) -> list[dict[str, int]]:
+    return [entry.refused for entry in journal.notes if isinstance(entry, DriveEntry)]
+
+
+def test_what_the_guard_refused_is_the_drives(reports, journal, sim1, metrics):
+    """Not what it refused before, nor twice; what it tells after the end is added to the record."""
+    connection, drive = driving(sim1), a_drive()
+    reports.robot(guard_refused(old=4, held=0))
+    reports.connection(ConnectionReport(connection, None, drive=drive))
+    reports.robot(guard_refused(old=6, held=0))
+    reports.connection(ConnectionReport(connection, None, endings.client_left("sim1"), 1, drive))
+    reports.robot(guard_refused(old=6, held=0))
+    reports.robot(guard_refused(old=0, held=1))
+    assert refused_in(journal) == [{}, {"guard_old": 2}, {"guard_old": 2, "guard_held": 1}]
+    assert b'guard_refusals_total{kind="old"} 2.0' in metrics.render()
+    assert b'guard_refusals_total{kind="held"} 1.0' in metrics.render()
+
+
+def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
+    *, reports, journal, sim1, metrics, monkeypatch
+):
+    """Only the numbers have it."""
+    connection, drive = driving(sim1), a_drive()
+    reports.robot(guard_refused(old=0))
+    reports.connection(ConnectionReport(connection, None, drive=drive))
+    reports.connection(ConnectionReport(connection, None, endings.client_left("sim1"), 1, drive))
+    monkeypatch.setattr("robotether_server.relay.reports.GUARD_TELLS_WITHIN_S", -1.0)
+    reports.robot(guard_refused(old=1))
+    reports.write_drives()
+    assert refused_in(journal) == [{}, {}]
+    assert b'guard_refusals_total{kind="old"} 1.0' in metrics.render()
 
 
 def test_refusals_are_one_audit_line_of_their_connection(reports, journal, sim1):

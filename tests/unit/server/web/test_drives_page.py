@@ -42,7 +42,7 @@ def test_admin_sees_all_and_user_her_own(
         'title="lease_lost">a change of driver<',
         "12.3 m",
         "0.75 m/s",
-        "2 too old, 3 topic",
+        '2 too old, <span title="topic">3 to a topic that is not allowed</span>',
     ):
         assert text in page
     assert "No drive fits" in ann.ask("GET", "/drives").text
