@@ -256,4 +256,6 @@ class Lease:
         return Passed(driver, user)
 
     def _keep_for(self, user: User, now: Now) -> None:
+        # Who got it asked with reason.
+        self._questions.pop(user.id, None)
         self.waiting, self._reserved = None, Reserved(user, now.later(RESERVED_FOR_S))

@@ -216,6 +216,16 @@ def test_a_driver_is_not_asked_again_and_again():
         lease.ask(BEN, at(59))
 
 
+def test_who_got_the_control_may_ask_anew():
+    """What was answered with yes does not count."""
+    lease = Lease()
+    for second in range(10):
+        driven_by(ANN, lease, second)
+        assert lease.ask(BEN, at(second))
+        lease.hand_over(ANN, at(second))
+        lease.revoke()
+
+
 def test_what_is_kept_for_a_manager_is_not_taken_again():
     """It has its time, and no longer; another manager may take it."""
     lease = Lease()
