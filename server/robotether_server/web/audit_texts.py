@@ -49,7 +49,7 @@ SENTENCES: Mapping[str, str] = {
     "key_rotated": "{robot} changed its key",
     "key_claimed": "another machine says to be {robot}",
     "drive_started": "began to drive {robot}",
-    "drive_ended": "ended to drive {robot}",
+    "drive_ended": "drives {robot} no more",
     "lease_asked": "asked for the control of {robot}",
     "lease_refused": "did not hand the control of {robot} over to {to}",
     "lease_handed_over": "handed the control of {robot} over to {to}",

@@ -55,11 +55,8 @@ def take(grant_id: int) -> AnyResponse:
     who, what = found.holder_words, found.scope_words
     deed = Deed(
         title=f"Take the grant of {who} for {what} away?",
-        effects=(
-            f"The {who}, who may {found.level} now, loses what only this grant gives for {what}.",
-            "What is open by it is cut within 2 seconds; a robot that is driven by it stops by itself.",
-        ),
-        undo=f"Give the {who} the grant {found.level} for {what} again.",
+        effects=_what_is_lost(found),
+        undo=_way_back(found),
         button="Take away",
         done=f"The {who} has no grant for {what} any more.",
         back=_page_of(found, request.args.get("from", "")),
@@ -80,8 +77,7 @@ def _give(render: Callable[[str, Problem | None], str], name: str, back: str) ->
             given, _ = grants.give(tx, visitors.source(), holder, scope, level, ends_at=ends_at)
     except Problem as problem:
         return render(name, problem), problem.status
-    end = f" until {moment_words(given.ends_at)}" if given.ends_at else ""
-    words = f"{given.holder_words} may {level} {given.scope_words}{end}."
+    words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
     return deeds.go_on(back, words[0].upper() + words[1:])
 
 
@@ -103,6 +99,29 @@ def _scope() -> Scope:
     if kind == "site" and name:
         return Scope("site", name)
     raise FieldInvalid("cannot use What: choose a robot, a site or all robots")
+
+
+def _what_is_lost(grant: Grant) -> tuple[str, ...]:
+    who, what, end = grant.holder_words, grant.scope_words, _end_words(grant)
+    if grant.has_ended:
+        return (f"It gives nothing any more: {grant.level}{end}. It goes from the lists.",)
+    return (
+        f"The {who}, who may {grant.level} now{end}, loses what only this grant gives for {what}.",
+        "What is open by it is cut within 2 seconds; a robot that is driven by it stops by itself.",
+    )
+
+
+def _way_back(grant: Grant) -> str:
+    if grant.has_ended:
+        return "Give the grant anew, with an end that is to come."
+    end = _end_words(grant)
+    return (
+        f"Give the {grant.holder_words} the grant {grant.level} for {grant.scope_words}{end} again."
+    )
+
+
+def _end_words(grant: Grant) -> str:
+    return f" until {moment_words(grant.ends_at)}" if grant.ends_at else ""
 
 
 def _page_of(found: Grant, about: str) -> str:

@@ -80,7 +80,8 @@ def remove(name: str) -> AnyResponse:
     deed = Deed(
         title=f"Remove group {name}?",
         effects=(
-            f"Its grants go with it: {len(found.members)} members lose what only these give, within 2 seconds.",
+            "Its grants go with it: what only these give is lost within 2 seconds. "
+            f"Members: {', '.join(found.members) or 'none'}.",
             "The users stay.",
         ),
         undo="A removed group cannot be brought back; add it anew, with members and grants.",

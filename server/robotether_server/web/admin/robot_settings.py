@@ -63,7 +63,8 @@ def to_defaults(name: str) -> AnyResponse:
         effects=(
             "No limits of speed and acceleration, 0.5 s until it stops by itself, drive topics /cmd_vel and */cmd_vel.",
             "Observers subscribe to all, drivers drive, managers may do everything. The shell user stays.",
-            "It holds at once, also for who is connected.",
+            "It holds at once. If policy, drive topics or the oldest command change by it, who is connected is cut "
+            "off and has to open the robot anew; it stops by itself.",
         ),
         undo="Set them again; the audit log keeps what they were.",
         button="Back to the defaults",

@@ -5,8 +5,9 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import sites as deeds_on_sites
 from robotether_server.administration.names import LONGEST_NAME
-from robotether_server.problems import Problem
-from robotether_server.store import robots, sites
+from robotether_server.problems import NotPossible, Problem
+from robotether_server.store import Transaction, robots, sites
+from robotether_server.store.audit import Source
 from robotether_server.store.grants import LEVELS
 from robotether_server.web import deeds, forms, visitors
 from robotether_server.web.admin import grant_lists, robot_page
@@ -56,6 +57,29 @@ def place_here(name: str) -> PageAnswer:
     return deeds.go_on(page_of(name), f"Robot {robot} is at site {name}.")
 
 
+@blueprint.route("/sites/<name>/robots/<robot>/take-out", methods=METHODS)
+def take_out(name: str, robot: str) -> AnyResponse:
+    """Put a robot of this site at no site."""
+    deed = Deed(
+        title=f"Take robot {robot} out of site {name}?",
+        effects=(
+            f"What only the grants for site {name} give is lost for {robot}; what is open by them is cut within "
+            "2 seconds, and the robot stops by itself if it is driven by them.",
+        ),
+        undo=f"Put {robot} here again.",
+        button="Take out",
+        done=f"Robot {robot} is at no site.",
+        back=page_of(name),
+    )
+
+    def do(tx: Transaction, source: Source) -> None:
+        if robots.get(tx, robot).site != name:
+            raise NotPossible(f"cannot take robot {robot} out of site {name}: it is not there")
+        deeds_on_sites.place(tx, source, robot, None)
+
+    return deeds.run(deed, do)
+
+
 @blueprint.route("/robots/<name>/site", methods=METHODS)
 def place(name: str) -> PageAnswer:
     """Put this robot at a site, or at none."""
@@ -80,7 +104,7 @@ def remove(name: str) -> AnyResponse:
         title=f"Remove site {name}?",
         effects=(
             "The grants for it go with it; what only these opened is cut within 2 seconds.",
-            f"Its {len(found.robots)} robots stay, at no site.",
+            f"Its robots stay, at no site: {', '.join(found.robots) or 'none'}.",
         ),
         undo="A removed site cannot be brought back; add it anew, with robots and grants.",
         button="Remove",

@@ -124,6 +124,24 @@ def test_a_grant_is_taken_away_after_a_question(
     assert ("user ann", "robot sim1", "drive") not in all_grants(database)
 
 
+def test_the_question_names_the_end(
+    admin: Browser, database: Database, admin_database: Database
+) -> None:
+    """A grant that is over is not said to give anything now."""
+    day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
+    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": day}))
+    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
+    page = admin.ask("GET", path).text
+    for words in (f"may drive now until {day}", f"robot sim2 until {day} 23:59 UTC again"):
+        assert words in page
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE grants SET expires_at = '2020-01-01' WHERE expires_at IS NOT NULL")
+    page = admin.ask("GET", path).text
+    assert "It gives nothing any more: drive until 2020-01-01" in page
+    assert "may drive now" not in page
+    assert "Give the user ann the grant" not in page
+
+
 def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
     admin: Browser, database: Database
 ) -> None:

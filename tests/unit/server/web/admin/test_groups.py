@@ -25,12 +25,14 @@ def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -
     assert "Put ann in again" in admin.ask("GET", path).text
     assert send(admin, path).location == "/admin/groups/crew"
     assert members(database) == ()
+    send(admin, "/admin/groups/crew/members", user="ann")
+    assert "Members: ann." in admin.ask("GET", "/admin/groups/crew/remove").text
+    send(admin, path)
     assert "Remove group crew?" in admin.ask("GET", "/admin/groups/crew/remove").text
     assert send(admin, "/admin/groups/crew/remove").location == "/admin/groups"
-    assert [kind for kind, *_ in audit_kinds(database)][-4:] == [
+    assert [kind for kind, *_ in audit_kinds(database)][-6:] == [
         "group_added",
-        "group_member_added",
-        "group_member_removed",
+        *["group_member_added", "group_member_removed"] * 2,
         "group_removed",
     ]
 

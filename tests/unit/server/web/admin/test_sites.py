@@ -24,11 +24,26 @@ def test_site_is_added_filled_and_removed(admin: Browser, database: Database) ->
     assert site_of(database, "sim1") is None
     send(admin, "/admin/robots/sim2/site", site="lab")
     assert "sim2" in admin.ask("GET", "/admin/sites").text
-    assert "Its 1 robots stay" in admin.ask("GET", "/admin/sites/lab/remove").text
+    assert "Its robots stay, at no site: sim2." in admin.ask("GET", "/admin/sites/lab/remove").text
     assert send(admin, "/admin/sites/lab/remove").location == "/admin/sites"
     assert site_of(database, "sim2") is None
     kinds = [kind for kind, *_ in audit_kinds(database)]
     assert kinds[-5:] == ["site_added", *["robot_site_set"] * 3, "site_removed"]
+
+
+def test_robot_is_taken_out_after_a_question(admin: Browser, database: Database) -> None:
+    """Which says what is lost by it; a robot that is not there by then is said."""
+    send(admin, "/admin/sites", name="lab")
+    send(admin, "/admin/sites/lab/robots", robot="sim1")
+    path = "/admin/sites/lab/robots/sim1/take-out"
+    assert f'href="{path}"' in admin.ask("GET", "/admin/sites/lab").text
+    assert "the grants for site lab" in admin.ask("GET", path).text
+    assert site_of(database, "sim1") == "lab"
+    assert send(admin, path).location == "/admin/sites/lab"
+    assert site_of(database, "sim1") is None
+    answer = send(admin, path)
+    assert (answer.status_code, "it is not there" in answer.text) == (409, True)
+    assert send(admin, "/admin/sites/lab/robots/ghost/take-out").status_code == 404
 
 
 def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
