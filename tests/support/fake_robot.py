@@ -232,12 +232,12 @@ class FakeRobot:
 
     async def stop(self) -> None:
         """Cut everything."""
-        if self._watch is not None:
-            self._watch.cancel()
-            await asyncio.gather(self._watch, return_exceptions=True)
         for session in (self.session, self.media):
             if hasattr(session, "_task"):
                 await session.close()
+        if self._watch is not None:
+            # Not cancelled: the session may have ended before, and then this is closing ports that nobody else knows.
+            await self._watch
         await self._close_ports()
 
     async def _close_ports_with_session(self) -> None:
