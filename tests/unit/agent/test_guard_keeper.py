@@ -218,10 +218,14 @@ async def test_a_stop_that_the_disk_did_not_take_outlives_its_guard(keep, place)
     await kept.ready()
     kept.keeper.stop("5f0c", "ben")
     await eventually(lambda: kept.keeper.view.stopped, lambda: f"{kept.keeper.view}")
-    os.kill(births(place)[0]["pid"], signal.SIGKILL)
-    await kept.ready(2)
-    await eventually(lambda: stops_told(place) == ["5f0c", "kept"], lambda: f"{heard(place)}")
-    await eventually(lambda: kept.keeper.view.stopped, lambda: f"{kept.keeper.view}")
+    with kept.keeper.following() as lines:
+        os.kill(births(place)[0]["pid"], signal.SIGKILL)
+        await kept.ready(2)
+        # A release before the answer is refused.
+        while (await asyncio.wait_for(lines.get(), 10))["answers"] != "kept":
+            pass
+    assert stops_told(place) == ["5f0c", "kept"]
+    assert kept.keeper.view.stopped
     kept.keeper.release("77aa", "ann")
     await eventually(lambda: not kept.keeper.view.stopped, lambda: f"{kept.keeper.view}")
 
