@@ -3,6 +3,8 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 VENV := .venv
 PYTEST := $(VENV)/bin/pytest
+# Two files at once, each beside a stack of its own; not for tests/e2e, which time what a person would notice.
+BY_FILE := -n 2 --dist loadfile
 
 .PHONY: help demo up down images test test-unit test-images test-e2e test-ansible test-server lint bench enrol-times screenshots venv frontend-test clean
 
@@ -39,7 +41,7 @@ frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
 
 test-images: venv images ## ask the daemons in the images what is in force
-	@$(PYTEST) tests/images
+	@$(PYTEST) $(BY_FILE) tests/images
 
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
@@ -48,7 +50,7 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
 	@tools/ensure_robot_host_image
-	@$(PYTEST) tests/ansible --ignore tests/ansible/test_server.py
+	@$(PYTEST) $(BY_FILE) tests/ansible --ignore tests/ansible/test_server.py
 
 test-server: venv images ## server.yml on a machine of its own with a Docker engine inside; not in make test, for its 4 to 9 minutes
 	@tools/ensure_test_hosts
