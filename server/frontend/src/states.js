@@ -23,7 +23,8 @@ const final = (name, reason = "", login = false) => ({ name, reason, retry: fals
 const BY_CLOSE_CODE = {
   1001: () => retrying("server_unreachable", reasons.restarting),
   1009: () => retrying("link_lost"),
-  4001: () => final("not_allowed", reasons.grant),
+  // Rights or settings changed; what is left, the next ticket tells.
+  4001: () => retrying("connecting"),
   4002: unseated("superseded"),
   4003: unseated("robot_stopped"),
   4009: unseated("lease_held"),

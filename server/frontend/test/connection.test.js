@@ -189,6 +189,17 @@ test("events of a link that was given up change nothing", async () => {
   assert.equal(states.at(-1), "live");
 });
 
+test("after a change of rights the next ticket says what is left", async () => {
+  connection.start();
+  await goLive();
+  links[0].onClose({ code: 4001, reason: "" });
+  assert.equal(states.at(-1), "connecting");
+  refusal = new TicketRefused(403, "grant_missing");
+  await pass(500);
+  assert.equal(states.at(-1), "not_allowed");
+  assert.equal(links.length, 1);
+});
+
 test("no answer from the robot is told as such and tried again", async () => {
   connection.start();
   await settle();

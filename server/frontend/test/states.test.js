@@ -10,7 +10,7 @@ const shown = (code, wasLive = false) => {
 };
 
 test("each close code of the contract has its own state", () => {
-  assert.equal(shown(4001), "not_allowed final");
+  assert.equal(shown(4001), "connecting retry");
   assert.equal(shown(4503), "offline retry");
   assert.equal(shown(4504), "rosbridge_down retry");
   assert.equal(shown(4505), "link_lost retry");
