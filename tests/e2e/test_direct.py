@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import select
 import socket
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 
 import aiohttp
 import pytest
@@ -13,6 +15,8 @@ from sim_watch import SimWatch
 from stack import Stack
 
 PORTS = (20000, 20005)
+# limit_conn of images/nginx/direct.conf.
+MOST_OF_AN_ADDRESS = 40
 FORWARD = {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 OpenTo = Callable[[str], None]
 
@@ -65,6 +69,17 @@ async def drive(port: int) -> None:
             await asyncio.sleep(0.05)
 
 
+def cut_at_once(port: int, count: int) -> int:
+    """How many of so many connections that say nothing are ended without a wait."""
+    with ExitStack() as opened:
+        idle = [
+            opened.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5))
+            for _ in range(count)
+        ]
+        ended, _, _ = select.select(idle, [], [], 1)
+        return len(ended)
+
+
 def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenTo) -> None:
     """A source outside gets nothing; one inside drives through the guard, which stops the robot afterwards."""
     port = ros_port(stack)
@@ -78,6 +93,9 @@ def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenT
         moved = [seen.msg for seen in watch.commands() if seen.msg["linear"]["x"]]
         assert moved, "the robot was never driven"
         assert watch.commands()[-1].msg["linear"]["x"] == 0
+    assert cut_at_once(port, MOST_OF_AN_ADDRESS - 5) == 0
+    stack.wait("room for one more", lambda: answers(port), "direct")
+    assert cut_at_once(port, MOST_OF_AN_ADDRESS + 5) > 0
 
 
 def test_ports_are_closed_by_default(stack: Stack) -> None:
