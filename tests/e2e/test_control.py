@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 from crew import Crew, expect_mode
+from pages import expect_live
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -168,3 +169,25 @@ def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:
     ben.get_by_test_id("control-drive").click()
     expect_mode(ben, "drive")
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
+
+
+def test_a_new_policy_ends_a_motion_and_not_the_drive(ann: Page, stack: Stack) -> None:
+    """The page comes back by itself, and what was held before moves nothing more until it is pressed anew."""
+    with SimWatch(stack, ROBOT) as watch:
+        ann.keyboard.down("w")
+        watch.wait_pose("moving", _moving)
+        _set_subscriptions(ann, stack, "99")
+        expect_live(ann, seconds=10)
+        expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        ann.keyboard.up("w")
+        ann.keyboard.down("w")
+        watch.wait_pose("moving again", _moving)
+        ann.keyboard.up("w")
+    _set_subscriptions(ann, stack, "null")
+
+
+def _set_subscriptions(page: Page, stack: Stack, value: str) -> None:
+    """Change the policy, and wait until the page has opened its connection anew."""
+    with page.expect_websocket():
+        stack.robotether("robot", "set", ROBOT, f"policy.limits.subscriptions={value}")
