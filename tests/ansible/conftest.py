@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
 from playbooks import Site, build_wheel, pip_environment
 from robot_hosts import ROOT, RobotHosts
 from stack import Stack

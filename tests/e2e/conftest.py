@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-import gc
 import re
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
 from pages import log_in
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from stack import ROOT, Stack
 
 DESKTOP = {"viewport": {"width": 1280, "height": 800}}
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Let the test's own client leave TLS half closed.
-
-    These tests kill the other side, which then never answers TLS's goodbye before the test's loop ends.
-    """
-    config.addinivalue_line("filterwarnings", "ignore:unclosed:ResourceWarning")
-
-
-def pytest_sessionfinish() -> None:
-    """Collect what the last test left so; at pytest's own collection, later, the filter above is gone."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "unclosed", ResourceWarning)
-        gc.collect()
 
 
 @pytest.fixture(scope="module")
