@@ -16,8 +16,9 @@ from playbooks import Played, Site
 from programs import Program
 from robot_hosts import NEWER_IMAGE, ROOT, RobotHost, RobotHosts, newer_systemd_boots
 
-# The aim is 3 s after the network is up; a busy machine gets some more before a test fails.
-POWER_ON_LIMIT_S = 10.0
+# The aim is 3 s after the network is up, which `make enrol-times` measures; here another module's hosts may boot or be
+# installed meanwhile, on the same two cores.
+POWER_ON_LIMIT_S = 20.0
 
 
 @dataclass
