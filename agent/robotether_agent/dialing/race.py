@@ -53,17 +53,17 @@ class Race(Generic[T]):
 
     async def winner(self) -> T:
         """Return what the first attempt that works returns; raise `problem` when all have failed."""
+        won = None
         try:
             self._start_next()
-            while self._running or self._pausing:
+            while won is None and (self._running or self._pausing):
                 await self._something()
                 won = self._won()
-                if won is not None:
-                    self._running.remove(won)
-                    return won.result()
-            raise self.problem
+            if won is None:
+                raise self.problem
         finally:
-            await self._end()
+            await self._end(won)
+        return won.result()
 
     def _start_next(self) -> None:
         if self._pausing is not None:
@@ -98,17 +98,30 @@ class Race(Generic[T]):
             self._start_next()
         return None
 
-    async def _end(self) -> None:
-        left: list[asyncio.Future[T] | asyncio.Future[None]] = [*self._running]
+    async def _end(self, won: asyncio.Future[T] | None) -> None:
+        """End all other attempts; whoever is cancelled meanwhile will not take what the first one brought either."""
+        late = [attempt for attempt in self._running if attempt is not won]
+        left: list[asyncio.Future[T] | asyncio.Future[None]] = [*late]
         if self._pausing is not None:
             left.append(self._pausing)
         for item in left:
             item.cancel()
-        if left:
-            await asyncio.wait(left)
-        for attempt in self._running:
-            if not attempt.cancelled() and attempt.exception() is None:
-                self._drop(attempt.result())
+        try:
+            if left:
+                await asyncio.wait(left)
+        except asyncio.CancelledError:
+            late = self._running
+            raise
+        finally:
+            for attempt in late:
+                if attempt.done():
+                    self._drop_late(attempt)
+                else:
+                    attempt.add_done_callback(self._drop_late)
+
+    def _drop_late(self, attempt: asyncio.Future[T]) -> None:
+        if not attempt.cancelled() and attempt.exception() is None:
+            self._drop(attempt.result())
 
 
 def together(failed: Sequence[Problem]) -> Problem:

@@ -123,6 +123,21 @@ async def test_cancelled(attempts):
     assert attempts.ended == ["silent"]
 
 
+@pytest.mark.parametrize("turns", range(12))
+async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns):
+    """What the first one brought is taken or dropped, also while the others are being ended."""
+    ways = [attempts.that("silent"), attempts.that("works", "works")]
+    race = Race(ways, pause=after(0), drop=attempts.dropped.append)
+    racing = asyncio.ensure_future(race.winner())
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    racing.cancel()
+    [won] = await asyncio.gather(racing, return_exceptions=True)
+    await asyncio.sleep(0)
+    came = ["works"] if "works" in attempts.ended else []
+    assert attempts.dropped == ([] if won == "works" else came)
+
+
 def test_silence_is_told_only_if_nothing_answered():
     """A refusal counts more than the silence beside it, since it waits longer."""
     assert isinstance(together([NoAnswer("a"), ServerUnreachable("b")]), ServerUnreachable)
