@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from demo import ROOT, Demo
 from local_network import insecure_tls
-from pages import Site, expect_live, log_in
+from pages import Site, expect_live, log_in, open_page
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
@@ -64,7 +64,7 @@ class Camera:
 
     def open(self, path: str) -> None:
         """Go to a page."""
-        self.page.goto(f"{self.site.url}{path}")
+        open_page(self.page, self.site, path)
 
     def do_deed(self, path: str) -> None:
         """Say yes on a page that asks."""
