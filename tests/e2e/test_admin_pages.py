@@ -176,7 +176,7 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
         through_interface_changes(page, give)
         expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
         gone = "The user petra has no grant for robot sim2 any more."
-        page.goto(f"{stack.url}/admin/users/petra")
+        open_page(page, stack, "/admin/users/petra")
         page.get_by_test_id("grant-sim2").get_by_role("link", name="Take away").click()
         page.get_by_test_id("deed-do").click()
         _done(page, gone)
