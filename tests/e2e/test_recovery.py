@@ -92,6 +92,8 @@ async def test_open_connection_goes_on_without_the_database(program: Program, st
     mysql = stack.container("mysql")
     async with program.connect("sim1") as socket:
         await open_echo(socket)
+        # Its lease is in the database by then, which the next lines take away.
+        assert await echo(socket, "driving") == "driving"
         await asyncio.to_thread(mysql.stop, timeout=20)
         try:
             until = time.monotonic() + 10
