@@ -1,6 +1,7 @@
 """Sites of robots: made and removed by admins, who say which robot is where."""
 
 from robotether_server.administration.names import check_plain_name
+from robotether_server.problems import NotPossible
 from robotether_server.store import Transaction, audit, robots, sites
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.robots import Robot
@@ -32,3 +33,10 @@ def place(tx: Transaction, source: Source, robot: str, site: str | None) -> Robo
         details: dict[str, object] = {"was": found.site, "site": site}
         audit.record(tx, source, Event("robot_site_set", robot, details))
     return robots.get(tx, robot)
+
+
+def take_out(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
+    """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
+    if robots.get(tx, robot).site != site:
+        raise NotPossible(f"cannot take robot {robot} out of site {site}: it is not there")
+    return place(tx, source, robot, None)

@@ -5,9 +5,8 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import sites as deeds_on_sites
 from robotether_server.administration.names import LONGEST_NAME
-from robotether_server.problems import NotPossible, Problem
-from robotether_server.store import Transaction, robots, sites
-from robotether_server.store.audit import Source
+from robotether_server.problems import Problem
+from robotether_server.store import robots, sites
 from robotether_server.store.grants import LEVELS
 from robotether_server.web import deeds, forms, visitors
 from robotether_server.web.admin import grant_lists, robot_page
@@ -71,13 +70,7 @@ def take_out(name: str, robot: str) -> AnyResponse:
         done=f"Robot {robot} is at no site.",
         back=page_of(name),
     )
-
-    def do(tx: Transaction, source: Source) -> None:
-        if robots.get(tx, robot).site != name:
-            raise NotPossible(f"cannot take robot {robot} out of site {name}: it is not there")
-        deeds_on_sites.place(tx, source, robot, None)
-
-    return deeds.run(deed, do)
+    return deeds.run(deed, lambda tx, source: deeds_on_sites.take_out(tx, source, robot, name))
 
 
 @blueprint.route("/robots/<name>/site", methods=METHODS)
