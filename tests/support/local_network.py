@@ -20,13 +20,12 @@ def free_port() -> int:
     """A TCP port that was free on all of this machine's addresses a moment ago, another one each time."""
     while True:
         port = _rng.choice(PORTS)
-        if port not in _given and is_free(port):
+        if port not in _given and _is_free(port):
             _given.add(port)
             return port
 
 
-def is_free(port: int) -> bool:
-    """Tell whether nothing listens at this TCP port, on any of this machine's addresses."""
+def _is_free(port: int) -> bool:
     with socket.socket() as probe:
         try:
             probe.bind(("", port))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from fake_cloud import eventually
-from local_network import free_port, is_free
-from openssh_server import descendants, wait_until
+from local_network import free_port
+from openssh_server import descendants, listens, wait_until
 from robotether_agent.enrolment import parse_host_keys
 from robotether_agent.keys import ensure_key
 from robotether_agent.known_hosts import pin
@@ -41,10 +41,10 @@ async def test_forwards_are_added_and_cancelled_while_it_runs(way):
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
         forward = Forward(cloud.ports[0], "127.0.0.1", 9)
         await tunnel.add(forward)
-        assert not is_free(cloud.ports[0])
+        assert listens(cloud.ports[0])
         await tunnel.cancel(forward)
         # OpenSSH asks for the cancel without a wish for an answer: sshd may still be about to.
-        await eventually(lambda: is_free(cloud.ports[0]), lambda: "sshd closes the port")
+        await eventually(lambda: not listens(cloud.ports[0]), lambda: "sshd closes the port")
     finally:
         await tunnel.close()
     assert not files.control.exists()
