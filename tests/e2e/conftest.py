@@ -8,21 +8,20 @@ from typing import Any
 
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
-from pages import log_in
+from pages import chromium, log_in
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from stack import ROOT, Stack
 
 DESKTOP = {"viewport": {"width": 1280, "height": 800}}
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """A headless Chromium; only for a module, as Playwright keeps a loop running that asyncio tests cannot share."""
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGUMENTS)
-        yield chromium
-        chromium.close()
+        launched = chromium(playwright)
+        yield launched
+        launched.close()
 
 
 @pytest.fixture

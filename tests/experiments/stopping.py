@@ -19,7 +19,7 @@ from functools import partial
 
 import processes
 from demo import Demo
-from pages import log_in, open_robot
+from pages import chromium, log_in, open_robot
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
 from sections import Section, percentile
@@ -27,7 +27,6 @@ from sim_watch import Seen, SimWatch
 
 ROBOT = "sim1"
 ROSBRIDGE_PORT = 9090
-CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 # Longer than any stop may take, and long enough to see a robot that drives on.
 WATCHED_S = 3.0
 BACK_WITHIN_S = 60.0
@@ -101,7 +100,7 @@ def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> 
     """One repetition with a person's page, on which a key is held."""
     outcome = Outcome()
     with sync_playwright() as playwright, ExitStack() as undo:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=CHROMIUM)
+        browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
         open_robot(page, demo, ROBOT)

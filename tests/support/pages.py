@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from playwright.sync_api import Error, Page, Request, expect
+from playwright.sync_api import Browser, Error, Page, Playwright, Request, expect
 
 # The second is Chromium's own error page, which loads anew by itself while the test asks for a page.
 INTERFACES_CHANGED = ("ERR_NETWORK_CHANGED", "is interrupted by another navigation")
@@ -28,6 +28,14 @@ class Site(Protocol):
     @property
     def admin_password(self) -> str:
         """The password of the user admin."""
+
+
+def chromium(playwright: Playwright) -> Browser:
+    """Debian's Chromium, without a screen."""
+    return playwright.chromium.launch(
+        executable_path="/usr/bin/chromium",
+        args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+    )
 
 
 def through_interface_changes(page: Page, step: Callable[[], object]) -> None:

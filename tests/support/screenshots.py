@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from demo import ROOT, Demo
 from local_network import insecure_tls
-from pages import Site, expect_live, log_in, open_page
+from pages import Site, chromium, expect_live, log_in, open_page
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
@@ -217,10 +217,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     demo = Demo()
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path="/usr/bin/chromium",
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
+        browser = chromium(playwright)
         with a_stranger(demo, browser), a_second_driver(demo) as password:
             for size in SIZES:
                 for scheme in ("light", "dark"):
