@@ -1,0 +1,1 @@
+// Sentences of the pages: the fleet page. No logic beyond filling in.

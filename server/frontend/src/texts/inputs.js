@@ -1,0 +1,1 @@
+// Sentences of the pages: what a person drives with. No logic beyond filling in.

@@ -1,0 +1,1 @@
+// Sentences of the pages: buttons, topics and the summary of a drive. No logic beyond filling in.

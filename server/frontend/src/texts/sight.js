@@ -1,0 +1,1 @@
+// Sentences of the pages: pictures, overlays, battery and diagnostics. No logic beyond filling in.
