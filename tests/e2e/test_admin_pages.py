@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import expect_no_sideways_scroll, log_in, open_page, through_interface_changes
+from pages import expect_no_sideways_scroll, log_in, open_page
 from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
@@ -28,32 +26,13 @@ def _done(page: Page, message: str) -> None:
     expect(page.get_by_test_id("done")).to_have_text(message)
 
 
-def _take(page: Page, step: Callable[[], object], is_done: Callable[[], object]) -> None:
-    """Take a step that changes something; when only its answer was dropped, it is not taken again."""
-    tries = count()
-
-    def take() -> None:
-        if next(tries) == 0 or not is_done():
-            step()
-
-    through_interface_changes(page, take)
-
-
 def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> None:
     """Say yes on a page that asks, with its fields filled in by their labels."""
-
-    def step() -> None:
-        page.goto(f"{stack.url}{path}")
-        for label, value in fields.items():
-            page.get_by_label(label.replace("_", " ")).fill(value)
-        page.get_by_test_id("deed-do").click()
-        _done(page, message)
-
-    def is_done() -> int:
-        page.goto(f"{stack.url}{path}")
-        return page.get_by_test_id("problem-detail").count()  # what it is about is gone
-
-    _take(page, step, is_done)
+    page.goto(f"{stack.url}{path}")
+    for label, value in fields.items():
+        page.get_by_label(label.replace("_", " ")).fill(value)
+    page.get_by_test_id("deed-do").click()
+    _done(page, message)
 
 
 def _remove(page: Page, stack: Stack, name: str) -> None:
@@ -68,17 +47,14 @@ def test_a_robot_that_waits_is_approved_under_another_name(
     mac, key = "00:00:5e:00:53:11", RobotKey(stack, tmp_path, "turtle")
     assert key.join(mac)[0] == 202
 
-    def approve() -> None:
-        page.goto(f"{stack.url}/admin/robots")
-        page.get_by_test_id("waiting-count").click()
-        card = page.get_by_test_id("waiting-robot-005311")
-        expect(card.get_by_test_id("fingerprint")).to_have_text(key.fingerprint)
-        expect(card).to_contain_text("turtle")
-        card.get_by_label("Name").fill("turtle")
-        card.get_by_test_id("approve-robot-005311").click()
-        _done(page, "Robot turtle is approved. It connects by itself within a minute.")
-
-    _take(page, approve, lambda: _state(stack, "turtle"))
+    page.goto(f"{stack.url}/admin/robots")
+    page.get_by_test_id("waiting-count").click()
+    card = page.get_by_test_id("waiting-robot-005311")
+    expect(card.get_by_test_id("fingerprint")).to_have_text(key.fingerprint)
+    expect(card).to_contain_text("turtle")
+    card.get_by_label("Name").fill("turtle")
+    card.get_by_test_id("approve-robot-005311").click()
+    _done(page, "Robot turtle is approved. It connects by itself within a minute.")
     assert _state(stack, "turtle") == [["active", key.fingerprint]]
     status, answer = key.join(mac)
     assert (status, answer["robot"]) == (200, "turtle")
@@ -92,49 +68,35 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
     mac, key = "00:00:5e:00:53:12", RobotKey(stack, tmp_path, "stranger")
     assert key.join(mac)[0] == 202
 
-    def reject() -> None:
-        page.goto(f"{stack.url}/admin/pending")
-        page.get_by_test_id("reject-robot-005312").click()
-        expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
-        page.get_by_test_id("deed-do").click()
-        _done(page, "The key that waited for robot robot-005312 is rejected.")
-
-    def forgive() -> None:
-        page.goto(f"{stack.url}/admin/pending")
-        page.get_by_role("link", name="Let the key of stranger ask again").click()
-        page.get_by_test_id("deed-do").click()
-        _done(page, "The key may ask again.")
-
-    _take(page, reject, lambda: _state(stack, "robot-005312") == [])
+    page.goto(f"{stack.url}/admin/pending")
+    page.get_by_test_id("reject-robot-005312").click()
+    expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
+    page.get_by_test_id("deed-do").click()
+    _done(page, "The key that waited for robot robot-005312 is rejected.")
     status, answer = key.join(mac)
     assert (status, answer["code"]) == (403, "key_rejected")
-    rejected = f"SELECT id FROM key_claims WHERE fingerprint = '{key.fingerprint}'"
-    _take(page, forgive, lambda: stack.sql(rejected) == [])
+    page.goto(f"{stack.url}/admin/pending")
+    page.get_by_role("link", name="Let the key of stranger ask again").click()
+    page.get_by_test_id("deed-do").click()
+    _done(page, "The key may ask again.")
     assert key.join(mac)[0] == 202
     _remove(page, stack, "robot-005312")
 
 
 def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     """A name that is taken comes back in the form."""
-
-    def announce() -> None:
-        page.goto(f"{stack.url}/admin/robots")
-        page.get_by_test_id("add-robot").click()
-        page.get_by_label("Name").fill("lift")
-        page.get_by_label("MAC address").fill("00-00-5E-00-53-13")
-        page.get_by_test_id("add-submit").click()
-        expect(page.get_by_test_id("robot-name")).to_have_text("lift")
-
-    def take_a_name_that_is_taken() -> None:
-        page.goto(f"{stack.url}/admin/robots/lift")
-        page.get_by_test_id("rename").click()
-        page.get_by_label("New name").fill("sim1")
-        page.get_by_test_id("deed-do").click()
-        expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
-        expect(page.get_by_label("New name")).to_have_value("sim1")
-
-    _take(page, announce, lambda: _state(stack, "lift"))
-    through_interface_changes(page, take_a_name_that_is_taken)
+    page.goto(f"{stack.url}/admin/robots")
+    page.get_by_test_id("add-robot").click()
+    page.get_by_label("Name").fill("lift")
+    page.get_by_label("MAC address").fill("00-00-5E-00-53-13")
+    page.get_by_test_id("add-submit").click()
+    expect(page.get_by_test_id("robot-name")).to_have_text("lift")
+    page.goto(f"{stack.url}/admin/robots/lift")
+    page.get_by_test_id("rename").click()
+    page.get_by_label("New name").fill("sim1")
+    page.get_by_test_id("deed-do").click()
+    expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
+    expect(page.get_by_label("New name")).to_have_value("sim1")
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
     _remove(page, stack, "crane")
@@ -154,26 +116,19 @@ def _somebody_else(page: Page) -> Iterator[Page]:
 
 def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> None:
     """The password that the page made lets the user in; the grant opens the robot, and its end closes it."""
-
-    def add() -> None:
-        page.goto(f"{stack.url}/admin/users")
-        page.get_by_label("Name").fill("petra")
-        page.get_by_test_id("user-add").click()
-        expect(page.get_by_test_id("secret")).to_be_visible()
-
-    def give() -> None:
+    page.goto(f"{stack.url}/admin/users")
+    page.get_by_label("Name").fill("petra")
+    page.get_by_test_id("user-add").click()
+    expect(page.get_by_test_id("secret")).to_be_visible()
+    password = page.get_by_test_id("secret").text_content()
+    with _somebody_else(page) as petra:
+        log_in(petra, stack, "petra", password)
+        expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
         page.goto(f"{stack.url}/admin/users/petra")
         page.get_by_label("What", exact=True).select_option("robot:sim2")
         page.get_by_label("May", exact=True).select_option("observe")
         page.get_by_test_id("grant-submit").click()
         _done(page, "User petra may observe robot sim2.")
-
-    through_interface_changes(page, add)
-    password = page.get_by_test_id("secret").text_content()
-    with _somebody_else(page) as petra:
-        log_in(petra, stack, "petra", password)
-        expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
-        through_interface_changes(page, give)
         expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
         gone = "The user petra has no grant for robot sim2 any more."
         open_page(page, stack, "/admin/users/petra")
@@ -187,16 +142,11 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])
 def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Path) -> None:
     """The button copies it, and its token is one that a robot joins with, as often as it says."""
-    number = count(1)
-
-    def make() -> None:
-        page.goto(f"{stack.url}/admin/robots")
-        page.get_by_test_id("invite").click()
-        page.get_by_label("Name").fill(f"hall {next(number)}")
-        page.get_by_test_id("token-make").click()
-        expect(page.get_by_test_id("install-line")).to_be_visible()
-
-    through_interface_changes(page, make)
+    page.goto(f"{stack.url}/admin/robots")
+    page.get_by_test_id("invite").click()
+    page.get_by_label("Name").fill("hall")
+    page.get_by_test_id("token-make").click()
+    expect(page.get_by_test_id("install-line")).to_be_visible()
     line = page.get_by_test_id("install-line").text_content() or ""
     page.get_by_role("button", name="Copy").first.click()
     expect(page.get_by_role("button", name="Copied")).to_be_visible()
@@ -249,5 +199,5 @@ def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path:
         expect_no_sideways_scroll(page)
 
     for path in PAGES:
-        through_interface_changes(page, partial(look, path))
+        look(path)
     _remove(page, stack, "robot-005315")
