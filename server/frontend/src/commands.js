@@ -1,12 +1,12 @@
 // Publishes drive commands on the robot's drive topic, each with its moment. Pure.
 // It must advertise nothing on a connection that only watches: the server would refuse it.
 
-import { twistMessage } from "./messages.js";
+import { driveMessage } from "./messages.js";
 
 export class Commands {
-  // `advertise(spec)` as of connection.js; `stamp(moment)` as of beats.js.
-  constructor({ topic, advertise, stamp }) {
-    Object.assign(this, { topic, advertise, stamp });
+  // `advertise(spec)` as of connection.js; `stamp(moment)` as of beats.js; `wheelbase` in m of a robot that steers.
+  constructor({ topic, advertise, stamp, wheelbase = null }) {
+    Object.assign(this, { topic, advertise, stamp, wheelbase });
     this.type = null;
     this.publisher = null;
     this.used = false;
@@ -32,6 +32,7 @@ export class Commands {
   }
 
   publish(twist, moment) {
-    this.publisher?.publish(twistMessage(this.type, twist), this.stamp(moment));
+    const { type, wheelbase } = this;
+    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(moment));
   }
 }

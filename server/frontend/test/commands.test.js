@@ -46,3 +46,12 @@ test("another type, and another connection, are advertised anew", () => {
   commands.use(false);
   assert.equal(ended, 2);
 });
+
+test("a car's steering follows its wheelbase", () => {
+  commands.wheelbase = 0.5;
+  commands.useType("ackermann_msgs/AckermannDriveStamped");
+  commands.use(true);
+  commands.publish({ forward: 1, left: 0, turn: 1 }, 5);
+  const [[{ drive }]] = published;
+  assert.deepEqual(drive, { steering_angle: Math.atan(0.5), speed: 1 });
+});
