@@ -1,0 +1,56 @@
+// Test doubles of the client's tests: what a server sends, and a WebSocket that the test plays the server of.
+
+// A binary message of the frames protocol.
+export function framed({ codec = 1, flags = 0, quality = 70, number = 1, momentMs = 0, jpeg = [255] } = {}) {
+  const data = new ArrayBuffer(16 + jpeg.length);
+  const view = new DataView(data);
+  view.setUint8(0, codec);
+  view.setUint8(1, flags);
+  view.setUint16(2, quality);
+  view.setUint32(4, number);
+  view.setFloat64(8, momentMs);
+  new Uint8Array(data, 16).set(jpeg);
+  return data;
+}
+
+export class FakeWebSocket {
+  constructor(url) {
+    this.url = url;
+    this.sent = [];
+    this.closed = false;
+  }
+
+  send(text) {
+    this.sent.push(JSON.parse(text));
+  }
+
+  close() {
+    this.closed = true;
+  }
+
+  said(op) {
+    return this.sent.filter((message) => message.op === op);
+  }
+
+  open() {
+    this.onopen();
+  }
+
+  tell(message) {
+    this.onmessage({ data: JSON.stringify(message) });
+  }
+
+  // Answers the newest beat, `aheadMs` being how far the sender's clock is ahead of the page's.
+  answerBeat(aheadMs) {
+    const { t_ms } = this.said("beat").at(-1);
+    this.tell({ op: "beat", t_ms, sender_ms: t_ms + aheadMs });
+  }
+
+  frame(options) {
+    this.onmessage({ data: framed(options) });
+  }
+
+  end(code, reason = "") {
+    this.onclose({ code, reason });
+  }
+}

@@ -1,0 +1,248 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { FrameStream } from "../../src/client/frames.js";
+import { FakeWebSocket } from "./fakes.js";
+
+const AHEAD = 50_000;
+
+let clock, sockets, frames, statuses, refusal, hold, stream;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  clock = 1000;
+  sockets = [];
+  frames = [];
+  statuses = [];
+  refusal = null;
+  hold = null;
+  stream = new FrameStream({
+    url: async () => {
+      if (refusal) throw refusal;
+      return "wss://server/robots/sim1/video/frames?topic=%2Fcamera";
+    },
+    want: { quality_max: 70 },
+    onFrame: ({ number, at, jpeg }) => {
+      frames.push({ number, at, jpeg: [...jpeg] });
+      return hold?.promise;
+    },
+    onStatus: (status) => statuses.push(status),
+    now: () => clock,
+    wall: () => clock,
+    openSocket: (url) => {
+      sockets.push(new FakeWebSocket(url));
+      return sockets.at(-1);
+    },
+  });
+});
+
+afterEach(() => {
+  stream.stop();
+  mock.restoreAll();
+});
+
+async function settle() {
+  for (let i = 0; i < 20; i++) await Promise.resolve();
+}
+
+async function pass(ms) {
+  for (let left = ms; left > 0; left -= 100) {
+    clock += Math.min(left, 100);
+    mock.timers.tick(Math.min(left, 100));
+    await settle();
+  }
+}
+
+async function goOpen() {
+  stream.start();
+  await settle();
+  sockets[0].open();
+  sockets[0].answerBeat(AHEAD);
+  return sockets[0];
+}
+
+const last = () => statuses.at(-1);
+
+test("it says what it wants, beats, and gives two credits", async () => {
+  const socket = await goOpen();
+  assert.deepEqual(
+    socket.sent.map(({ op }) => op),
+    ["want", "beat", "credit"],
+  );
+  assert.deepEqual(socket.sent[0], { op: "want", quality_max: 70 });
+  assert.deepEqual(socket.sent[2], { op: "credit", frames: 2, taken: null });
+});
+
+test("a picture comes with its moment on this page's clock", async () => {
+  const socket = await goOpen();
+  socket.frame({ number: 7, momentMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
+  await settle();
+  assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
+  assert.equal(last().picture, "live");
+  assert.equal(last().quality, 60);
+  assert.equal(stream.ageMs, 60);
+});
+
+test("the next picture is asked for when this one has been shown", async () => {
+  const socket = await goOpen();
+  hold = withResolvers();
+  socket.frame({ number: 7, momentMs: AHEAD + 990 });
+  socket.frame({ number: 8, momentMs: AHEAD + 995 });
+  await settle();
+  assert.equal(socket.said("credit").length, 1);
+  assert.equal(frames.length, 1);
+  const first = hold;
+  hold = null;
+  first.resolve();
+  await settle();
+  assert.deepEqual(socket.said("credit").slice(1), [
+    { op: "credit", frames: 1, taken: 8 },
+    { op: "credit", frames: 1, taken: 8 },
+  ]);
+  assert.equal(frames.length, 2);
+});
+
+function withResolvers() {
+  const parts = {};
+  parts.promise = new Promise((resolve, reject) => Object.assign(parts, { resolve, reject }));
+  return parts;
+}
+
+test("a picture that cannot be shown, of another codec or without a known moment, stops nothing", async () => {
+  const socket = await goOpen();
+  hold = withResolvers();
+  hold.reject(new Error("broken JPEG"));
+  socket.frame({ number: 7, momentMs: AHEAD });
+  await settle();
+  socket.frame({ number: 8, codec: 2 });
+  await settle();
+  assert.equal(socket.said("credit").length, 3);
+  assert.equal(frames.length, 1);
+});
+
+test("a picture before the first answered beat is not shown: its age is unknown", async () => {
+  stream.start();
+  await settle();
+  sockets[0].open();
+  sockets[0].frame({ number: 1, momentMs: AHEAD });
+  await settle();
+  assert.deepEqual(frames, []);
+  assert.equal(last().picture, "none");
+  assert.equal(sockets[0].said("credit").length, 2);
+});
+
+test("a picture is old after a second, whether it came late or no other came", async () => {
+  const socket = await goOpen();
+  socket.frame({ number: 1, momentMs: AHEAD + 1000 });
+  await settle();
+  await pass(1000);
+  assert.equal(last().picture, "live");
+  await pass(100);
+  assert.deepEqual([last().picture, last().why], ["old", "old"]);
+  socket.frame({ number: 2, momentMs: AHEAD + clock - 1500 });
+  await settle();
+  assert.equal(last().picture, "old");
+  socket.frame({ number: 3, momentMs: AHEAD + clock });
+  await settle();
+  assert.deepEqual([last().picture, last().why], ["live", ""]);
+});
+
+test("the sender's status says why there is no picture", async () => {
+  const socket = await goOpen();
+  socket.tell({ op: "status", state: "down", detail: "no answer on 8080", source: "mjpeg" });
+  assert.deepEqual(
+    [last().picture, last().why, last().detail, last().source],
+    ["none", "down", "no answer on 8080", "mjpeg"],
+  );
+});
+
+test("unknown operations and broken texts are skipped", async () => {
+  const socket = await goOpen();
+  socket.tell({ op: "new" });
+  socket.onmessage({ data: "{" });
+  socket.onmessage({ data: "null" });
+  socket.frame({ momentMs: AHEAD + 1000 });
+  await settle();
+  assert.equal(frames.length, 1);
+});
+
+test("after a cut there is no picture, and a new link after a while", async () => {
+  const socket = await goOpen();
+  socket.frame({ momentMs: AHEAD + 1000 });
+  await settle();
+  socket.end(1006);
+  assert.deepEqual([last().picture, last().why], ["none", "cut"]);
+  assert.equal(stream.ageMs, null);
+  await pass(500);
+  assert.equal(sockets.length, 2);
+});
+
+test("a link that brings nothing, no beat either, is a cut", async () => {
+  const socket = await goOpen();
+  await pass(4600);
+  assert.equal(socket.closed, true);
+  assert.equal(last().why, "cut");
+});
+
+test("the close code says why", async () => {
+  const socket = await goOpen();
+  socket.end(4503, "robot sim1 is offline since 12:03 UTC");
+  assert.deepEqual([last().why, last().detail], ["robot_offline", "robot sim1 is offline since 12:03 UTC"]);
+});
+
+test("news that the robot is back brings the next attempt at once, but not a second one beside a link", async () => {
+  const socket = await goOpen();
+  stream.retryNow();
+  await settle();
+  assert.equal(sockets.length, 1);
+  socket.end(4503);
+  stream.retryNow();
+  await settle();
+  assert.equal(sockets.length, 2);
+});
+
+test("a refused ticket says why and is asked for again", async () => {
+  refusal = Object.assign(new Error("no"), { status: 401 });
+  stream.start();
+  await settle();
+  assert.equal(last().why, "login_missing");
+  refusal = null;
+  await pass(500);
+  assert.equal(sockets.length, 1);
+});
+
+test("an ended stream closes its link and asks for nothing more", async () => {
+  const socket = await goOpen();
+  stream.stop();
+  assert.equal(socket.closed, true);
+  assert.deepEqual([last().picture, last().why], ["none", "paused"]);
+  socket.frame({ momentMs: AHEAD });
+  await pass(20_000);
+  assert.equal(frames.length, 0);
+  assert.equal(sockets.length, 1);
+});
+
+test("another wish is told on the open link and on the next ones", async () => {
+  const socket = await goOpen();
+  stream.want({ fps: 5 });
+  assert.deepEqual(socket.sent.at(-1), { op: "want", quality_max: 70, fps: 5 });
+  socket.end(1006);
+  await pass(500);
+  sockets[1].open();
+  assert.deepEqual(sockets[1].sent[0], { op: "want", quality_max: 70, fps: 5 });
+});
+
+test("of a robot without the protocol it reads the plain stream", async () => {
+  const body = "--b\r\nContent-Length: 3\r\n\r\none\r\n";
+  const headers = { "Content-Type": "multipart/x-mixed-replace;boundary=b" };
+  const asked = mock.method(globalThis, "fetch", async () => new Response(body, { headers }));
+  const socket = await goOpen();
+  socket.end(4506, "frames_unknown: the robot's agent is older");
+  for (let i = 0; i < 5; i++) await new Promise((resolve) => setImmediate(resolve));
+  assert.equal(
+    asked.mock.calls[0].arguments[0],
+    "https://server/robots/sim1/video/stream?topic=%2Fcamera&type=mjpeg&quality=70",
+  );
+  assert.deepEqual(frames, [{ number: 1, at: 1000, jpeg: [111, 110, 101] }]);
+});
