@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 from robotether_server.relay.connections import Connections
@@ -109,6 +110,7 @@ class Board:
             "observers": self._connections.observers(robot.id),
             "agent_version": presence.agent_version or robot.agent_version,
             "site": robot.site,
+            "battery": None if presence.battery is None else asdict(presence.battery),
             "control": self._control.describe(robot.id),
         }
 

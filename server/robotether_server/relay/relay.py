@@ -23,6 +23,7 @@ from robotether_server.relay.connections import Connections
 from robotether_server.relay.control import Control
 from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.deliveries import Deliveries
 from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.fleet import Fleet
 from robotether_server.relay.journal import Journal
@@ -141,6 +142,7 @@ class Relay:
         self.credentials = Credentials(records)
         self.registry = SessionRegistry()
         self.connections = Connections()
+        self.deliveries = Deliveries()
         self.control = Control(
             records=records,
             journal=self.journal,

@@ -201,6 +201,8 @@ class RobotLink:
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
             self._registry.heard_health(self, ros, video)
+        elif kind == "vitals":
+            self._registry.heard_battery(self, lines.parse_vitals(message))
         elif kind == "check" and self.kind == "session":
             self._checks.ask()
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from robotether_server.relay.sessions import (
+    Battery,
     ByeCode,
     GuardMode,
     GuardReport,
@@ -28,6 +29,7 @@ MAX_ID = 64
 LONGEST_UPTIME_MS = 1e12
 # What a browser, too, reads as the number that it is.
 HIGHEST_COUNT = 2**53 - 1
+FULL_PERCENT = 100
 REFUSED_KINDS = ("old", "fence", "stopped", "shape", "held")
 
 
@@ -184,6 +186,21 @@ def parse_guard(message: Mapping[str, Any]) -> tuple[GuardReport, str | None]:
         refused=_refused_field(message),
     )
     return report, None if answers is None else text_field(message, "answers", MAX_ID)
+
+
+def parse_vitals(message: Mapping[str, Any]) -> Battery | None:
+    """Read how full a robot's battery is; None: it has none, or nothing is heard of it."""
+    value = message.get("battery")
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise BrokenLineError("cannot read field battery: no object")
+    percent = value.get("percent")
+    is_number = isinstance(percent, int | float) and not isinstance(percent, bool)
+    # Not a number is in no range either.
+    if not is_number or not 0 <= percent <= FULL_PERCENT:
+        raise BrokenLineError("cannot read field percent: no number from 0 to 100")
+    return Battery(round(percent), truth_field(value, "charging"))
 
 
 def _guard_state(message: Mapping[str, Any]) -> GuardState:

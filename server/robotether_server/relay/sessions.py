@@ -80,6 +80,14 @@ NO_REPORT = GuardReport()
 
 
 @dataclass(frozen=True)
+class Battery:
+    """How full a robot's battery is."""
+
+    percent: int
+    charging: bool
+
+
+@dataclass(frozen=True)
 class Presence:
     """What is known of one robot now; `since` is the last change of `online`."""
 
@@ -92,6 +100,7 @@ class Presence:
     agent_version: str | None = None
     guard_mode: GuardMode = "unknown"
     report: GuardReport = NO_REPORT
+    battery: Battery | None = None
 
     @property
     def guard(self) -> GuardState | GuardMode:
@@ -207,6 +216,11 @@ class SessionRegistry:
         """The agent told whether rosbridge and web_video_server answer."""
         if self._is_online(link):
             self._told(link, replace(self.presence(link.robot_id), ros=ros, video=video))
+
+    def heard_battery(self, link: Link, battery: Battery | None) -> None:
+        """The agent told how full the robot's battery is."""
+        if self._is_online(link):
+            self._told(link, replace(self.presence(link.robot_id), battery=battery))
 
     def heard_rtt(self, link: Link, rtt_ms: float) -> None:
         """A heartbeat came back."""

@@ -83,6 +83,7 @@ async def test_the_fleet_comes_first(relay, robot, sim1, follow):
         "observers": 0,
         "agent_version": "0.1.0",
         "site": None,
+        "battery": None,
         "control": {
             "driver": None,
             "waiting": None,
@@ -91,6 +92,16 @@ async def test_the_fleet_comes_first(relay, robot, sim1, follow):
             "guard": "unknown",
         },
     }
+
+
+async def test_a_robots_battery_is_told(relay, robot, sim1, follow):
+    """What the agent says of the battery stands in the robot's object until it says that there is none."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        robot.session.send(type="vitals", battery={"percent": 80.6, "charging": True})
+        await events.robot_with(battery={"percent": 81, "charging": True})
+        robot.session.send(type="vitals", battery=None)
+        await events.robot_with(battery=None)
 
 
 async def test_a_robot_never_seen_has_no_since(relay, sim1, follow):
