@@ -118,9 +118,9 @@ export class Connection {
   }
 
   // Rejects when there is no live link; never settles when the link ends before the answer.
-  async call(service, request = {}) {
+  async call(service, request = {}, type = undefined) {
     if (!this.live) throw new Error(`cannot call ${service}: not connected`);
-    return this.link.call(service, request);
+    return this.link.call(service, request, type);
   }
 
   keep(attach) {

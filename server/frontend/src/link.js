@@ -2,7 +2,7 @@
 // A fresh Ros a link: roslib would otherwise queue what is sent while it is cut, and replay old
 // drive commands to the robot when the link returns.
 
-import { Ros, Service, Topic } from "roslib";
+import { Ros, Topic } from "roslib";
 import { JsonTransport } from "./transport.js";
 
 export function openLink(url, handlers) {
@@ -41,26 +41,41 @@ class Link {
   }
 
   // What is published may carry `robotether`, the moment of a drive command, which roslib has no place for.
+  // `onRefused(why)` of the spec hears of each message that the server did not let through.
   advertise(spec) {
     const topic = this.topic(spec);
     topic.advertise();
+    const id = spec.onRefused && this.newId(`publish:${spec.name}`);
+    if (id) this.ros.on(`status:${id}`, ({ level, msg }) => level === "error" && spec.onRefused(msg));
     return {
       publish: (msg, robotether) =>
-        this.transport.send({ op: "publish", topic: spec.name, msg, robotether }),
-      end: () => topic.unadvertise(),
+        this.transport.send({ op: "publish", id, topic: spec.name, msg, robotether }),
+      end: () => {
+        topic.unadvertise();
+        if (id) this.ros.off(`status:${id}`);
+      },
     };
   }
 
-  // Settles with {ok, values} for any answer, also for one that says that the call failed.
-  call(name, request) {
-    const service = new Service({ ros: this.ros, name, serviceType: "" });
+  // Settles with {ok, values} for any answer, also for one that says that the call failed, and for the server's
+  // refusal, which is no answer of the robot's: roslib would wait for that for ever.
+  call(service, args, type) {
+    const id = this.newId(`call_service:${service}`);
     return new Promise((resolve) => {
-      service.callService(
-        request,
-        (values) => resolve({ ok: true, values }),
-        (values) => resolve({ ok: false, values }),
-      );
+      const settle = (answer) => {
+        this.ros.off(id);
+        this.ros.off(`status:${id}`);
+        resolve(answer);
+      };
+      this.ros.on(id, ({ result, values }) => settle({ ok: Boolean(result), values }));
+      this.ros.on(`status:${id}`, ({ level, msg }) => level === "error" && settle({ ok: false, values: msg }));
+      this.transport.send({ op: "call_service", id, service, type, args });
     });
+  }
+
+  newId(beginning) {
+    this.ids = (this.ids ?? 0) + 1;
+    return `${beginning}:${this.ids}`;
   }
 
   // Sends an operation of our own now or not at all, and says which.

@@ -88,3 +88,40 @@ test("a command carries its moment beside the message", () => {
     { op: "publish", topic: "/cmd_vel", msg: { linear: {} } },
   ]);
 });
+
+test("who publishes hears of a message that the server refuses", () => {
+  open();
+  const refused = [];
+  const channel = link.advertise({
+    name: "/lights",
+    type: "std_msgs/Bool",
+    onRefused: (why) => refused.push(why),
+  });
+  channel.publish({ data: true });
+  const { id } = socket.sent.at(-1);
+  receive({ op: "status", level: "error", id: "another", msg: "cannot publish to /arm" });
+  receive({ op: "status", level: "warning", id, msg: "slow" });
+  receive({ op: "status", level: "error", id, msg: "cannot publish to /lights" });
+  assert.deepEqual(refused, ["cannot publish to /lights"]);
+});
+
+test("a call settles with the robot's answer, whatever that is, and with the server's refusal", async () => {
+  open();
+  const calls = ["/dock", "/lift", "/arm"].map((name) => link.call(name, { a: 1 }, "std_srvs/Trigger"));
+  const [dock, lift, arm] = socket.sent;
+  assert.deepEqual(dock, {
+    op: "call_service",
+    id: dock.id,
+    service: "/dock",
+    type: "std_srvs/Trigger",
+    args: { a: 1 },
+  });
+  receive({ op: "status", level: "error", id: arm.id, msg: "cannot call /arm" });
+  receive({ op: "service_response", id: lift.id, service: "/lift", result: false, values: "no such service" });
+  receive({ op: "service_response", id: dock.id, service: "/dock", result: true, values: { success: true } });
+  assert.deepEqual(await Promise.all(calls), [
+    { ok: true, values: { success: true } },
+    { ok: false, values: "no such service" },
+    { ok: false, values: "cannot call /arm" },
+  ]);
+});
