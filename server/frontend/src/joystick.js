@@ -2,14 +2,18 @@
 // pointer that pressed it while driving was armed, so that a second finger elsewhere on the screen
 // changes nothing.
 
+// Which way a stick can go: a throttle only up and down, a rudder only to the sides.
+const WAYS = { both: [1, 1], upright: [0, 1], level: [1, 0] };
+
 const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
 const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
 export class Joystick {
-  // `accepts()` says whether a press counts now. `onHold` gets the input and its moment.
+  // `accepts()` says whether a press counts now. `onHold` gets where the stick is, as of `stick`, and its moment.
   constructor({ element, knob, accepts, onHold, onRelease }) {
     Object.assign(this, { element, knob, accepts, onHold, onRelease });
     this.pointer = null;
+    this.ways = "both"; // or "upright", "level"
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
@@ -32,8 +36,9 @@ export class Joystick {
     if (event.pointerId !== this.pointer) return;
     if (!(event.buttons & PRESSED)) return this.up(event); // a native menu or drag took the pointerup
     const { centreX, centreY, radius } = this.pressed;
-    const x = event.clientX - centreX;
-    const y = event.clientY - centreY;
+    const [across, along] = WAYS[this.ways];
+    const x = (event.clientX - centreX) * across;
+    const y = (event.clientY - centreY) * along;
     this.place(x, y, radius);
     this.onHold(stick(x, y, radius), event.timeStamp);
   }
@@ -67,11 +72,11 @@ export class Joystick {
   }
 }
 
-// Turns an offset in pixels from the centre (y down) into {forward, turn} within the unit circle.
+// Turns an offset in pixels from the centre (y down) into {up, left} within the unit circle.
 export function stick(x, y, radius) {
   const length = Math.hypot(x, y);
   const reach = Math.min(1, length / radius);
-  if (reach <= DEAD_ZONE) return { forward: 0, turn: 0 };
+  if (reach <= DEAD_ZONE) return { up: 0, left: 0 };
   const strength = (reach - DEAD_ZONE) / (1 - DEAD_ZONE);
-  return { forward: ((0 - y) / length) * strength, turn: ((0 - x) / length) * strength };
+  return { up: ((0 - y) / length) * strength, left: ((0 - x) / length) * strength };
 }

@@ -1,27 +1,35 @@
-// W A S D and the arrow keys as an input of teleop.js. Keys go by their place on the keyboard, so that
+// W A S D and the arrow keys, and Q and E for robots that go sideways, as an input of teleop.js. Keys go by their place on the keyboard, so that
 // other layouts than QWERTY drive with the same fingers. Only a press that it sees while driving is armed
 // counts, never the repeats of a key that is down already.
 
 import { TYPING, matches } from "./page.js";
 
+const FORWARD = { forward: 1 };
+const BACK = { forward: -1 };
+const TURN_LEFT = { turn: 1 };
+const TURN_RIGHT = { turn: -1 };
 const DIRECTIONS = {
-  KeyW: { forward: 1, turn: 0 },
-  ArrowUp: { forward: 1, turn: 0 },
-  KeyS: { forward: -1, turn: 0 },
-  ArrowDown: { forward: -1, turn: 0 },
-  KeyA: { forward: 0, turn: 1 },
-  ArrowLeft: { forward: 0, turn: 1 },
-  KeyD: { forward: 0, turn: -1 },
-  ArrowRight: { forward: 0, turn: -1 },
+  KeyW: FORWARD,
+  ArrowUp: FORWARD,
+  KeyS: BACK,
+  ArrowDown: BACK,
+  KeyA: TURN_LEFT,
+  ArrowLeft: TURN_LEFT,
+  KeyD: TURN_RIGHT,
+  ArrowRight: TURN_RIGHT,
 };
+const SIDEWAYS = { KeyQ: { left: 1 }, KeyE: { left: -1 } };
+const ALL = { ...DIRECTIONS, ...SIDEWAYS };
 
 // A key held elsewhere repeats into a window that gets the focus, and not every browser says so.
 const FOCUS_MS = 300;
 
 export class Keyboard {
-  // `accepts()` says whether a press counts now. `onHold` gets the input and its moment. `onLetGo()` asks to let go of everything.
-  constructor({ accepts, onHold, onRelease, onLetGo }) {
+  // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its moment.
+  // `onLetGo()` asks to let go of everything.
+  constructor({ sideways = false, accepts, onHold, onRelease, onLetGo }) {
     Object.assign(this, { accepts, onHold, onRelease, onLetGo });
+    this.directions = sideways ? ALL : DIRECTIONS;
     this.pressed = new Set();
     this.focusedAt = -Infinity;
   }
@@ -36,7 +44,7 @@ export class Keyboard {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
     if (event.ctrlKey || event.metaKey || event.altKey) return this.onLetGo();
     if (matches(event.target, TYPING)) return;
-    if (event.code in DIRECTIONS && !this.meantForSlider(event)) this.direction(event);
+    if (event.code in this.directions && !this.meantForSlider(event)) this.direction(event);
   }
 
   direction(event) {
@@ -70,12 +78,7 @@ export class Keyboard {
 
 // Opposite keys cancel; two keys for one direction count once.
 export function direction(codes) {
-  const sum = { forward: new Set(), turn: new Set() };
-  for (const code of codes) {
-    sum.forward.add(DIRECTIONS[code].forward);
-    sum.turn.add(DIRECTIONS[code].turn);
-  }
-  return { forward: total(sum.forward), turn: total(sum.turn) };
+  const pressed = [...new Set([...codes].map((code) => ALL[code]))];
+  const total = (name) => pressed.reduce((sum, key) => sum + (key[name] ?? 0), 0);
+  return { forward: total("forward"), left: total("left"), turn: total("turn") };
 }
-
-const total = (values) => [...values].reduce((a, b) => a + b, 0);

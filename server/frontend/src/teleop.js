@@ -2,27 +2,29 @@
 // then silence, so that the page never fights another controller. Pure but for its timer.
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then.
 
+import { STILL, mixed } from "./mixing.js";
+
 const PERIOD_MS = 50;
 const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
 const GAP_MS = 500; // after as long without a command the robot has stopped by itself
 const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
-const STILL = { forward: 0, turn: 0 };
 
 export class Teleop {
-  // `publish({forward, turn}, moment)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
+  // `publish({forward, left, turn}, moment)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
   // `moment()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
   // `onDrop()` tells the inputs that what they hold no longer counts. `now()` must go on while the
-  // machine sleeps, which performance.now() does not everywhere.
+  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of mixing.js.
   constructor({
     publish,
     limits,
+    kind = "differential",
     mayQueue = () => true,
     onDrop = () => {},
     onWanted = () => {},
     now = () => Date.now(),
     moment = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, mayQueue, onDrop, onWanted, now, moment });
+    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onWanted, now, moment });
     this.armed = false;
     this.held = new Map();
     this.zerosLeft = 0;
@@ -35,11 +37,12 @@ export class Teleop {
     this.armed = armed;
   }
 
-  // `input` names keyboard or joystick; values from -1 to 1, left and forward positive; `at` is the event's moment.
-  hold(input, { forward, turn }, at = this.moment()) {
+  // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
+  // polled says for how many ms its word is good: nobody tells when polling ends.
+  hold(input, value, at = this.moment(), goodForMs = Infinity) {
     if (!this.armed) return;
     const starting = this.held.size === 0;
-    this.held.set(input, { forward, turn });
+    this.held.set(input, { value, at, goodForMs });
     if (starting) this.start(at);
   }
 
@@ -61,16 +64,8 @@ export class Teleop {
   }
 
   get wanted() {
-    let forward = 0;
-    let turn = 0;
-    for (const input of this.held.values()) {
-      forward += input.forward;
-      turn += input.turn;
-    }
-    return {
-      forward: clamp(forward) * this.limits.linear,
-      turn: clamp(turn) * this.limits.angular,
-    };
+    const values = [...this.held.values()].map(({ value }) => value);
+    return mixed(values, this.limits, this.kind);
   }
 
   start(at) {
@@ -101,7 +96,7 @@ export class Teleop {
   }
 
   tick() {
-    const stale = this.late || this.stuck;
+    const stale = this.late || this.stuck || this.unpolled;
     const seenAt = this.see();
     if (this.held.size === 0 && this.zerosLeft === 0) clearInterval(this.timer);
     else if (stale) this.dropStale();
@@ -115,7 +110,16 @@ export class Teleop {
     const due = this.seenAt + PERIOD_MS;
     this.tickedAt = this.now();
     this.seenAt = this.moment();
-    return Math.min(due, this.seenAt);
+    return Math.min(due, this.seenAt, ...this.polls.map(({ at }) => at));
+  }
+
+  get polls() {
+    return [...this.held.values()].filter(({ goodForMs }) => goodForMs < Infinity);
+  }
+
+  // True when a polled input has not been looked at for too long.
+  get unpolled() {
+    return this.polls.some(({ at, goodForMs }) => this.moment() - at > goodForMs);
   }
 
   // True when this page was frozen or throttled, or this machine asleep.
@@ -152,5 +156,3 @@ export class Teleop {
     this.publish(twist, at);
   }
 }
-
-const clamp = (value) => Math.min(1, Math.max(-1, value)) + 0; // + 0 turns -0 into 0

@@ -33,17 +33,17 @@ function pointer(name, pointerId, clientX, clientY, buttons = 1) {
   element.handlers[name]({ pointerId, clientX, clientY, button: 0, buttons, preventDefault() {} });
 }
 
-test("up is forward and left is a left turn, full at the rim and no more beyond it", () => {
-  assert.deepEqual(stick(0, -100, 100), { forward: 1, turn: 0 });
-  assert.equal(stick(-100, 0, 100).turn, 1);
-  assert.equal(stick(0, 300, 100).forward, -1);
+test("up and left count as positive, full at the rim and no more beyond it", () => {
+  assert.deepEqual(stick(0, -100, 100), { up: 1, left: 0 });
+  assert.equal(stick(-100, 0, 100).left, 1);
+  assert.equal(stick(0, 300, 100).up, -1);
   const corner = stick(300, -300, 100);
-  assert.ok(Math.abs(Math.hypot(corner.forward, corner.turn) - 1) < 1e-9);
+  assert.ok(Math.abs(Math.hypot(corner.up, corner.left) - 1) < 1e-9);
 });
 
 test("a resting thumb near the centre moves nothing, and strength grows from there without a step", () => {
-  assert.deepEqual(stick(0, -8, 100), { forward: 0, turn: 0 });
-  assert.ok(stick(0, -9, 100).forward < 0.02);
+  assert.deepEqual(stick(0, -8, 100), { up: 0, left: 0 });
+  assert.ok(stick(0, -9, 100).up < 0.02);
 });
 
 test("dragging is told, and letting go is told once", () => {
@@ -51,7 +51,7 @@ test("dragging is told, and letting go is told once", () => {
   pointer("pointermove", 1, 120, 20);
   pointer("pointerup", 1, 120, 20);
   pointer("lostpointercapture", 1, 120, 20);
-  assert.deepEqual(told, [{ forward: 0, turn: 0 }, { forward: 1, turn: 0 }, "released"]);
+  assert.deepEqual(told, [{ up: 0, left: 0 }, { up: 1, left: 0 }, "released"]);
 });
 
 test("a second finger changes nothing", () => {
@@ -81,7 +81,7 @@ test("a press while driving is not armed never counts, however it moves after ar
   pointer("pointerup", 1, 120, 21);
   assert.deepEqual(told, []);
   pointer("pointerdown", 1, 120, 20);
-  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
+  assert.deepEqual(told, [{ up: 1, left: 0 }]);
 });
 
 test("a pointer that moves without being pressed has been let go elsewhere", () => {
@@ -100,7 +100,7 @@ test("a stick that the page moves while it is pressed does not steer", () => {
   assert.deepEqual(told.at(-1), pressed);
   pointer("pointerup", 1, 120, 20, 0);
   pointer("pointerdown", 1, 120, 180);
-  assert.deepEqual(told.at(-1), { forward: 0, turn: 0 });
+  assert.deepEqual(told.at(-1), { up: 0, left: 0 });
 });
 
 test("a hold has the moment of its event", () => {
@@ -109,4 +109,15 @@ test("a hold has the moment of its event", () => {
   const event = { pointerId: 1, clientX: 120, clientY: 20, button: 0, buttons: 1, timeStamp: 77.5 };
   element.handlers.pointerdown({ ...event, preventDefault() {} });
   assert.deepEqual(moments, [77.5]);
+});
+
+test("a throttle goes up and down only, a rudder to the sides only", () => {
+  joystick.ways = "upright";
+  pointer("pointerdown", 1, 20, 20);
+  joystick.ways = "level";
+  pointer("pointermove", 1, 20, 20);
+  assert.deepEqual(told, [
+    { up: 1, left: 0 },
+    { up: 0, left: 1 },
+  ]);
 });

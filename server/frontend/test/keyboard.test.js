@@ -31,21 +31,21 @@ beforeEach(() => {
 });
 
 test("W drives forward, A turns left, and arrows do the same", () => {
-  assert.deepEqual(direction(["KeyW", "KeyA"]), { forward: 1, turn: 1 });
-  assert.deepEqual(direction(["ArrowDown", "ArrowRight"]), { forward: -1, turn: -1 });
+  assert.deepEqual(direction(["KeyW", "KeyA"]), { forward: 1, left: 0, turn: 1 });
+  assert.deepEqual(direction(["ArrowDown", "ArrowRight"]), { forward: -1, left: 0, turn: -1 });
 });
 
 test("opposite keys cancel, and two keys for one direction count once", () => {
-  assert.deepEqual(direction(["KeyW", "KeyS", "KeyD"]), { forward: 0, turn: -1 });
-  assert.deepEqual(direction(["KeyW", "ArrowUp"]), { forward: 1, turn: 0 });
-  assert.deepEqual(direction(["KeyW", "ArrowUp", "KeyS"]), { forward: 0, turn: 0 });
+  assert.deepEqual(direction(["KeyW", "KeyS", "KeyD"]), { forward: 0, left: 0, turn: -1 });
+  assert.deepEqual(direction(["KeyW", "ArrowUp"]), { forward: 1, left: 0, turn: 0 });
+  assert.deepEqual(direction(["KeyW", "ArrowUp", "KeyS"]), { forward: 0, left: 0, turn: 0 });
 });
 
 test("holding and letting go is told once each, whatever the key repeat", () => {
   keyboard.down(key("KeyW"));
   keyboard.down(key("KeyW", { repeat: true }));
   keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 1, turn: 0 }, "released"]);
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
 });
 
 test("a key that a halt dropped does not drive on by its repeats", () => {
@@ -53,7 +53,7 @@ test("a key that a halt dropped does not drive on by its repeats", () => {
   keyboard.drop();
   keyboard.down(key("KeyW", { repeat: true }));
   keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
 });
 
 test("keys typed into a field do nothing, not even the space bar", () => {
@@ -74,7 +74,7 @@ test("arrow keys on a slider move the slider, letters still drive", () => {
   assert.equal(arrow.prevented, false);
   assert.deepEqual(told, []);
   keyboard.down(key("KeyW", { target: SLIDER }));
-  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
 });
 
 test("the space bar is not this input's: it stops the robot", () => {
@@ -95,7 +95,7 @@ for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
   test(`${modifier} lets go of everything, since what it opens may swallow the keyup`, () => {
     keyboard.down(key("KeyW"));
     keyboard.down(key("KeyD", { [modifier]: true }));
-    assert.deepEqual(told, [{ forward: 1, turn: 0 }, "let go"]);
+    assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "let go"]);
   });
 }
 
@@ -108,9 +108,9 @@ test("a key pressed while driving is not armed never counts, not by its repeats 
   keyboard.down(key("KeyD"));
   keyboard.up(key("KeyD"));
   keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 0, turn: -1 }, "released"]);
+  assert.deepEqual(told, [{ forward: 0, left: 0, turn: -1 }, "released"]);
   keyboard.down(key("KeyW"));
-  assert.deepEqual(told.at(-1), { forward: 1, turn: 0 });
+  assert.deepEqual(told.at(-1), { forward: 1, left: 0, turn: 0 });
 });
 
 test("a key that repeats into a window that just got the focus does not count", () => {
@@ -122,5 +122,24 @@ test("a key that repeats into a window that just got the focus does not count", 
   keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400, repeat: true }));
   assert.deepEqual(told, []);
   keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400 }));
-  assert.deepEqual(told, [{ forward: 1, turn: 0 }]);
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("Q and E go sideways, on a robot that can", () => {
+  keyboard.down(key("KeyQ"));
+  assert.deepEqual(told, []);
+  keyboard = new Keyboard({
+    sideways: true,
+    accepts: () => true,
+    onHold: (input) => told.push(input),
+    onRelease: () => told.push("released"),
+    onLetGo: () => {},
+  });
+  keyboard.down(key("KeyQ"));
+  keyboard.down(key("KeyE"));
+  keyboard.up(key("KeyQ"));
+  assert.deepEqual(
+    told.map(({ left }) => left),
+    [1, 0, -1],
+  );
 });

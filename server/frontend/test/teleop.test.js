@@ -3,8 +3,8 @@ import { beforeEach, mock, test } from "node:test";
 
 import { Teleop } from "../src/teleop.js";
 
-const FORWARD = { forward: 1, turn: 0 };
-const STILL = { forward: 0, turn: 0 };
+const FORWARD = { forward: 1, left: 0, turn: 0 };
+const STILL = { forward: 0, left: 0, turn: 0 };
 
 let clock, moment, sent, moments, wanted, drops, mayQueue, teleop;
 
@@ -50,19 +50,19 @@ function sleep(ms) {
 }
 
 test("holding sends at once and then at 20 Hz, in the limits' units", () => {
-  teleop.hold("keyboard", { forward: 1, turn: -1 });
-  assert.deepEqual(sent, [{ forward: 0.5, turn: -2 }]);
+  teleop.hold("keyboard", { forward: 1, left: 0, turn: -1 });
+  assert.deepEqual(sent, [{ forward: 0.5, left: 0, turn: -2 }]);
   pass(1000);
   assert.equal(sent.length, 21);
 });
 
 test("a change of a held input goes out with the next period, not faster", () => {
   teleop.hold("joystick", FORWARD);
-  for (let i = 1; i <= 10; i++) teleop.hold("joystick", { forward: i / 10, turn: 0 });
+  for (let i = 1; i <= 10; i++) teleop.hold("joystick", { forward: i / 10, left: 0, turn: 0 });
   assert.equal(sent.length, 1);
-  teleop.hold("joystick", { forward: 0.5, turn: 0 });
+  teleop.hold("joystick", { forward: 0.5, left: 0, turn: 0 });
   pass(50);
-  assert.deepEqual(sent.at(-1), { forward: 0.25, turn: 0 });
+  assert.deepEqual(sent.at(-1), { forward: 0.25, left: 0, turn: 0 });
 });
 
 test("release sends zero at once, a few times, and then nothing", () => {
@@ -76,12 +76,12 @@ test("release sends zero at once, a few times, and then nothing", () => {
 
 test("two inputs add up to no more than the limit, and the last release stops", () => {
   teleop.hold("keyboard", FORWARD);
-  teleop.hold("joystick", { forward: 0.5, turn: 0.25 });
+  teleop.hold("joystick", { forward: 0.5, left: 0, turn: 0.25 });
   pass(50);
-  assert.deepEqual(sent.at(-1), { forward: 0.5, turn: 0.5 });
+  assert.deepEqual(sent.at(-1), { forward: 0.5, left: 0, turn: 0.5 });
   teleop.release("keyboard");
   pass(50);
-  assert.deepEqual(sent.at(-1), { forward: 0.25, turn: 0.5 });
+  assert.deepEqual(sent.at(-1), { forward: 0.25, left: 0, turn: 0.5 });
   teleop.release("joystick");
   assert.deepEqual(sent.at(-1), STILL);
 });
@@ -112,7 +112,7 @@ test("a hold during the zeros of the last release drives again", () => {
   teleop.hold("keyboard", FORWARD);
   sent.length = 0;
   pass(500);
-  assert.deepEqual(sent, Array(10).fill({ forward: 0.5, turn: 0 }));
+  assert.deepEqual(sent, Array(10).fill({ forward: 0.5, left: 0, turn: 0 }));
 });
 
 test("disarming stops sending, and what was held before stays dropped when armed again", () => {
@@ -173,7 +173,7 @@ test("a busy page that is late by less than 300 ms drives on", () => {
   teleop.hold("keyboard", FORWARD);
   freeze(290);
   pass(1000);
-  assert.deepEqual(sent.at(-1), { forward: 0.5, turn: 0 });
+  assert.deepEqual(sent.at(-1), { forward: 0.5, left: 0, turn: 0 });
 });
 
 test("a timer that is late by more than 300 ms sends zero and needs a new press", () => {
@@ -255,5 +255,32 @@ test("a limit that changes while driving counts from the next command on", () =>
   teleop.hold("keyboard", FORWARD);
   teleop.limits.linear = 0.1;
   pass(50);
-  assert.deepEqual(sent.at(-1), { forward: 0.1, turn: 0 });
+  assert.deepEqual(sent.at(-1), { forward: 0.1, left: 0, turn: 0 });
+});
+
+test("a polled input drives for as long as it is polled, each time with the poll's moment", () => {
+  teleop.hold("gamepad", FORWARD, 0, 200);
+  for (let i = 0; i < 4; i++) {
+    pass(40);
+    teleop.hold("gamepad", FORWARD, moment, 200);
+  }
+  assert.deepEqual(moments, [0, 40, 80, 120]);
+  assert.equal(drops, 0);
+});
+
+test("what was polled is let go when nobody polls any more, and until then it grows older", () => {
+  teleop.hold("gamepad", FORWARD, 0, 200);
+  pass(200);
+  assert.deepEqual(moments, [0, 0, 0, 0, 0]);
+  sent.length = 0;
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+  assert.equal(drops, 1);
+});
+
+test("a key that is held beside a polled input does not make it younger", () => {
+  teleop.hold("keyboard", FORWARD, 0);
+  teleop.hold("gamepad", FORWARD, 0, 200);
+  pass(100);
+  assert.deepEqual(moments, [0, 0, 0]);
 });
