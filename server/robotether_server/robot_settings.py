@@ -1,26 +1,29 @@
-"""A robot's settings: the shell's account, what its guard does, and who may send what.
+"""A robot's settings: the shell's account, its guard, who may send what, and what the drive page shows.
 
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
-line check with `parse` what an admin gives; the relay reads the same JSON and sends `guard` on to
+line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
 the robot. docs/protocols.md describes every member. Must never take a member that it does not
 know, or a number without bounds: a limit with a typing error would be no limit. Pure.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from robotether_server.globs import LONGEST_GLOB, Globs, is_glob
+from robotether_server import buttons as button_settings
+from robotether_server import page_settings, setting_values
+from robotether_server.buttons import Button
+from robotether_server.globs import Globs
+from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
+from robotether_server.setting_values import Bounds
 
 Level = Literal["observe", "drive", "manage"]
 
 SHELL_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
-MOST_GLOBS = 64
 EVERYTHING = Globs(["*"])
 NOTHING = Globs()
 
@@ -100,13 +103,21 @@ class RobotSettings:
     shell_user: str | None = None
     guard: GuardSettings = GuardSettings()
     policy: Policy = Policy()
+    page: PageSettings = page_settings.DEFAULTS
+    buttons: tuple[Button, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return all that is in force; `shell_user` is missing when there is none."""
         shell: dict[str, object] = (
             {} if self.shell_user is None else {"shell_user": self.shell_user}
         )
-        return {**shell, "guard": self.guard.as_dict(), "policy": self.policy.as_dict()}
+        return {
+            **shell,
+            "guard": self.guard.as_dict(),
+            "policy": self.policy.as_dict(),
+            "page": self.page.as_dict(),
+            "buttons": [button.as_dict() for button in self.buttons],
+        }
 
     def as_given(self) -> dict[str, object]:
         """Return what differs from the defaults: what is kept in the database."""
@@ -114,6 +125,7 @@ class RobotSettings:
 
 
 DEFAULTS = RobotSettings()
+MEMBERS = ("shell_user", "guard", "policy", "page", "buttons")
 
 # The members of each level in `policy`: what a level has no member for, it can never do.
 LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
@@ -121,14 +133,6 @@ LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
     "drive": ("subscribe", "publish", "call"),
     "manage": ("subscribe", "publish", "call", "serve"),
 }
-
-
-class Bounds(NamedTuple):
-    """The lowest and the highest value that a number may have."""
-
-    low: float
-    high: float
-
 
 # Times in which a robot can stop before it matters, and over which it would not.
 GUARD_TIMES_MS: Mapping[str, Bounds] = {
@@ -152,13 +156,50 @@ CONNECTION_LIMITS: Mapping[str, Bounds] = {
 
 def parse(given: object) -> RobotSettings:
     """Return the settings that this JSON object means; raise FieldInvalid, which names the member."""
-    members = _object(given, "settings", ("shell_user", "guard", "policy"))
+    members = setting_values.members(given, "settings", MEMBERS)
     user = shell_user(members["shell_user"]) if "shell_user" in members else None
-    return RobotSettings(
+    settings = RobotSettings(
         shell_user=user,
         guard=_guard(members.get("guard", {})),
         policy=_policy(members.get("policy", {})),
+        page=page_settings.parse(members.get("page", {})),
+        buttons=button_settings.parse(members.get("buttons", [])),
     )
+    _check_drive_topic(settings)
+    for button in settings.buttons:
+        check_button(settings, button)
+    return settings
+
+
+def lacking(settings: RobotSettings, button: Button) -> str | None:
+    """Return the path in the policy that keeps drivers from this button; None: nothing does."""
+    right = button.kind
+    drivers: Globs = getattr(settings.policy.drive, right)
+    return None if drivers.match(button.target) else f"policy.drive.{right}"
+
+
+def check_button(settings: RobotSettings, button: Button) -> None:
+    """Raise FieldInvalid for a button that no driver may press, or that would move the robot past the controls."""
+    if button.kind == "publish" and settings.guard.drive_topics.match(button.target):
+        raise FieldInvalid(
+            f"cannot use button {button.name!r}: {button.target} is a drive topic of this robot (guard.drive_topics), "
+            "and those are for the page's own controls"
+        )
+    if (path := lacking(settings, button)) is not None:
+        raise FieldInvalid(
+            f"cannot use button {button.name!r}: the robot's policy does not let a driver {button.kind} "
+            f"{button.target}; an admin adds it to {path}, or the button goes"
+        )
+
+
+def _check_drive_topic(settings: RobotSettings) -> None:
+    topic = settings.page.drive_topic
+    if topic is not None and not settings.guard.drive_topics.match(topic):
+        # The guard would not watch over it: nothing would stop the robot when commands stop.
+        raise FieldInvalid(
+            f"cannot use page.drive_topic: {topic} is no drive topic of this robot; an admin adds it to "
+            "guard.drive_topics"
+        )
 
 
 def shell_user(name: object) -> str:
@@ -172,21 +213,25 @@ def shell_user(name: object) -> str:
 
 
 def _guard(given: object) -> GuardSettings:
-    members = _object(given, "guard", [known.name for known in fields(GuardSettings)])
+    members = setting_values.members(
+        given, "guard", [known.name for known in fields(GuardSettings)]
+    )
     values: dict[str, Any] = {}
     for name, value in members.items():
         path = f"guard.{name}"
         if name == "drive_topics":
             values[name] = _drive_topics(value, path)
         elif name in GUARD_TIMES_MS:
-            values[name] = _whole(value, path, GUARD_TIMES_MS[name])
+            values[name] = setting_values.whole(value, path, GUARD_TIMES_MS[name])
         elif value is not None:
-            values[name] = _number(value, path, GUARD_LIMITS[name])
+            values[name] = setting_values.number(
+                value, path, GUARD_LIMITS[name], "null, for no limit, or "
+            )
     return GuardSettings(**values)
 
 
 def _policy(given: object) -> Policy:
-    members = _object(given, "policy", (*LEVEL_MEMBERS, "limits"))
+    members = setting_values.members(given, "policy", (*LEVEL_MEMBERS, "limits"))
     values: dict[str, Any] = {
         level: _level(members[level], level) for level in LEVEL_MEMBERS if level in members
     }
@@ -197,81 +242,33 @@ def _policy(given: object) -> Policy:
 
 def _level(given: object, level: Level) -> LevelPolicy:
     path = f"policy.{level}"
-    members = _object(given, path, LEVEL_MEMBERS[level])
+    members = setting_values.members(given, path, LEVEL_MEMBERS[level])
     present = DEFAULTS.policy.of(level)
     values = {
-        name: _globs(members[name], f"{path}.{name}") if name in members else getattr(present, name)
+        name: setting_values.globs(members[name], f"{path}.{name}")
+        if name in members
+        else getattr(present, name)
         for name in ("subscribe", "publish", "call", "serve")
     }
     return LevelPolicy(**values, drives=present.drives)
 
 
 def _limits(given: object) -> Limits:
-    members = _object(given, "policy.limits", CONNECTION_LIMITS)
+    members = setting_values.members(given, "policy.limits", CONNECTION_LIMITS)
     bounds = CONNECTION_LIMITS
     values = {
-        name: _whole(value, f"policy.limits.{name}", bounds[name])
+        name: setting_values.whole(value, f"policy.limits.{name}", bounds[name])
         for name, value in members.items()
     }
     return Limits(**values)
 
 
-def _object(
-    given: object, path: str, known: tuple[str, ...] | list[str] | Mapping[str, object]
-) -> Mapping[str, object]:
-    if not isinstance(given, Mapping):
-        raise FieldInvalid(f"cannot use {path}: it must be an object with members")
-    for name in given:
-        if name not in known:
-            raise FieldInvalid(
-                f"cannot use {path}: {str(name)[:40]!r} is no setting; there is {', '.join(known)}"
-            )
-    return given
-
-
 def _drive_topics(given: object, path: str) -> Globs:
-    globs = _globs(given, path)
+    globs = setting_values.globs(given, path)
     if not globs.patterns:
         # Without one, every command would pass the guard unseen.
         raise FieldInvalid(f"cannot use {path}: it must name at least one topic")
     return globs
-
-
-def _globs(given: object, path: str) -> Globs:
-    if not isinstance(given, list | tuple) or len(given) > MOST_GLOBS:
-        raise FieldInvalid(f"cannot use {path}: it must be a list of at most {MOST_GLOBS} names")
-    for pattern in given:
-        if not isinstance(pattern, str) or not is_glob(pattern):
-            raise FieldInvalid(
-                f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
-                f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {LONGEST_GLOB} characters"
-            )
-    return Globs(dict.fromkeys(given))
-
-
-def _whole(given: object, path: str, bounds: Bounds) -> int:
-    value = _plain_number(given)
-    if value is None or value != math.floor(value) or not bounds.low <= value <= bounds.high:
-        raise FieldInvalid(
-            f"cannot use {path}: it must be a whole number from {bounds.low:g} to {bounds.high:g}"
-        )
-    return int(value)
-
-
-def _number(given: object, path: str, bounds: Bounds) -> float:
-    value = _plain_number(given)
-    if value is None or not bounds.low <= value <= bounds.high:
-        raise FieldInvalid(
-            f"cannot use {path}: it must be null, for no limit, or a number from {bounds.low:g} to {bounds.high:g}"
-        )
-    return float(value)
-
-
-def _plain_number(given: object) -> int | float | None:
-    # True and False are numbers to Python, and not to JSON; so are NaN and infinity.
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        return None
-    return given if isinstance(given, int) or math.isfinite(given) else None
 
 
 def _members(of: GuardSettings | Limits) -> dict[str, object]:

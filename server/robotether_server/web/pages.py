@@ -17,7 +17,8 @@ from flask import (
 )
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.problems import LoginFailed, RobotUnknown, Throttled
+from robotether_server import robot_settings
+from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
 from robotether_server.store import robots
 from robotether_server.store.audit import LONGEST_ACTOR, Source
 from robotether_server.store.robots import SeenRobot
@@ -108,8 +109,17 @@ def show_robot(name: str) -> AnyResponse:
         seen = robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
-    robot = {"name": name, "level": seen.level, "settings": seen.robot.settings}
+    robot = {"name": name, "level": seen.level, "settings": _in_force(seen)}
     return make_response(render_template("drive.html", user=user, robot=robot))
+
+
+def _in_force(seen: SeenRobot) -> dict[str, object]:
+    """Return all settings, the defaults filled in."""
+    try:
+        return robot_settings.parse(seen.robot.settings).as_dict()
+    except FieldInvalid:
+        # Somebody wrote by SQL what nobody may set; the relay keeps drivers out until it is mended.
+        return robot_settings.DEFAULTS.as_dict()
 
 
 def _card(seen: SeenRobot) -> dict[str, object]:

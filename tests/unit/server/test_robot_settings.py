@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_server.globs import Globs
 from robotether_server.problems import FieldInvalid
-from robotether_server.robot_settings import DEFAULTS, MOST_GLOBS, parse
+from robotether_server.robot_settings import DEFAULTS, parse
+from robotether_server.setting_values import MOST_GLOBS
 
 # As docs/protocols.md shows them.
 DOCUMENTED_POLICY = """
@@ -145,7 +146,91 @@ def test_settings_are_an_object(given_value):
         parse(given_value)
 
 
-NAMES = ["guard", "policy", "shell_user", "drive", "limits", "deadman_ms", "publish", "x"]
+LIGHTS = {
+    "name": "Lights",
+    "kind": "publish",
+    "topic": "/lights",
+    "type": "std_msgs/Bool",
+    "msg": {"data": True},
+    "confirm": False,
+}
+DOCK = {
+    "name": "Dock",
+    "kind": "call",
+    "service": "/dock",
+    "type": "",
+    "args": {},
+    "confirm": True,
+}
+BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
+
+
+def test_page_and_buttons_are_kept_as_what_differs():
+    """Of the page what is not the default, a null included; of buttons all."""
+    given_members = {
+        "policy": BUTTONS_POLICY,
+        "page": {"hold_after_ms": None, "kind": "holonomic"},
+        "buttons": [LIGHTS, DOCK],
+    }
+    settings = parse(given_members)
+    assert settings.as_given() == given_members
+    assert parse(json.loads(json.dumps(settings.as_given()))) == settings
+    assert settings.as_dict()["page"]["quality_max"] == 80
+
+
+@pytest.mark.parametrize(
+    ("button", "missing"),
+    [(LIGHTS, "publish /lights; an admin adds it to policy.drive.publish"), (DOCK, "call /dock")],
+)
+def test_a_button_that_no_driver_may_press_is_refused(button, missing):
+    """The refusal tells what an admin has to add, whatever managers may do."""
+    with pytest.raises(FieldInvalid, match=f"does not let a driver {missing}"):
+        parse({"buttons": [button]})
+
+
+def test_a_policy_that_takes_a_button_away_is_refused():
+    """Nobody finds out by a button that does nothing."""
+    members = {"policy": BUTTONS_POLICY, "buttons": [LIGHTS, DOCK]}
+    parse(members)
+    with pytest.raises(FieldInvalid, match=r"button 'Dock'.*policy\.drive\.call, or the"):
+        parse({**members, "policy": {"drive": {"publish": ["/lights"]}}})
+
+
+def test_no_button_moves_a_robot():
+    """A drive topic is for the controls alone, even if the policy lets drivers publish to it."""
+    button = {**LIGHTS, "topic": "/base/cmd_vel"}
+    policy = {"drive": {"publish": ["*"], "call": ["*"]}}
+    with pytest.raises(FieldInvalid, match="/base/cmd_vel is a drive topic of this robot"):
+        parse({"policy": policy, "buttons": [button]})
+    with pytest.raises(FieldInvalid, match="/lights is a drive topic of this robot"):
+        parse({"policy": policy, "guard": {"drive_topics": ["/l*"]}, "buttons": [LIGHTS]})
+
+
+def test_the_page_drives_on_what_the_guard_watches():
+    """Nothing would stop a robot that is driven past its guard."""
+    assert parse({"page": {"drive_topic": "/base/cmd_vel"}}).page.drive_topic == "/base/cmd_vel"
+    with pytest.raises(FieldInvalid, match=r"page\.drive_topic: /wheels is no drive topic"):
+        parse({"page": {"drive_topic": "/wheels"}})
+    assert parse(
+        {"guard": {"drive_topics": ["/wheels"]}, "page": {"drive_topic": "/wheels"}}
+    ).page.drive_topic
+
+
+NAMES = [
+    "page",
+    "buttons",
+    "cameras",
+    "kind",
+    "fps",
+    "guard",
+    "policy",
+    "shell_user",
+    "drive",
+    "limits",
+    "deadman_ms",
+    "publish",
+    "x",
+]
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: (

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import html
+import json
+import re
+from typing import Any
+
 import pytest
-from robotether_server.store import Database, robots
+from robotether_server.robot_settings import parse
+from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
 
@@ -116,17 +122,32 @@ def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
     assert "An admin gives you one" in browser.ask("GET", "/").text
 
 
-def test_drive_page_has_the_robots_settings(browser: Browser, database: Database) -> None:
-    """They reach the page's script as data."""
+def settings_of_page(browser: Browser, database: Database, settings: str) -> dict[str, Any]:
+    """Return what the script of sim1's page is told, by a row with these settings."""
     with database.transaction() as tx:
-        tx.change(
-            "UPDATE robots SET settings = %s WHERE name = 'sim1'", ('{"topic": "/my_cmd_vel"}',)
-        )
-        assert robots.get(tx, "sim1").settings == {"topic": "/my_cmd_vel"}
+        tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
     browser.log_in("ann")
     page = browser.ask("GET", "/robots/sim1")
     assert page.status_code == 200
-    assert "/my_cmd_vel" in page.text
+    [found] = re.findall(r"data-settings='([^']*)'", page.text)
+    return dict(json.loads(html.unescape(found)))
+
+
+def test_drive_page_has_the_robots_settings(browser: Browser, database: Database) -> None:
+    """All that are in force reach the page's script as data, the defaults included."""
+    name = "\"'<&"
+    given = {"page": {"hold_after_ms": None, "cameras": [{"topic": "/front", "name": name}]}}
+    settings = settings_of_page(browser, database, json.dumps(given))
+    assert settings == parse(given).as_dict()
+    assert settings["page"]["cameras"][0]["name"] == name
+
+
+def test_drive_page_takes_no_settings_that_nobody_may_set(
+    browser: Browser, database: Database
+) -> None:
+    """What somebody wrote by SQL keeps drivers out at the relay; the page shows the robot as by default."""
+    settings = settings_of_page(browser, database, '{"page": {"hold_after_ms": 99999}}')
+    assert settings == parse({}).as_dict()
 
 
 def test_everybody_gets_stop_and_only_drivers_the_release(browser: Browser) -> None:

@@ -1,0 +1,103 @@
+"""What the buttons of a drive page may be."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.buttons import LONGEST_FIELDS, MOST_BUTTONS, parse, parse_one
+from robotether_server.problems import FieldInvalid
+
+LIGHTS = {
+    "name": "Lights on",
+    "kind": "publish",
+    "topic": "/lights",
+    "type": "std_msgs/Bool",
+    "msg": {"data": True},
+    "confirm": False,
+}
+DOCK = {
+    "name": "Dock",
+    "kind": "call",
+    "service": "/dock",
+    "type": "",
+    "args": {},
+    "confirm": True,
+}
+
+
+def nested(depth: int) -> dict[str, object]:
+    return {"a": nested(depth - 1)} if depth > 1 else {}
+
+
+def test_buttons_come_back_as_they_were_given():
+    """In their order, with what they send."""
+    assert [button.as_dict() for button in parse([LIGHTS, DOCK])] == [LIGHTS, DOCK]
+
+
+def test_a_button_sends_nothing_in_particular_unless_told():
+    """What may be missing is filled in."""
+    [dock] = parse([{"name": "Dock", "kind": "call", "service": "/dock"}])
+    assert dock.as_dict() == {**DOCK, "confirm": False}
+
+
+def test_buttons_can_be_compared_and_be_keys():
+    """True is no 1, and the order of members means nothing."""
+    one, same = ({**LIGHTS, "msg": msg} for msg in ({"a": 1, "b": 2}, {"b": 2, "a": 1}))
+    assert hash(parse_one(one)) == hash(parse_one(same))
+    assert parse_one(one) == parse_one(same)
+    assert parse_one(LIGHTS) != parse_one({**LIGHTS, "msg": {"data": 1}})
+
+
+@pytest.mark.parametrize("ros_type", ["std_msgs/Bool", "std_msgs/msg/Bool", "std_srvs/srv/Trigger"])
+def test_types_are_those_of_either_ros(ros_type):
+    """Both ways to write a type are in use."""
+    assert parse_one({**LIGHTS, "type": ros_type}).type == ros_type
+
+
+@pytest.mark.parametrize(
+    ("button", "member", "value"),
+    [
+        (LIGHTS, "name", ""),
+        (LIGHTS, "name", "a" * 41),
+        (LIGHTS, "kind", "subscribe"),
+        (LIGHTS, "kind", None),
+        (LIGHTS, "topic", None),
+        (LIGHTS, "topic", "lights"),
+        (LIGHTS, "topic", "/lights*"),
+        (LIGHTS, "type", ""),
+        (LIGHTS, "type", "Bool"),
+        (LIGHTS, "type", None),
+        (LIGHTS, "msg", []),
+        (LIGHTS, "msg", "{}"),
+        (LIGHTS, "msg", nested(17)),
+        (LIGHTS, "msg", {"a": [[{"b": float("nan")}]]}),
+        (LIGHTS, "msg", {"a": float("inf")}),
+        (LIGHTS, "msg", {"a": 2**64}),
+        (LIGHTS, "msg", {"a": "\ud800"}),
+        (LIGHTS, "msg", {"a": "x" * LONGEST_FIELDS}),
+        (LIGHTS, "confirm", None),
+        (DOCK, "service", ""),
+        (DOCK, "type", "Trigger"),
+        (DOCK, "args", None),
+    ],
+)
+def test_a_wrong_value_is_named(button, member, value):
+    """The place of the button and the member tell what to mend."""
+    with pytest.raises(FieldInvalid, match=rf"cannot use buttons\.2\.{member}: "):
+        parse([{**button, "name": "Other"}, {**button, member: value}])
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({}, "buttons: it must be a list"),
+        ([LIGHTS] * (MOST_BUTTONS + 1), "buttons: it must be a list of at most"),
+        ([LIGHTS, {**DOCK, "name": "Lights on"}], "buttons: there are two of the name 'Lights on'"),
+        ([LIGHTS, "Dock"], "buttons.2: it must be an object"),
+        ([{**LIGHTS, "service": "/dock"}], "buttons.1: 'service' is no setting"),
+        ([{**DOCK, "msg": {}}], "buttons.1: 'msg' is no setting"),
+    ],
+)
+def test_what_is_no_list_of_buttons_is_refused(given, why):
+    """A name stands once, and a button has the members of its kind alone."""
+    with pytest.raises(FieldInvalid, match=f"cannot use {why}"):
+        parse(given)

@@ -1,0 +1,123 @@
+"""What a robot's settings may say about its drive page."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from robotether_server.page_settings import DEFAULTS, MOST_CAMERAS, Camera, parse
+from robotether_server.problems import FieldInvalid
+
+# As docs/protocols.md shows them.
+DOCUMENTED = """
+{"kind": "differential", "drive_topic": null, "max_speed_m_s": null, "max_turn_rad_s": null, "wheelbase_m": null,
+ "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null, "height": null,
+ "hold_after_ms": 1000, "odometry_topic": null, "scan_topic": null, "map_topic": null, "battery_topic": null,
+ "diagnostics_topic": null}
+"""
+FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
+
+
+def test_the_defaults_are_the_documented_ones():
+    """A robot without settings has what the page on protocols says, and what is wanted of video is in its bounds."""
+    assert DEFAULTS.as_dict() == json.loads(DOCUMENTED)
+    assert parse(DEFAULTS.as_dict()) == parse({}) == DEFAULTS
+
+
+def test_everything_comes_back_as_it_was_given():
+    """A page with all its members set."""
+    given = {
+        "kind": "ackermann",
+        "drive_topic": "/car/cmd_vel",
+        "max_speed_m_s": 0.5,
+        "max_turn_rad_s": 1.5,
+        "wheelbase_m": 0.32,
+        "cameras": [FRONT, {"topic": "usb", "name": "Rear", "turned_deg": 0}],
+        "quality_min": 10,
+        "quality_max": 90,
+        "fps": 7.5,
+        "latency_ms": 200,
+        "width": 640,
+        "height": 480,
+        "hold_after_ms": None,
+        "odometry_topic": "/odom",
+        "scan_topic": "/scan",
+        "map_topic": "/map",
+        "battery_topic": "/battery_state",
+        "diagnostics_topic": "/diagnostics",
+    }
+    assert parse(given).as_dict() == given
+
+
+def test_driving_is_held_unless_somebody_says_otherwise():
+    """A missing `hold_after_ms` is a second; only null switches it off."""
+    assert parse({}).hold_after_ms == 1000
+    assert parse({"hold_after_ms": None}).hold_after_ms is None
+
+
+def test_a_camera_need_not_say_how_it_is_turned():
+    """Most hang as they should; 90.0 is 90."""
+    [upright] = parse({"cameras": [{"topic": "/a", "name": "A"}]}).cameras
+    assert upright == Camera("/a", "A", 0)
+    [turned] = parse({"cameras": [{"topic": "/a", "name": "A", "turned_deg": 90.0}]}).cameras
+    assert json.dumps(turned.turned_deg) == "90"
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("kind", "tracked"),
+        ("kind", None),
+        ("drive_topic", "cmd_vel"),
+        ("drive_topic", "/cmd_*"),
+        ("max_speed_m_s", 0),
+        ("max_speed_m_s", "fast"),
+        ("wheelbase_m", -1),
+        ("quality_min", 0),
+        ("quality_max", 101),
+        ("quality_max", None),
+        ("fps", 0),
+        ("fps", 61),
+        ("fps", None),
+        ("latency_ms", 49),
+        ("hold_after_ms", 299),
+        ("hold_after_ms", 10_001),
+        ("hold_after_ms", 0),
+        ("hold_after_ms", False),
+        ("scan_topic", ""),
+        ("cameras", None),
+        ("cameras", [FRONT] * (MOST_CAMERAS + 1)),
+        ("cameras", [FRONT, FRONT]),
+        ("cameras.1", "/camera"),
+        ("cameras.1.topic", None),
+        ("cameras.1.topic", "/a?b=c"),
+        ("cameras.1.name", ""),
+        ("cameras.1.turned_deg", 45),
+        ("cameras.1.turned_deg", False),
+    ],
+)
+def test_a_wrong_value_is_named(path, value):
+    """Who gave it reads which member it was."""
+    name, _, inner = path.partition(".")
+    member = inner.partition(".")[2]
+    if member:
+        value = [{**FRONT, member: value}]
+    elif inner:
+        value = [value]
+    with pytest.raises(FieldInvalid, match=f"cannot use page.{path}: "):
+        parse({name: value})
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"quality_min": 81}, "page.quality_min: 81 is over page.quality_max, 80"),
+        ({"width": 640}, "page.width: give width and height, or neither"),
+        ({"camera": []}, "page: 'camera' is no setting"),
+        ({"cameras": [{**FRONT, "quality": 5}]}, "page.cameras.1: 'quality' is no setting"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(given, why):
+    """A range that is none, half a size, and members that nobody would read."""
+    with pytest.raises(FieldInvalid, match=f"cannot use {why}"):
+        parse(given)
