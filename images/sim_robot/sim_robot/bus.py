@@ -43,6 +43,7 @@ class _Topic:
     key: str
     publishers: set[Node] = field(default_factory=set)
     subscribers: dict[Node, Callback] = field(default_factory=dict)
+    latched: TopicMessage | None = None
 
 
 def full_name(name: str) -> str:
@@ -87,11 +88,17 @@ class Bus:
         """Tell whether a message would reach anybody."""
         return topic in self._topics and bool(self._topics[topic].subscribers)
 
-    def publish(self, topic: str, values: Values) -> None:
-        """Hand a whole message of the topic's type to all subscribers."""
+    def publish(self, topic: str, values: Values, *, latched: bool = False) -> None:
+        """Hand a whole message of the topic's type to all subscribers; a latched one is kept for those to come."""
         message = TopicMessage(topic, self._topics[topic].key, values)
+        if latched:
+            self._topics[topic].latched = message
         for callback in tuple(self._topics[topic].subscribers.values()):
             _deliver(callback, message)
+
+    def latched(self, topic: str) -> TopicMessage | None:
+        """Give the message that a new subscriber gets at once, if there is one."""
+        return self._topics[topic].latched if topic in self._topics else None
 
     def type_key(self, topic: str) -> str | None:
         """Give the type of a topic, None if it does not exist."""

@@ -12,12 +12,15 @@ from functools import lru_cache
 
 from PIL import Image, ImageDraw, ImageFont
 
+from sim_robot import stamp
 from sim_robot.kinematics import Pose, Velocity
+from sim_robot.world import Box, World
 
 Size = tuple[int, int]
 Point = tuple[float, float]
 
-GROUND, GRID, GRID_STRONG, WALL = "#f4f1e8", "#ddd8c8", "#c4bda6", "#6b6450"
+GRID, GRID_STRONG, WALL, OBSTACLE = "#ddd8c8", "#c4bda6", "#6b6450", "#a89f86"
+GROUNDS = {"front": "#f4f1e8", "rear": "#dfe9f1"}  # so that a person tells the cameras apart
 PATH, BODY, NOSE, TEXT, TEXT_GROUND = "#2f6fb0", "#c8502e", "#ffffff", "#20201c", "#fffdf6"
 ROBOT_RADIUS_M, ROBOT_RADIUS_MIN_PX = 0.4, 9
 GRID_LINES_MAX, GRID_STRONG_EVERY, LABEL_PX = 40, 5, 11
@@ -35,6 +38,7 @@ class Scene:
     path: tuple[Point, ...]
     sim_time_s: float
     stamp_ns: int
+    camera: str = "front"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +62,13 @@ class View:
 
 
 def draw(scene: Scene, size: Size) -> Image.Image:
-    """Draw one picture."""
+    """Draw one picture, with its moment along the lower edge (stamp.py)."""
     view = View(size, scene.world_size_m)
-    image = _background(view).copy()
+    image = _background(view, GROUNDS[scene.camera]).copy()
     canvas = ImageDraw.Draw(image)
     for layer in LAYERS:
         layer(canvas, view, scene)
+    stamp.put(image, scene.stamp_ns)
     return image
 
 
@@ -75,8 +80,8 @@ def jpeg(image: Image.Image, quality: int) -> bytes:
 
 
 @lru_cache(maxsize=BACKGROUNDS)
-def _background(view: View) -> Image.Image:
-    image = Image.new("RGB", view.size, GROUND)
+def _background(view: View, ground: str) -> Image.Image:
+    image = Image.new("RGB", view.size, ground)
     canvas = ImageDraw.Draw(image)
     end_m = view.world_size_m
     step_m = max(1, math.ceil(end_m / GRID_LINES_MAX))
@@ -88,6 +93,10 @@ def _background(view: View) -> Image.Image:
         if line % GRID_STRONG_EVERY == 0:
             ((x, y),) = view.pixels([(at_m, 0)])
             canvas.text((x + LABEL_PX // 3, y - LABEL_PX * 1.4), f"{at_m} m", WALL, _font(LABEL_PX))
+    for obstacle in World(end_m).obstacles:
+        left, lower, right, upper = obstacle.bounds
+        draw_shape = canvas.rectangle if isinstance(obstacle, Box) else canvas.ellipse
+        draw_shape(view.pixels([(left, upper), (right, lower)]), fill=OBSTACLE)
     canvas.rectangle(view.pixels([(0, end_m), (end_m, 0)]), outline=WALL, width=2)
     return image
 
@@ -115,7 +124,7 @@ def _draw_caption(canvas: ImageDraw.ImageDraw, view: View, scene: Scene) -> None
     height = max(10, view.size[1] // 34)
     pose, speed = scene.pose, scene.velocity
     text = (
-        f"{scene.name} (simulated)   t {scene.sim_time_s:.1f} s\n"
+        f"{scene.name} {scene.camera} (simulated)   t {scene.sim_time_s:.1f} s\n"
         f"x {pose.x:.2f}  y {pose.y:.2f} m   {math.degrees(pose.theta):.0f}\N{DEGREE SIGN}\n"
         f"{speed.linear_x:+.2f} m/s   {speed.angular_z:+.2f} rad/s"
     )

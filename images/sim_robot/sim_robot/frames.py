@@ -44,13 +44,28 @@ class FrameFeed:
         self._fps = fps
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
         self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[Frame]]] = OrderedDict()
+        self._running = asyncio.Event()
+        self._running.set()
         self.drawn = 0
+
+    @property
+    def is_frozen(self) -> bool:
+        """Tell whether the camera gives nothing."""
+        return not self._running.is_set()
+
+    def freeze(self, frozen: bool) -> None:
+        """Give no new frame until this is taken back."""
+        if frozen:
+            self._running.clear()
+        else:
+            self._running.set()
 
     async def next_frame(self, wanted: FrameFormat, after: int = -1) -> Frame:
         """Wait for a frame with a number above `after`: the newest one, not the next in line."""
-        loop = asyncio.get_running_loop()
-        number = max(int(loop.time() * self._fps), after + 1)
-        await asyncio.sleep(number / self._fps - loop.time())
+        number = await self._due(after)
+        while self.is_frozen:
+            await self._running.wait()
+            number = await self._due(after)
         # Shielded: a viewer who leaves must not take the frame from the others.
         return await asyncio.shield(self._drawing(wanted, number))
 
@@ -59,6 +74,12 @@ class FrameFeed:
         drawings = [task for _, task in self._newest.values()]
         await asyncio.gather(*drawings, return_exceptions=True)
         self._thread.shutdown(cancel_futures=True)
+
+    async def _due(self, after: int) -> int:
+        loop = asyncio.get_running_loop()
+        number = max(int(loop.time() * self._fps), after + 1)
+        await asyncio.sleep(number / self._fps - loop.time())
+        return number
 
     def _drawing(self, wanted: FrameFormat, number: int) -> asyncio.Task[Frame]:
         known = self._newest.get(wanted)

@@ -17,6 +17,14 @@ Values = dict[str, Any]
 Fields = tuple[tuple[str, str], ...]  # (name, type), in the order of the .msg file
 
 _COMMON = {
+    "ackermann_msgs/AckermannDrive": "float32 steering_angle, float32 steering_angle_velocity,"
+    " float32 speed, float32 acceleration, float32 jerk",
+    "ackermann_msgs/AckermannDriveStamped": "std_msgs/Header header, ackermann_msgs/AckermannDrive drive",
+    # `level` is a byte, which rosbridge writes as a number.
+    "diagnostic_msgs/DiagnosticArray": "std_msgs/Header header, diagnostic_msgs/DiagnosticStatus[] status",
+    "diagnostic_msgs/DiagnosticStatus": "uint8 level, string name, string message, string hardware_id,"
+    " diagnostic_msgs/KeyValue[] values",
+    "diagnostic_msgs/KeyValue": "string key, string value",
     "std_msgs/Bool": "bool data",
     "std_msgs/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
     "std_msgs/Empty": "",
@@ -41,11 +49,21 @@ _COMMON = {
     "geometry_msgs/TwistStamped": "std_msgs/Header header, geometry_msgs/Twist twist",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
     "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "nav_msgs/MapMetaData": "time map_load_time, float32 resolution, uint32 width, uint32 height,"
+    " geometry_msgs/Pose origin",
+    "nav_msgs/OccupancyGrid": "std_msgs/Header header, nav_msgs/MapMetaData info, int8[] data",
     "nav_msgs/Odometry": "std_msgs/Header header, string child_frame_id,"
     " geometry_msgs/PoseWithCovariance pose, geometry_msgs/TwistWithCovariance twist",
+    "sensor_msgs/BatteryState": "std_msgs/Header header, float32 voltage, float32 temperature,"
+    " float32 current, float32 charge, float32 capacity, float32 design_capacity, float32 percentage,"
+    " uint8 power_supply_status, uint8 power_supply_health, uint8 power_supply_technology, bool present,"
+    " float32[] cell_voltage, float32[] cell_temperature, string location, string serial_number",
     "sensor_msgs/CompressedImage": "std_msgs/Header header, string format, uint8[] data",
     "sensor_msgs/Image": "std_msgs/Header header, uint32 height, uint32 width, string encoding,"
     " uint8 is_bigendian, uint32 step, uint8[] data",
+    "sensor_msgs/LaserScan": "std_msgs/Header header, float32 angle_min, float32 angle_max,"
+    " float32 angle_increment, float32 time_increment, float32 scan_time, float32 range_min,"
+    " float32 range_max, float32[] ranges, float32[] intensities",
     "turtlesim/Pose": "float32 x, float32 y, float32 theta,"
     " float32 linear_velocity, float32 angular_velocity",
 }

@@ -12,8 +12,9 @@ from collections import deque
 from collections.abc import Callable
 
 from sim_robot.bus import Node, TopicMessage
+from sim_robot.drivetrain import DRIVETRAINS
 from sim_robot.graph import Graph
-from sim_robot.kinematics import Turtle, Velocity
+from sim_robot.kinematics import Turtle
 from sim_robot.messages import Values, float32
 from sim_robot.services import Service
 
@@ -32,16 +33,21 @@ class Robot:
     """Joins the kinematics to the topics."""
 
     def __init__(
-        self, graph: Graph, world_size_m: float, clock: Callable[[], float] = time.monotonic
+        self,
+        graph: Graph,
+        world_size_m: float,
+        clock: Callable[[], float] = time.monotonic,
+        kind: str = "differential",
     ) -> None:
         self._graph = graph
         self._clock = clock
+        self._drivetrain = DRIVETRAINS[kind]
         self._seq = 0
         self._was_at_wall = False
         self.turtle = Turtle(world_size_m)
         self.path: deque[tuple[float, float]] = deque(maxlen=PATH_POINTS)
         self._remember_path()
-        graph.bus.subscribe(CMD_VEL, "geometry_msgs/Twist", NODE, self._on_cmd_vel)
+        graph.bus.subscribe(CMD_VEL, self._drivetrain.command_type, NODE, self._on_cmd_vel)
         graph.bus.advertise(POSE, "turtlesim/Pose", NODE)
         graph.bus.advertise(ODOM, "nav_msgs/Odometry", NODE)
         graph.services.add(Service(RESET, "std_srvs/Empty", NODE.name, (), self._reset))
@@ -63,9 +69,12 @@ class Robot:
         """Count the steps since the start; a reset does not set it back."""
         return self._seq
 
+    def go_home(self) -> None:
+        """Stand at the start at once; the path so far stays."""
+        self.turtle.reset()
+
     def _on_cmd_vel(self, message: TopicMessage) -> None:
-        linear, angular = message.values["linear"], message.values["angular"]
-        velocity = Velocity(linear["x"], linear["y"], angular["z"])
+        velocity = self._drivetrain.velocity(message.values)
         parts = (velocity.linear_x, velocity.linear_y, velocity.angular_z)
         if not all(abs(part) <= SPEED_LIMIT for part in parts):  # false for NaN too
             log.warning("ignored a command on %s that no robot can follow: %s", CMD_VEL, velocity)

@@ -7,6 +7,7 @@ import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
+from sim_robot.drivetrain import DRIVETRAINS
 from sim_robot.problems import SettingsProblem
 
 PREFIX = "SIM_"
@@ -20,6 +21,7 @@ class Settings:
 
     name: str
     world_size_m: float = 20.0
+    kind: str = "differential"
     ros_version: int = 2
     bind_address: str = "0.0.0.0"  # noqa: S104  as the real servers do; the network is the container's
     rosbridge_port: int = 9090
@@ -35,6 +37,7 @@ def from_environment(environment: Mapping[str, str]) -> Settings:
     return Settings(
         name=values.get("SIM_NAME") or socket.gethostname(),
         world_size_m=_number(values, "SIM_WORLD_SIZE_M", Settings.world_size_m, 2, 1000),
+        kind=_one_of(values, "SIM_KIND", Settings.kind, tuple(DRIVETRAINS)),
         ros_version=int(_one_of(values, "SIM_ROS_VERSION", str(Settings.ros_version), ("1", "2"))),
         bind_address=values.get("SIM_BIND_ADDRESS", Settings.bind_address),
         rosbridge_port=_port(values, "SIM_ROSBRIDGE_PORT", Settings.rosbridge_port),

@@ -1,4 +1,4 @@
-"""Puts the simulated robot together: graph, robot, camera, both servers and the loop.
+"""Puts the simulated robot together: graph, robot, cameras, sensors, devices, both servers and the loop.
 
 Started by __main__.py, and by tests on free ports.
 """
@@ -6,11 +6,14 @@ Started by __main__.py, and by tests on free ports.
 import asyncio
 import contextlib
 import time
+from functools import partial
 from types import TracebackType
 from typing import Self
 
-from sim_robot.bus import Node
+from sim_robot import compressed, devices, sensors
 from sim_robot.camera import Scene
+from sim_robot.compressed import CompressedCamera
+from sim_robot.devices import Devices
 from sim_robot.frames import FrameFeed
 from sim_robot.graph import make_graph
 from sim_robot.kinematics import STEP_S
@@ -18,10 +21,12 @@ from sim_robot.rate import FixedRate
 from sim_robot.robot import Robot
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
+from sim_robot.sensors import Sensors
 from sim_robot.settings import Settings
-from sim_robot.video_server import TOPIC, VideoServer
+from sim_robot.video_server import VideoServer
+from sim_robot.world import World
 
-CAMERA_NODE = Node("/camera")
+CAMERAS = {"/camera/image_raw": "front", "/rear/image_raw": "rear"}
 
 
 class Simulator:
@@ -30,15 +35,26 @@ class Simulator:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self.graph = make_graph(settings.ros_version)
-        self.robot = Robot(self.graph, settings.world_size_m)
-        self.feed = FrameFeed(self._look, settings.camera_fps)
-        self.rate = FixedRate(STEP_S, self.robot.step)
+        self.robot = Robot(self.graph, settings.world_size_m, kind=settings.kind)
+        self.feeds = {
+            topic: FrameFeed(partial(self._look, camera), settings.camera_fps)
+            for topic, camera in CAMERAS.items()
+        }
+        self.devices = Devices(self.graph, self.robot, tuple(self.feeds.values()))
+        self._sensors = Sensors(self.graph, self.robot, World(settings.world_size_m))
+        self._compressed = [CompressedCamera(self.graph, *camera) for camera in self.feeds.items()]
+        self._slower = (
+            (_steps(devices.STEP_S), self.devices.step),
+            (_steps(1 / sensors.SCAN_HZ), self._sensors.step),
+        )
+        self.rate = FixedRate(STEP_S, self._step)
         self.rosbridge = RosbridgeServer(self.graph)
-        self.video = VideoServer(self.feed)
+        self.video = VideoServer(self.feeds)
         self._loop_task: asyncio.Task[None] | None = None
         rosapi.offer(self.graph)
-        # Listed for clients that look for cameras; its images go through the video server alone.
-        self.graph.bus.advertise(TOPIC, "sensor_msgs/Image", CAMERA_NODE)
+        # Listed for clients that look for cameras; their images go through the video server or `compressed`.
+        for topic in self.feeds:
+            self.graph.bus.advertise(topic, "sensor_msgs/Image", compressed.NODE)
 
     async def start(self) -> None:
         """Listen and move."""
@@ -58,8 +74,12 @@ class Simulator:
             self._loop_task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._loop_task
+        # A frozen camera would keep those waiting who end now.
+        for feed in self.feeds.values():
+            feed.freeze(False)
         await asyncio.gather(self.rosbridge.listener.stop(), self.video.listener.stop())
-        await self.feed.close()
+        await asyncio.gather(*(camera.close() for camera in self._compressed))
+        await asyncio.gather(*(feed.close() for feed in self.feeds.values()))
 
     async def __aenter__(self) -> Self:
         try:
@@ -77,7 +97,15 @@ class Simulator:
     ) -> None:
         await self.stop()
 
-    def _look(self) -> Scene:
+    def _step(self) -> None:
+        self.robot.step()
+        for camera in self._compressed:
+            camera.step()
+        for steps, action in self._slower:
+            if self.robot.steps % steps == 0:
+                action()
+
+    def _look(self, camera: str) -> Scene:
         return Scene(
             name=self._settings.name,
             world_size_m=self._settings.world_size_m,
@@ -86,4 +114,9 @@ class Simulator:
             path=tuple(self.robot.path),
             sim_time_s=self.robot.steps * STEP_S,
             stamp_ns=time.time_ns(),
+            camera=camera,
         )
+
+
+def _steps(period_s: float) -> int:
+    return round(period_s / STEP_S)

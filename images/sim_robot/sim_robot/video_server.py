@@ -1,4 +1,4 @@
-"""The simulated robot's port 8080: the camera under web_video_server's URLs.
+"""The simulated robot's port 8080: the cameras under web_video_server's URLs.
 
 Started by simulator.py. Each viewer gets the newest frame when it has taken the last one, so a slow one
 skips frames and nothing queues.
@@ -18,7 +18,6 @@ from sim_robot.problems import RequestProblem
 
 log = logging.getLogger(__name__)
 
-TOPIC = "/camera/image_raw"
 BOUNDARY = "boundarydonotcross"
 SIZE_LIMIT_PX = 2048
 UNSENT_LIMIT_BYTES = 16_384
@@ -32,10 +31,10 @@ _HEADERS = {
 
 
 class VideoServer:
-    """The HTTP server of one robot's camera."""
+    """The HTTP server of one robot's cameras; `feeds` has each under its topic."""
 
-    def __init__(self, feed: FrameFeed) -> None:
-        self._feed = feed
+    def __init__(self, feeds: Mapping[str, FrameFeed]) -> None:
+        self._feeds = feeds
         app = web.Application()
         app.router.add_get("/", self._list)
         app.router.add_get("/stream_viewer", self._viewer)
@@ -44,12 +43,7 @@ class VideoServer:
         self.listener = Listener("video", app)
 
     async def _list(self, _request: web.Request) -> web.Response:
-        topic = quote(TOPIC)
-        body = (
-            f'<li><a href="/stream_viewer?topic={topic}">{TOPIC}</a>'
-            f' (<a href="/stream?topic={topic}">Stream</a>)'
-            f' (<a href="/snapshot?topic={topic}">Snapshot</a>)</li>'
-        )
+        body = "".join(map(_links, self._feeds))
         return _page("ROS Image Topic List", f"<h1>Available ROS Image Topics:</h1><ul>{body}</ul>")
 
     async def _viewer(self, request: web.Request) -> web.Response:
@@ -60,9 +54,10 @@ class VideoServer:
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         wanted = _wanted(request.query)
-        if not _is_camera(request.query):
+        feed = self._feed(request.query)
+        if feed is None:
             return _cut_off(request)
-        frame = await self._feed.next_frame(wanted)
+        frame = await feed.next_frame(wanted)
         headers = _HEADERS | {"X-Timestamp": _timestamp(frame)}
         return web.Response(body=frame.jpeg, content_type="image/jpeg", headers=headers)
 
@@ -77,18 +72,32 @@ class VideoServer:
         try:
             await response.write(f"--{BOUNDARY}\r\n".encode())
             # Without such a topic the real one sends no frame and ends the stream soon.
-            if _is_camera(request.query):
-                await self._send_frames(response, wanted)
+            feed = self._feed(request.query)
+            if feed is not None:
+                await _send_frames(response, feed, wanted)
         except ConnectionError:
             log.debug("a viewer from %s left", request.remote)
         return response
 
-    async def _send_frames(self, response: web.StreamResponse, wanted: FrameFormat) -> None:
-        number = -1
-        while True:
-            frame = await self._feed.next_frame(wanted, after=number)
-            number = frame.number
-            await response.write(_part(frame))
+    def _feed(self, query: Mapping[str, str]) -> FrameFeed | None:
+        return self._feeds.get("/" + query.get("topic", "").removeprefix("/"))
+
+
+async def _send_frames(response: web.StreamResponse, feed: FrameFeed, wanted: FrameFormat) -> None:
+    number = -1
+    while True:
+        frame = await feed.next_frame(wanted, after=number)
+        number = frame.number
+        await response.write(_part(frame))
+
+
+def _links(name: str) -> str:
+    topic = quote(name)
+    return (
+        f'<li><a href="/stream_viewer?topic={topic}">{name}</a>'
+        f' (<a href="/stream?topic={topic}">Stream</a>)'
+        f' (<a href="/snapshot?topic={topic}">Snapshot</a>)</li>'
+    )
 
 
 def _part(frame: Frame) -> bytes:
@@ -107,10 +116,6 @@ def _timestamp(frame: Frame) -> str:
 def _page(title: str, body: str) -> web.Response:
     text = f"<html><head><title>{title}</title></head><body>{body}</body></html>"
     return web.Response(text=text, content_type="text/html", headers=_HEADERS)
-
-
-def _is_camera(query: Mapping[str, str]) -> bool:
-    return query.get("topic", "").removeprefix("/") == TOPIC.removeprefix("/")
 
 
 def _check_type(query: Mapping[str, str]) -> None:

@@ -38,6 +38,18 @@ def test_topic_ends_with_its_last_user(bus: Bus) -> None:
     bus.advertise("/a", "std_msgs/Bool", one)
 
 
+def test_latched_message_is_kept_while_the_topic_is_there(bus: Bus) -> None:
+    """The last latched message waits for those who come later; one that is not latched does not."""
+    bus.advertise("/a", STRING, one := Node("/one"))
+    assert bus.latched("/a") is None
+    bus.publish("/a", {"data": "kept"}, latched=True)
+    bus.publish("/a", {"data": "passing"})
+    assert (kept := bus.latched("/a")) is not None
+    assert kept.values == {"data": "kept"}
+    bus.unadvertise("/a", one)
+    assert bus.latched("/a") is None
+
+
 def test_other_type_is_refused(bus: Bus) -> None:
     """The second type of a topic is a conflict that names both."""
     bus.advertise("/a", STRING, Node("/n"))

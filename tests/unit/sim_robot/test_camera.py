@@ -7,6 +7,7 @@ import pytest
 from PIL import Image, ImageColor
 from sim_robot import camera
 from sim_robot.kinematics import Pose, Velocity
+from sim_robot.world import World
 
 
 def scene(x: float = 10.0, y: float = 10.0, theta: float = 0.0, path: tuple = ()) -> camera.Scene:
@@ -44,6 +45,15 @@ def test_nose_points_along_theta() -> None:
     middle, ahead = 999.5, 0.3 * 1999 / 20
     assert near(image, (middle, middle - ahead), camera.NOSE, 2)
     assert not near(image, (middle, middle + ahead), camera.NOSE, 2)
+
+
+def test_obstacles_are_drawn() -> None:
+    """What the scanner finds is seen too."""
+    image = camera.draw(scene(), (640, 480))
+    for obstacle in World(20.0).obstacles:
+        left, lower, right, upper = obstacle.bounds
+        x, y = (left + right) / 2, (lower + upper) / 2
+        assert near(image, (80 + x * 479 / 20, 479 - y * 479 / 20), camera.OBSTACLE, 1)
 
 
 def test_path_is_drawn() -> None:

@@ -69,6 +69,18 @@ async def test_viewer_that_leaves_takes_nothing_along(feed: FrameFeed) -> None:
     assert (await asyncio.wait_for(staying, 5)).jpeg.startswith(b"\xff\xd8")
 
 
+async def test_frozen_camera_gives_nothing_new(feed: FrameFeed) -> None:
+    """Who waits while the camera is frozen gets a frame of after it, also when the wait began before."""
+    first = await feed.next_frame(SMALL)
+    waiting = asyncio.create_task(feed.next_frame(SMALL, first.number))
+    await asyncio.sleep(0)
+    feed.freeze(True)
+    done, _ = await asyncio.wait([waiting], timeout=0.3)
+    assert (done, feed.drawn, feed.is_frozen) == (set(), 1, True)
+    feed.freeze(False)
+    assert (await asyncio.wait_for(waiting, 5)).number > first.number + 3
+
+
 async def test_formats_are_bounded(feed: FrameFeed) -> None:
     """Many sizes do not pile up."""
     for width in range(1, FORMATS_KEPT + 5):

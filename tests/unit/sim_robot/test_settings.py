@@ -19,10 +19,11 @@ def test_defaults_are_those_of_the_real_servers() -> None:
 def test_every_variable_is_read() -> None:
     """Each variable changes its field."""
     settings = from_environment({
-        "SIM_NAME": "r2", "SIM_WORLD_SIZE_M": "11.5", "SIM_ROS_VERSION": "1", "SIM_BIND_ADDRESS": "127.0.0.1",
-        "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5", "SIM_LOG_LEVEL": "debug",
+        "SIM_NAME": "r2", "SIM_WORLD_SIZE_M": "11.5", "SIM_KIND": "holonomic", "SIM_ROS_VERSION": "1",
+        "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5",
+        "SIM_LOG_LEVEL": "debug",
     })  # fmt: skip
-    assert settings == Settings("r2", 11.5, 1, "127.0.0.1", 1, 2, 5.0, "debug")
+    assert settings == Settings("r2", 11.5, "holonomic", 1, "127.0.0.1", 1, 2, 5.0, "debug")
 
 
 @pytest.mark.parametrize(
@@ -31,6 +32,7 @@ def test_every_variable_is_read() -> None:
         ("SIM_WORLD_SIZE_M", "big", "2 to 1000"),
         ("SIM_WORLD_SIZE_M", "nan", "2 to 1000"),
         ("SIM_WORLD_SIZE_M", "1", "2 to 1000"),
+        ("SIM_KIND", "legged", "differential or holonomic or ackermann"),
         ("SIM_ROS_VERSION", "3", "1 or 2"),
         ("SIM_ROSBRIDGE_PORT", "http", "1 to 65535"),
         ("SIM_VIDEO_PORT", "65536", "1 to 65535"),

@@ -2,10 +2,13 @@
 
 import asyncio
 import dataclasses
+from pathlib import Path
+from typing import Any
 
 import aiohttp
 import pytest
-from sim_client import SETTINGS, SocketClient
+import sim_robot
+from sim_client import SETTINGS, SocketClient, until
 from sim_robot.simulator import Simulator
 
 
@@ -28,7 +31,7 @@ async def test_camera_does_not_disturb_the_loop(simulator: Simulator) -> None:
         took = loop.time() - start
         assert simulator.robot.steps - steps == pytest.approx(took * 62.5, abs=3)
         assert simulator.rate.skipped == 0
-        assert simulator.feed.drawn > 20
+        assert simulator.feeds["/camera/image_raw"].drawn > 20
         for task in readers:
             task.cancel()
         await asyncio.gather(*readers, return_exceptions=True)
@@ -46,15 +49,58 @@ async def test_reset_service_over_rosbridge(simulator: Simulator) -> None:
         assert (answer["result"], answer["values"]) == (True, {})
 
 
-async def test_camera_is_listed(simulator: Simulator) -> None:
-    """A client that looks for cameras finds one."""
+async def test_cameras_are_listed(simulator: Simulator) -> None:
+    """A client that looks for cameras finds both."""
     async with SocketClient(simulator.rosbridge.listener.port) as client:
         answer = await client.ask(
             op="call_service",
             service="/rosapi/topics_for_type",
             args={"type": "sensor_msgs/Image"},
         )
-        assert answer["values"] == {"topics": ["/camera/image_raw"]}
+        assert answer["values"] == {"topics": ["/camera/image_raw", "/rear/image_raw"]}
+
+
+async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
+    """Every topic and service of the robot stands in its README."""
+    readme = (Path(sim_robot.__file__).parents[1] / "README.md").read_text()
+    names = [*simulator.graph.bus.topics(), *(s.name for s in simulator.graph.services.all())]
+    missing = [
+        name for name in names if not name.startswith("/rosapi/") and f"`{name}`" not in readme
+    ]
+    assert missing == []
+
+
+async def test_slower_parts_are_stepped_at_their_rates(simulator: Simulator) -> None:
+    """In a second a listener gets one battery message and five scans."""
+    async with SocketClient(simulator.rosbridge.listener.port) as client:
+        for topic in ("/battery_state", "/scan", "/diagnostics"):
+            await client.send(op="subscribe", topic=topic)
+        seen: list[str] = []
+        while seen.count("/battery_state") < 3:
+            seen.append((await client.receive())["topic"])
+    between = seen[seen.index("/battery_state") :]
+    assert 9 <= between.count("/scan") <= 11
+    assert between.count("/diagnostics") in (2, 3)
+
+
+@pytest.mark.parametrize("kind", ["holonomic", "ackermann"])
+async def test_kind_of_robot_is_what_was_set(kind: str) -> None:
+    """SIM_KIND decides on the type of /cmd_vel, and a command of it moves the robot as it should."""
+    moves: dict[str, tuple[str, dict[str, Any]]] = {
+        "holonomic": ("geometry_msgs/Twist", {"linear": {"y": 1.0}}),
+        "ackermann": (
+            "ackermann_msgs/AckermannDriveStamped",
+            {"drive": {"speed": 1.0, "steering_angle": 0.4}},
+        ),
+    }
+    type_name, command = moves[kind]
+    async with (
+        Simulator(dataclasses.replace(SETTINGS, kind=kind)) as simulator,
+        SocketClient(simulator.rosbridge.listener.port) as client,
+    ):
+        await client.send(op="publish", topic="/cmd_vel", type=type_name, msg=command)
+        turtle = simulator.robot.turtle
+        await until("it moves to the left", lambda: turtle.pose.y > turtle.start.y + 0.1)
 
 
 async def test_taken_port_leaves_nothing_open(simulator: Simulator) -> None:

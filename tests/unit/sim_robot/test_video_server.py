@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from sim_client import WAIT_S, until
 from sim_robot.simulator import Simulator
+from stamped_picture import read_stamp
 
 TOPIC = "/camera/image_raw"
 
@@ -79,15 +80,15 @@ async def test_viewers_share_frames_and_leave_nothing_running(
     async with http.get(url) as one, http.get(url) as two, http.get(url) as three:
         for answer in (one, two, three):
             await answer.content.readline()
-        before, start = simulator.feed.drawn, time.monotonic()
+        before, start = simulator.feeds[TOPIC].drawn, time.monotonic()
         for _ in range(10):
             for answer in (one, two, three):
                 await read_part(answer.content)
-        assert simulator.feed.drawn - before <= (time.monotonic() - start) * 15 + 2
+        assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 2
     await until("viewers gone", lambda: not simulator.video.listener._runner.server.connections)
-    drawn = simulator.feed.drawn
+    drawn = simulator.feeds[TOPIC].drawn
     await asyncio.sleep(0.2)  # three frames' time in which nothing may happen
-    assert simulator.feed.drawn == drawn
+    assert simulator.feeds[TOPIC].drawn == drawn
 
 
 async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
@@ -120,12 +121,24 @@ async def _next_stamp(reader: asyncio.StreamReader) -> float:
     return float(found.group(1))
 
 
-async def test_list_links_to_the_camera(http: aiohttp.ClientSession) -> None:
-    """The first page links to viewer, stream and snapshot of the topic."""
+async def test_list_links_to_the_cameras(http: aiohttp.ClientSession) -> None:
+    """The first page links to viewer, stream and snapshot of each topic."""
     async with http.get("/") as answer:
         page = await answer.text()
-    for link in ("/stream_viewer", "/stream", "/snapshot"):
-        assert f'href="{link}?topic={TOPIC}"' in page
+    for topic in (TOPIC, "/rear/image_raw"):
+        for link in ("/stream_viewer", "/stream", "/snapshot"):
+            assert f'href="{link}?topic={topic}"' in page
+
+
+async def test_cameras_show_different_pictures(http: aiohttp.ClientSession) -> None:
+    """The rear camera's picture is none of the front camera's, and both tell their moment."""
+    grounds = set()
+    for topic in (TOPIC, "/rear/image_raw"):
+        async with http.get(f"/snapshot?topic={topic}") as answer:
+            jpeg = await answer.read()
+            assert abs(read_stamp(jpeg) - float(answer.headers["X-Timestamp"])) < 0.001
+            grounds.add(Image.open(io.BytesIO(jpeg)).getpixel((620, 200)))
+    assert len(grounds) == 2
 
 
 async def test_viewer_page_is_safe(http: aiohttp.ClientSession) -> None:

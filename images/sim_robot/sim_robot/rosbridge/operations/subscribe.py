@@ -1,7 +1,7 @@
 """subscribe, unsubscribe: messages of a topic go to the client.
 
 `throttle_rate` (ms) and `queue_length` act as in the real rosbridge, `compression` may be none or cbor.
-`fragment_size` is checked and has no effect: no message of this robot is large.
+`fragment_size` is checked and has no effect. A latched message comes at once, as to each new subscriber.
 """
 
 from functools import partial
@@ -23,12 +23,14 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     wish = _wish(operation)
     fields.count(operation, "fragment_size")
     client.check_limit()
-    subscription = client.subscriptions.get(topic)
-    if subscription is None:
-        subscription = Subscription(Delivery(partial(_deliver, client, topic, as_written)))
+    known = client.subscriptions.get(topic)
+    subscription = known or Subscription(Delivery(partial(_deliver, client, topic, as_written)))
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
     subscription.add(fields.identity(operation), wish)
+    latched = client.graph.bus.latched(topic)
+    if known is None and latched is not None:
+        subscription.offer(latched)
 
 
 def unsubscribe(client: Client, operation: dict[str, Any]) -> None:

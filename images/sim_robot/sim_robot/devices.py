@@ -1,0 +1,116 @@
+"""What the robot has beside wheels and camera: battery, lights, a dock, its diagnostics and services for all of these.
+
+Called by simulator.py once a second. `/sim/freeze_camera` is the simulator's own and on no real robot: while it is on,
+no camera gives a new picture, so that tests see what a stalled camera does.
+"""
+
+import time
+from collections.abc import Sequence
+
+from sim_robot.battery import Battery
+from sim_robot.bus import Node, TopicMessage
+from sim_robot.frames import FrameFeed
+from sim_robot.graph import Graph
+from sim_robot.kinematics import STANDING
+from sim_robot.messages import Fields, Values
+from sim_robot.robot import Robot
+from sim_robot.services import Handler, Service
+
+NODE = Node("/sim_devices")
+BATTERY, DIAGNOSTICS, LIGHTS = "/battery_state", "/diagnostics", "/lights"
+STEP_S = 1.0
+BATTERY_LOW = 0.2
+OK, WARN = 0, 1
+_SWITCH: Fields = (("data", "bool"),)
+_NOTHING: Fields = ()
+
+
+class Devices:
+    """Battery, lights and services of one robot."""
+
+    def __init__(self, graph: Graph, robot: Robot, feeds: Sequence[FrameFeed]) -> None:
+        self._graph = graph
+        self._robot = robot
+        self._feeds = feeds
+        self._seq = 0
+        self.battery = Battery()
+        self.lights = False
+        graph.bus.advertise(BATTERY, "sensor_msgs/BatteryState", NODE)
+        graph.bus.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray", NODE)
+        graph.bus.subscribe(LIGHTS, "std_msgs/Bool", NODE, self._on_lights)
+        self._offer("/dock", "std_srvs/Trigger", _NOTHING, self._dock)
+        self._offer("/go_home", "std_srvs/Trigger", _NOTHING, self._go_home)
+        self._offer("/set_lights", "std_srvs/SetBool", _SWITCH, self._set_lights)
+        self._offer("/sim/freeze_camera", "std_srvs/SetBool", _SWITCH, self._freeze_camera)
+
+    def step(self) -> None:
+        """Let a second pass, and tell those who listen."""
+        self._seq += 1
+        self.battery.step(STEP_S, driving=self._is_driving)
+        bus = self._graph.bus
+        if bus.has_subscribers(BATTERY):
+            bus.publish(BATTERY, self.battery.values(self._header()))
+        if bus.has_subscribers(DIAGNOSTICS):
+            bus.publish(DIAGNOSTICS, {"header": self._header(), "status": self._statuses()})
+
+    @property
+    def _is_driving(self) -> bool:
+        return self._robot.turtle.velocity != STANDING
+
+    def _header(self) -> Values:
+        return self._graph.types.header("", time.time_ns(), self._seq)
+
+    def _offer(self, name: str, key: str, request: Fields, handler: Handler) -> None:
+        self._graph.services.add(Service(name, key, NODE.name, request, handler))
+
+    def _on_lights(self, message: TopicMessage) -> None:
+        self.lights = message.values["data"]
+
+    def _dock(self, _request: Values) -> Values:
+        if self._is_driving:
+            return _answer("cannot dock: the robot drives; let it stand first", success=False)
+        self.battery.charging = True
+        return _answer("docked, the battery charges")
+
+    def _go_home(self, _request: Values) -> Values:
+        self._robot.go_home()
+        return _answer("at home")
+
+    def _set_lights(self, request: Values) -> Values:
+        self.lights = request["data"]
+        return _answer("lights on" if self.lights else "lights off")
+
+    def _freeze_camera(self, request: Values) -> Values:
+        for feed in self._feeds:
+            feed.freeze(request["data"])
+        return _answer("cameras frozen" if request["data"] else "cameras run")
+
+    def _statuses(self) -> list[Values]:
+        frozen = any(feed.is_frozen for feed in self._feeds)
+        at_wall = self._robot.turtle.at_wall
+        low = self.battery.level < BATTERY_LOW
+        return [
+            _status("drive", WARN if at_wall else OK, "at a wall" if at_wall else "free", {}),
+            _status("camera", WARN if frozen else OK, "frozen" if frozen else "runs", {}),
+            _status(
+                "battery",
+                WARN if low else OK,
+                "low" if low else "charging" if self.battery.charging else "discharging",
+                {"percent": f"{self.battery.level * 100:.1f}"},
+            ),
+            _status("lights", OK, "on" if self.lights else "off", {"on": str(self.lights).lower()}),
+        ]
+
+
+def _answer(message: str, *, success: bool = True) -> Values:
+    return {"success": success, "message": message}
+
+
+def _status(name: str, level: int, message: str, values: dict[str, str]) -> Values:
+    return {
+        "level": level,
+        "name": name,
+        "message": message,
+        "hardware_id": "simulated",
+        "values": [{"key": key, "value": value} for key, value in values.items()],
+    }
