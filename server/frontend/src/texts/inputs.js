@@ -1,1 +1,58 @@
 // Sentences of the pages: what a person drives with. No logic beyond filling in.
+
+const NAMES = ["A", "B", "X", "Y", "LB", "RB", "LT", "RT", "View", "Menu", "left stick", "right stick", "up", "down", "left", "right", "home"];
+
+// As on most gamepads that the browser knows; else by number, from 1.
+export const button = (index, standard) =>
+  standard && NAMES[index] ? `button ${NAMES[index]}` : `button ${index + 1}`;
+
+export const hints = {
+  also: (kind) =>
+    ` With a keyboard, hold W A S D or the arrow keys${kind === "holonomic" ? ", Q and E to go sideways" : ""}.`,
+  sticks: {
+    one: () => "Joystick: drag to drive, let go to halt.",
+    two: (kind) =>
+      kind === "holonomic"
+        ? "Left joystick: drag to drive forward, back and sideways, let go to halt."
+        : "Left joystick: drag up or down to drive, let go to halt.",
+    turn: (kind) =>
+      kind === "ackermann"
+        ? "Right joystick: drag to the side to steer."
+        : "Right joystick: drag to the side to turn.",
+  },
+};
+
+// By the state as of gamepad.js, besides none, lost and learning.
+export const gamepad = {
+  none: () => "No gamepad seen yet. Press any button on it.",
+  lost: () => "The gamepad is gone. What it drove was stopped.",
+  unknown: () => "This gamepad is new here. Set it up to drive with it.",
+  off: () => "Gamepad found. It drives when you do.",
+  stuck: ({ enable }) => `Let go of ${enable} first, then hold it to drive.`,
+  ready: ({ enable }) => `Gamepad ready. Hold ${enable} to drive.`,
+  learning: () => "Setting the gamepad up. Meanwhile it neither drives nor stops.",
+};
+
+export const gamepadUse = {
+  enable: (name) => `Hold ${name} to drive.`,
+  turbo: (name) => (name ? `With ${name} too it goes up to the turbo limit.` : ""),
+  stop: (name) => (name ? `Press ${name} to stop the robot.` : "No button stops the robot; set one up."),
+  left: "No stick drives it sideways; set one up.",
+};
+
+export const learning = {
+  rest: () => "Put the gamepad down: let go of all sticks and buttons.",
+  move: (step) => MOVES[step],
+  back: () => "Good. Let go of it.",
+};
+
+const MOVES = {
+  forward: "Push the stick that drives forward, and hold it there.",
+  left: "Push the stick that drives sideways to the left, and hold it there.",
+  turn: "Push the stick that turns to the left, and hold it there.",
+  enable: "Press the button that you will hold to drive.",
+  turbo: "Press the button for turbo, or leave it out.",
+  stop: "Press the button that stops the robot, or leave it out.",
+};
+
+export const percent = (share) => `${Math.round(share * 100)} %`;

@@ -1,0 +1,113 @@
+// Learns a gamepad by having the person move it, one thing after the other: which axis is forward, which button is held
+// to drive. Fed with what is seen; it neither drives nor shows anything. Pure.
+
+const REST_MS = 400; // what stays where it is for as long is at rest
+const STEADY_MS = 150; // and what is held for as long is meant
+const STILL = 0.08;
+const PUSHED = 0.6;
+const BACK = 0.3;
+const OFF_CENTRE = 0.35; // triggers rest at an end of theirs, some crosses beyond it: neither is a stick
+const CLEAR = 0.6; // the share of the strongest that no other axis may reach
+
+const STICKS = ["forward", "left", "turn"];
+const OPTIONAL = ["turbo", "stop"];
+
+// What is asked for, in this order.
+export const stepsOf = (kind) => ["forward", ...(kind === "holonomic" ? ["left"] : []), "turn", "enable", ...OPTIONAL];
+
+export class Learner {
+  // `onAsk(step, phase)` comes whenever the person has something else to do: "rest" (let go of everything), "move"
+  // (the step's stick or button), "back" (let go of it). `onDone(learnt)` as of `madeOf`.
+  constructor({ steps, onAsk, onDone }) {
+    Object.assign(this, { onAsk, onDone, steps: [...steps] });
+    this.learnt = {};
+    this.taken = { axes: new Set(), buttons: new Set() };
+    this.ask("rest");
+  }
+
+  get step() {
+    return this.steps[0];
+  }
+
+  get mayPass() {
+    return OPTIONAL.includes(this.step);
+  }
+
+  // `sample` and `at` as of gamepad.js.
+  see(sample, at) {
+    if (!this.step) return;
+    if (this.phase === "rest") this.rest(sample, at);
+    else if (this.phase === "move") this.move(sample, at);
+    else if (this.isBack(sample)) this.next();
+  }
+
+  // Leaves out what a gamepad need not have.
+  pass() {
+    if (this.mayPass) this.next();
+  }
+
+  rest({ axes, buttons }, at) {
+    const moved = !this.quiet || axes.some((value, i) => Math.abs(value - this.quiet[i]) > STILL);
+    if (moved || buttons.includes(true)) {
+      this.quiet = axes;
+      this.since = at;
+    } else if (at - this.since >= REST_MS) {
+      this.ask("move");
+    }
+  }
+
+  move(sample, at) {
+    const found = STICKS.includes(this.step) ? this.pushed(sample.axes) : this.pressed(sample.buttons);
+    if (found === null || found !== this.candidate) {
+      this.candidate = found;
+      this.since = at;
+    } else if (at - this.since >= STEADY_MS) {
+      this.take(found, sample);
+    }
+  }
+
+  take(found, { axes }) {
+    const isStick = STICKS.includes(this.step);
+    this.taken[isStick ? "axes" : "buttons"].add(found);
+    this.learnt[this.step] = isStick ? { axis: found, sign: Math.sign(this.away(axes[found], found)) } : found;
+    this.ask("back");
+  }
+
+  // The one axis that is clearly pushed, or null.
+  pushed(axes) {
+    const reach = axes.map((value, i) => (this.isStick(i) ? Math.abs(this.away(value, i)) : 0));
+    const most = Math.max(...reach);
+    const near = reach.filter((one) => one > most * CLEAR);
+    return most >= PUSHED && near.length === 1 ? reach.indexOf(most) : null;
+  }
+
+  isStick(axis) {
+    return Math.abs(this.quiet[axis]) <= OFF_CENTRE && !this.taken.axes.has(axis);
+  }
+
+  away(value, axis) {
+    return value - this.quiet[axis];
+  }
+
+  // The one button that is pressed and does nothing else yet, or null.
+  pressed(buttons) {
+    const down = [...buttons.keys()].filter((i) => buttons[i]);
+    return down.length === 1 && !this.taken.buttons.has(down[0]) ? down[0] : null;
+  }
+
+  isBack({ axes, buttons }) {
+    return !buttons.includes(true) && axes.every((value, i) => Math.abs(this.away(value, i)) < BACK);
+  }
+
+  next() {
+    this.steps.shift();
+    if (this.step) this.ask("move");
+    else this.onDone(this.learnt);
+  }
+
+  ask(phase) {
+    this.phase = phase;
+    this.candidate = null;
+    this.onAsk(this.step, phase);
+  }
+}

@@ -1,0 +1,69 @@
+// What a gamepad's sticks and buttons do: `{version, axes, buttons, forward, left, turn, enable, turbo, stop, deadZone}`.
+// The first two are how many the device has; forward, left (or null) and turn are {axis, sign, invert}, the sign that
+// of the axis when the stick is pushed forward or left; enable, turbo and stop are buttons, the last two may be null. Pure.
+
+export const MOTIONS = ["forward", "left", "turn"];
+export const DEAD_ZONE = { least: 0.05, usual: 0.15, most: 0.4 };
+
+const VERSION = 1;
+const BUTTONS = { enable: 4, turbo: 5, stop: 1 }; // of the standard mapping: LB, RB, B
+const LEFT_STICK = [0, 1];
+const RIGHT_STICK = [2, 3];
+
+// Of a device that the browser knows ("standard" mapping); null for others, which must be learnt.
+export function usualProfile({ mapping, axes, buttons }, kind) {
+  if (mapping !== "standard" || axes < RIGHT_STICK[1] + 1) return null;
+  const [across, along] = LEFT_STICK;
+  const sideways = kind === "holonomic";
+  const learnt = {
+    forward: towards(along),
+    left: sideways ? towards(across) : null,
+    turn: towards(sideways ? RIGHT_STICK[0] : across),
+    ...BUTTONS,
+  };
+  return madeOf(learnt, { axes, buttons });
+}
+
+const towards = (axis) => ({ axis, sign: -1 }); // browsers count down and right as positive
+
+// `learnt` gives forward, left, turn as {axis, sign} and enable, turbo, stop.
+export function madeOf(learnt, { axes, buttons }) {
+  const { enable, turbo = null, stop = null } = learnt;
+  const profile = { version: VERSION, axes, buttons, enable, turbo, stop, deadZone: DEAD_ZONE.usual };
+  for (const name of MOTIONS) profile[name] = learnt[name] ? { invert: false, ...learnt[name] } : null;
+  return profile;
+}
+
+// Whether what was kept is a profile, and of a device with as many axes and buttons.
+export function fits(profile, { axes, buttons }) {
+  if (profile?.version !== VERSION || profile.axes !== axes || profile.buttons !== buttons) return false;
+  return motionsFit(profile, axes) && buttonsFit(profile, buttons) && isDeadZone(profile.deadZone);
+}
+
+const motionsFit = ({ forward, left, turn }, axes) =>
+  isMotion(forward, axes) && isMotion(turn, axes) && (left === null || isMotion(left, axes));
+
+const isMotion = (motion, axes) =>
+  isBelow(motion?.axis, axes) && Math.abs(motion.sign) === 1 && typeof motion.invert === "boolean";
+
+const buttonsFit = ({ enable, turbo, stop }, buttons) =>
+  isBelow(enable, buttons) && [turbo, stop].every((one) => one === null || isBelow(one, buttons));
+
+const isBelow = (number, end) => Number.isInteger(number) && number >= 0 && number < end;
+
+const isDeadZone = (value) => value >= DEAD_ZONE.least && value <= DEAD_ZONE.most;
+
+// What the sticks ask for, as of mixing.js.
+export function asked(profile, { axes, buttons }) {
+  const [forward, left, turn] = MOTIONS.map((name) => pushed(profile[name], axes, profile.deadZone));
+  return { forward, left, turn, turbo: profile.turbo !== null && buttons[profile.turbo] };
+}
+
+// From -1 to 1; strength grows from the dead zone's rim without a step. What is no number is rest.
+function pushed(motion, axes, deadZone) {
+  const value = motion ? axes[motion.axis] : 0;
+  const reach = Math.min(1, Math.abs(value));
+  if (!(reach > deadZone)) return 0;
+  const strength = (reach - deadZone) / (1 - deadZone);
+  return strength * Math.sign(value) * motion.sign * (motion.invert ? -1 : 1);
+}
