@@ -37,6 +37,13 @@ export class Teleop {
     this.armed = armed;
   }
 
+  // On a link that stands, where a person may not drive on: what is under way ends with zeros, and nothing counts
+  // until it is armed again and pressed anew.
+  disarm() {
+    this.letGo();
+    this.armed = false;
+  }
+
   // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
   // polled says for how many ms its word is good: nobody tells when polling ends.
   hold(input, value, at = this.moment(), goodForMs = Infinity) {

@@ -284,3 +284,37 @@ test("a key that is held beside a polled input does not make it younger", () => 
   pass(100);
   assert.deepEqual(moments, [0, 0, 0]);
 });
+
+test("where a person may not drive on, zeros end what is under way, and only a new press drives", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  teleop.disarm();
+  teleop.hold("keyboard", FORWARD);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+  assert.equal(drops, 1);
+  teleop.arm(true);
+  pass(1000);
+  assert.equal(sent.length, 5);
+  teleop.hold("keyboard", FORWARD);
+  assert.equal(sent.at(-1).forward, 0.5);
+});
+
+test("with nothing held, being disarmed sends nothing: somebody else may drive", () => {
+  teleop.disarm();
+  pass(1000);
+  assert.deepEqual(sent, []);
+});
+
+test("where driving must end on a link that stands, zeros end it and only a new press after arming counts", () => {
+  teleop.hold("keyboard", FORWARD);
+  sent.length = 0;
+  teleop.disarm();
+  teleop.hold("keyboard", FORWARD);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+  assert.equal(drops, 1);
+  teleop.arm(true);
+  pass(1000);
+  assert.equal(sent.length, 5);
+});
