@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from random import Random
-from typing import Any
+from typing import Any, Literal
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff
@@ -23,7 +23,9 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard_keeper import GuardKeeper, GuardView
 from robotether_agent.guard_process import guard_command
 from robotether_agent.health import Health
-from robotether_agent.media.door import MediaDoor
+from robotether_agent.media.door import MediaDoor, Own
+from robotether_agent.media.frames_service import FramesService
+from robotether_agent.media.sources import Places
 from robotether_agent.notify import Notifier
 from robotether_agent.problems import (
     KeyRefused,
@@ -33,6 +35,7 @@ from robotether_agent.problems import (
     StateUnusable,
 )
 from robotether_agent.session import Checked, Config, Session
+from robotether_agent.setting_values import camera_urls
 from robotether_agent.settings import Settings
 from robotether_agent.ssh_command import Forward, Target, forward_to
 from robotether_agent.status import CONNECTED, StatusBoard
@@ -58,6 +61,12 @@ class Agent:
         self._enroller = Enroller(settings)
         self._dialer = Dialer(settings, self._enroller)
         self._health = Health(settings.rosbridge_url, settings.video_url)
+        self._places = Places(
+            settings.video_url,
+            settings.rosbridge_url,
+            settings.video_source,
+            camera_urls(settings.cameras),
+        )
         self._board = StatusBoard(settings.run_dir, settings.server, on_state=notifier.status)
         self._session: Session | None = None
         self._session_up = asyncio.Event()
@@ -154,7 +163,8 @@ class Agent:
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
-        door = MediaDoor(self._settings.video_url)
+        frames = FramesService(self._places)
+        door = MediaDoor(self._settings.video_url, Own(await frames.start(), self._own_answers()))
         port = await door.start()
         role = Role(
             kind="media",
@@ -166,6 +176,13 @@ class Agent:
             await self._connect(role)
         finally:
             await door.close()
+            await frames.close()
+
+    def _own_answers(self) -> Literal["never", "down", "always"]:
+        """Tell when the agent answers what is else web_video_server's."""
+        answers: dict[str, Literal["never", "down", "always"]]
+        answers = {"web_video_server": "never", "rosbridge": "always"}
+        return answers.get(self._settings.video_source, "down")
 
     async def _shell_attempt(self, uptime: Uptime) -> None:
         await self._wishes.shell.wait()

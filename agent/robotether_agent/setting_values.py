@@ -26,6 +26,9 @@ LAST_PORT = 65535
 PORTS_LIMIT = 8
 PORT = re.compile(r"[0-9]{1,5}")
 ON_OFF = ("on", "off")
+VIDEO_SOURCES = ("auto", "web_video_server", "rosbridge")
+CAMERA_NAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]{0,63}")
+CAMERAS_LIMIT = 8
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -146,6 +149,48 @@ def rosbridge_url(value: object) -> str:
 def video_url(value: object) -> str:
     """Return an http:// URL without a path."""
     return _local_url(value, "http", 8080)
+
+
+def video_source(value: object) -> str:
+    """Return where pictures come from."""
+    name = text(value)
+    if name not in VIDEO_SOURCES:
+        raise RefusedValueError(", ".join(f'"{known}"' for known in VIDEO_SOURCES))
+    return name
+
+
+def cameras(value: object) -> tuple[str, ...]:
+    """Return NAME=URL for each camera that ROS does not know; a login may stand in the URL."""
+    items = value.split() if isinstance(value, str) else value
+    allowed = (
+        f"up to {CAMERAS_LIMIT} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
+        ' such as ["rear=http://10.0.0.7/video"] (in the environment with blanks between them)'
+    )
+    if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+        raise RefusedValueError(allowed)
+    names = [item.partition("=")[0] for item in items]
+    if len(items) > CAMERAS_LIMIT or len(set(names)) < len(names):
+        raise RefusedValueError(allowed)
+    if not all(_is_camera(item) for item in items):
+        raise RefusedValueError(allowed)
+    return tuple(items)
+
+
+def camera_urls(given: tuple[str, ...]) -> dict[str, str]:
+    """Return the URLs of checked cameras by name."""
+    return {name: url for name, _, url in (item.partition("=") for item in given)}
+
+
+def _is_camera(item: str) -> bool:
+    name, _, url = item.partition("=")
+    try:
+        split = urlsplit(url)
+        port_fits = split.port != 0
+    except ValueError:
+        return False
+    is_plain = url.isascii() and url.isprintable() and " " not in url
+    is_http = split.scheme in {"http", "https"} and bool(split.hostname)
+    return bool(CAMERA_NAME.fullmatch(name)) and is_plain and is_http and port_fits
 
 
 def http_proxy(value: object) -> str:

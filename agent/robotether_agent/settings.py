@@ -27,7 +27,7 @@ HTTPS = 443
 PREFIX = "ROBOTETHER_"
 SECRETS = frozenset({"token"})
 # A password may stand in these URLs.
-URLS_WITH_LOGIN = frozenset({"http_proxy"})
+URLS_WITH_LOGIN = frozenset({"http_proxy", "cameras"})
 
 PARSERS: dict[str, Callable[[object], Any]] = {
     "server": parse.server,
@@ -42,6 +42,8 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "allow_local_mac": parse.flag,
     "rosbridge_url": parse.rosbridge_url,
     "video_url": parse.video_url,
+    "video_source": parse.video_source,
+    "cameras": parse.cameras,
     "shell_address": parse.shell_address,
     "guard": parse.on_off,
     "state_dir": parse.path,
@@ -69,6 +71,9 @@ class Settings:
     name: str | None = None
     rosbridge_url: str = "ws://127.0.0.1:9090"
     video_url: str = "http://127.0.0.1:8080"
+    video_source: str = "auto"
+    # NAME=URL each; a password may stand in a URL.
+    cameras: tuple[str, ...] = field(default=(), repr=False)
     shell_address: str = "127.0.0.1:22"
     guard: str = "on"
     state_dir: Path = Path("/var/lib/robotether-agent")
@@ -209,7 +214,8 @@ def _shown(key: str, value: object) -> str:
     if key in SECRETS:
         return "(hidden)"
     if key in URLS_WITH_LOGIN:
-        return parse.without_login(str(value))
+        urls = value if isinstance(value, tuple) else (value,)
+        return ", ".join(parse.without_login(str(url)) for url in urls)
     if isinstance(value, bytes):
         return value.hex(":")
     if isinstance(value, bool):

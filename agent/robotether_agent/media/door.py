@@ -2,7 +2,7 @@
 
 Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
 
-    door = MediaDoor(settings.video_url)
+    door = MediaDoor(settings.video_url, Own(port=frames.port, when="down"))
     port = await door.start()                       # forward to 127.0.0.1:port in place of video_url
     door.use(tunnel.socket)                         # for each new media connection, before or after its forward
     door.hold()                                     # when that connection ends
@@ -12,7 +12,8 @@ Started by the agent, one for its whole life; the forward of `video_port` leads 
 unpaced, as also on a kernel that tells too little. What does not fit into the uplink is not read from web_video_server,
 which keeps one picture a viewer and drops those that come meanwhile: where they are made, before they cost anything.
 (After each 0.5 s in which a viewer took nothing it queues one more, which is its own way with slow viewers.)
-Knows nothing of HTTP: any URL passes, and requests are never held up. Never keeps more than CHUNK bytes of a stream.
+Of HTTP it knows the first words of a connection: `GET /robotether/` leads to the agent's own media service, any other
+URL passes, unchanged and at once. Never keeps more than CHUNK bytes of a stream.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ import asyncio
 import logging
 import socket
 from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
 from urllib.parse import urlsplit
 
 from robotether_agent.media.budget import Budget
@@ -36,20 +39,35 @@ RECEIVE_BYTES = 16 * 1024
 SEGMENT = 1448
 SEND_BYTES = 32 * 1024
 DIAL_TIMEOUT_S = 5.0
+# The first words of what is the agent's own, and how long is waited for the rest of one that begins so.
+OWN = (b"GET /robotether/", b"HEAD /robotether/")
+OWN_WORDS_BYTES = max(map(len, OWN))
+FIRST_WORDS_S = 5.0
 # For what is on the way when one side has ended.
 LAST_S = 10.0
 
 log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class Own:
+    """The agent's own media service, and when it answers what else web_video_server would."""
+
+    port: int
+    when: Literal["never", "down", "always"] = "never"
+
+
 class MediaDoor:
     """A TCP port of the robot in front of the service at `upstream_url`, which names host and port."""
 
-    def __init__(self, upstream_url: str, budget: Budget | None = None) -> None:
+    def __init__(
+        self, upstream_url: str, own: Own | None = None, *, budget: Budget | None = None
+    ) -> None:
         split = urlsplit(upstream_url)
         if split.hostname is None or split.port is None:
             raise ValueError(f"{upstream_url} has no host and port")
         self._upstream = (split.hostname, split.port)
+        self._own = own
         self._budget = Budget() if budget is None else budget
         self._streams: set[asyncio.Task[None]] = set()
         self._listener: socket.socket | None = None
@@ -101,18 +119,33 @@ class MediaDoor:
 
     async def _serve(self, viewer: socket.socket) -> None:
         with viewer:
+            viewer.setblocking(False)
             try:
-                with await self._dial() as upstream:
-                    await Stream(viewer, upstream, self._budget).run()
+                first = b"" if self._own is None else await first_words(viewer)
+                with await self._upstream_for(first) as upstream:
+                    await Stream(viewer, upstream, self._budget).run(first)
             except OSError as error:
                 # A viewer who left, or a web_video_server that does not run: health tells of the latter.
                 log.debug("a video connection ended: %r", error)
             except Exception:
                 log.exception("a video connection failed")
 
-    async def _dial(self) -> socket.socket:
+    async def _upstream_for(self, first: bytes) -> socket.socket:
+        """Connect to what answers a request of these first words."""
+        if self._own is None:
+            return await self._dial(*self._upstream)
+        ours = ("127.0.0.1", self._own.port)
+        if self._own.when == "always" or first.startswith(OWN):
+            return await self._dial(*ours)
+        try:
+            return await self._dial(*self._upstream)
+        except OSError:
+            if self._own.when == "never":
+                raise
+            return await self._dial(*ours)
+
+    async def _dial(self, host: str, port: int) -> socket.socket:
         loop = asyncio.get_running_loop()
-        host, port = self._upstream
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         error: OSError = OSError(f"{host} has no address")
         for family, kind, protocol, _, address in found:
@@ -137,7 +170,6 @@ class Stream:
     """One connection in both directions: requests at once, answers as the budget allows."""
 
     def __init__(self, viewer: socket.socket, upstream: socket.socket, budget: Budget) -> None:
-        viewer.setblocking(False)
         viewer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         viewer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         upstream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -147,9 +179,9 @@ class Stream:
         self._loop = asyncio.get_running_loop()
         self._poured = 0
 
-    async def run(self) -> None:
-        """Pass bytes on until both directions have ended, or one fails."""
-        ask = asyncio.ensure_future(self._ask())
+    async def run(self, first: bytes) -> None:
+        """Pass bytes on, after those that were read already, until both directions have ended, or one fails."""
+        ask = asyncio.ensure_future(self._ask(first))
         pour = asyncio.ensure_future(self._pour())
         try:
             done, _ = await asyncio.wait({ask, pour}, return_when=asyncio.FIRST_COMPLETED)
@@ -161,7 +193,8 @@ class Stream:
                 task.cancel()
             await asyncio.gather(ask, pour, return_exceptions=True)
 
-    async def _ask(self) -> None:
+    async def _ask(self, first: bytes) -> None:
+        await self._loop.sock_sendall(self._upstream, first)
         while data := await self._loop.sock_recv(self._viewer, CHUNK):
             await self._loop.sock_sendall(self._upstream, data)
         end_writing(self._upstream)
@@ -184,6 +217,43 @@ class Stream:
             await asyncio.wait({pour}, timeout=LAST_S)
         if pour.done():
             pour.result()
+
+
+async def first_words(viewer: socket.socket) -> bytes:
+    """Read until it is clear whether this is the agent's own: mostly once, and never more than that takes.
+
+    Returns what there is when the viewer says no more, be it for FIRST_WORDS_S.
+    """
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + FIRST_WORDS_S
+    words = b""
+    while any(own.startswith(words) and own != words for own in OWN):
+        try:
+            await within(deadline_s - loop.time(), readable(viewer))
+        except asyncio.TimeoutError:
+            return words
+        # Not sock_recv: when its time is over in the moment when something comes, that would be lost.
+        more = viewer.recv(OWN_WORDS_BYTES - len(words))
+        if not more:
+            return words
+        words += more
+    return words
+
+
+async def readable(connection: socket.socket) -> None:
+    """Wait until there is something to read, or the end."""
+    loop = asyncio.get_running_loop()
+    there = loop.create_future()
+
+    def tell() -> None:
+        if not there.done():
+            there.set_result(None)
+
+    loop.add_reader(connection, tell)
+    try:
+        await there
+    finally:
+        loop.remove_reader(connection)
 
 
 def end_writing(connection: socket.socket) -> None:

@@ -198,7 +198,7 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
         handed = 14_480 if now_s > started else 0
         return Reading(now_s, handed, 0, 0.04, 0.04, 1448)
 
-    door = MediaDoor(f"http://127.0.0.1:{camera.port}", Budget(stalled))
+    door = MediaDoor(f"http://127.0.0.1:{camera.port}", budget=Budget(stalled))
     with socket.socket() as handle:
         door.use(handle)
         _, writer = await asyncio.open_connection("127.0.0.1", await door.start())

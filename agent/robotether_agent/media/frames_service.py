@@ -1,0 +1,227 @@
+"""The media service: pictures by credit at /robotether/frames, and web_video_server's answers where there is none.
+
+Started by the agent beside the media door, which leads here what is its own; listens on 127.0.0.1 alone, as the
+robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.
+
+    service = FramesService(places)
+    port = await service.start()
+    await service.close()
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import aiohttp
+from aiohttp import web
+
+from robotether_agent.fields import FieldError
+from robotether_agent.media.feeds import FEEDS_MAX, Feeds
+from robotether_agent.media.picture import Picture, Wish
+from robotether_agent.media.receiver import Receiver
+from robotether_agent.media.sources import Places, Sources
+from robotether_agent.media.want import TEXT_BYTES_MAX, Want
+from robotether_agent.tasks import within
+
+ADDRESS = "127.0.0.1"
+TOPIC_MAX = 256
+# The relay has one a camera, and for a moment two when it connects anew.
+RECEIVERS_MAX = 2 * FEEDS_MAX
+# What waits in the kernel is old when it leaves.
+SEND_BYTES = 16 * 1024
+SHUTDOWN_S = 0.2
+FAREWELL_S = 0.5
+PROTOCOL_BROKEN = 1002
+STILL_WITHIN_S = 5.0
+BOUNDARY = "robotether"
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+log = logging.getLogger(__name__)
+
+
+class FramesService:
+    """All receivers of this robot's pictures."""
+
+    def __init__(self, places: Places) -> None:
+        self._places = places
+        self._topics: Counter[str] = Counter()
+
+    async def start(self) -> int:
+        """Listen, and return the port, which the kernel chooses."""
+        self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
+        self._sources = Sources(self._http, self._places)
+        self._feeds = Feeds(self._sources.run)
+        app = web.Application(middlewares=[_one_answer])
+        app.router.add_get("/robotether/frames", self._frames)
+        for path in ("/snapshot", "/robotether/snapshot"):
+            app.router.add_get(path, self._snapshot, allow_head=False)
+        app.router.add_get("/stream", self._stream, allow_head=False)
+        app.router.add_get("/", _list)
+        # Cancellation ends an answer whose asker is gone also while it waits for a picture.
+        self._runner = web.AppRunner(
+            app, access_log=None, handler_cancellation=True, shutdown_timeout=SHUTDOWN_S
+        )
+        await self._runner.setup()
+        await web.TCPSite(self._runner, ADDRESS, 0).start()
+        port: int = self._runner.addresses[0][1]
+        return port
+
+    async def close(self) -> None:
+        """End all answers and sources."""
+        await self._runner.cleanup()
+        await self._feeds.close()
+        await self._http.close()
+
+    async def _frames(self, request: web.Request) -> web.StreamResponse:
+        topic = _topic(request)
+        answer = web.WebSocketResponse(
+            timeout=FAREWELL_S, compress=False, max_msg_size=TEXT_BYTES_MAX, writer_limit=SEND_BYTES
+        )
+        if not answer.can_prepare(request):
+            raise web.HTTPNotFound(text="connect with a WebSocket\n")
+        self._check_room(topic)
+        self._topics[topic] += 1
+        try:
+            _keep_little_unsent(request)
+            await answer.prepare(request)
+            await self._serve(answer, topic)
+        finally:
+            self._topics[topic] -= 1
+            self._topics += Counter()
+        return answer
+
+    async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
+        steps_quality = self._sources.steps_quality(topic)
+        receiver = Receiver(answer, topic, self._feeds, steps_quality=steps_quality)
+        try:
+            await receiver.run()
+        except FieldError as error:
+            log.warning("ended a receiver of %s: %s", topic, error)
+            await answer.close(code=PROTOCOL_BROKEN, message=str(error).encode()[:120])
+        except ConnectionError as error:
+            log.debug("a receiver of %s left: %r", topic, error)
+
+    def _check_room(self, topic: str) -> None:
+        is_new = topic not in self._topics
+        if self._topics.total() >= RECEIVERS_MAX or (is_new and len(self._topics) >= FEEDS_MAX):
+            raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
+
+    async def _snapshot(self, request: web.Request) -> web.StreamResponse:
+        newest = _Newest(self._feeds, _asked(request))
+        try:
+            picture = await within(STILL_WITHIN_S, newest.next())
+        except asyncio.TimeoutError as error:
+            raise web.HTTPServiceUnavailable(text=f"{newest.why_none()}\n") from error
+        finally:
+            newest.leave()
+        return web.Response(body=picture.jpeg, content_type="image/jpeg")
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        wish = _asked(request)
+        self._check_room(wish.topic)
+        kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+        answer = web.StreamResponse(headers={"Content-Type": kind})
+        answer.force_close()
+        _keep_little_unsent(request)
+        await answer.prepare(request)
+        self._topics[wish.topic] += 1
+        newest = _Newest(self._feeds, wish)
+        try:
+            with suppress(ConnectionError):
+                await answer.write(f"--{BOUNDARY}\r\n".encode())
+                while True:
+                    await answer.write(_part(await newest.next()))
+        finally:
+            newest.leave()
+            self._topics[wish.topic] -= 1
+            self._topics += Counter()
+        return answer
+
+
+class _Newest:
+    """The newest picture of a wish, for answers that have no credit."""
+
+    def __init__(self, feeds: Feeds, wish: Wish) -> None:
+        self._feeds = feeds
+        self._picture: Picture | None = None
+        self._came = asyncio.Event()
+        self._feed = feeds.follow(wish, self, self._take)
+
+    async def next(self) -> Picture:
+        """Return one that was not returned before."""
+        while self._picture is None:
+            self._came.clear()
+            await self._came.wait()
+        picture, self._picture = self._picture, None
+        return picture
+
+    def why_none(self) -> str:
+        """Say why there is no picture."""
+        return self._feed.condition().detail or "there is no picture yet"
+
+    def leave(self) -> None:
+        """Want no more."""
+        self._feeds.leave(self._feed, self)
+
+    def _take(self, picture: Picture) -> None:
+        self._picture = picture
+        self._came.set()
+
+
+@web.middleware
+async def _one_answer(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Let each connection end with its answer."""
+    try:
+        answer = await handler(request)
+    except web.HTTPException as problem:
+        problem.headers["Connection"] = "close"
+        raise
+    if not answer.prepared:
+        answer.force_close()
+    return answer
+
+
+async def _list(_: web.Request) -> web.Response:
+    """Answer whoever looks whether video works."""
+    return web.Response(text="the agent's own pictures: /stream?topic= and /snapshot?topic=\n")
+
+
+def _topic(request: web.Request) -> str:
+    topic = request.query.get("topic", "")
+    if not 0 < len(topic) <= TOPIC_MAX or not topic.isprintable():
+        raise web.HTTPBadRequest(text="say which camera: ?topic=/camera/image_raw\n")
+    return topic
+
+
+def _asked(request: web.Request) -> Wish:
+    """Return what a URL of web_video_server's kind asks for; its other words are not known here."""
+    query = request.query
+    try:
+        quality = int(query.get("quality", Want.quality_max))
+        sizes = [int(query[name]) for name in ("width", "height") if name in query]
+    except ValueError as error:
+        raise web.HTTPBadRequest(text="quality, width and height are whole numbers\n") from error
+    width, height = sizes if len(sizes) == 2 else (None, None)  # noqa: PLR2004
+    return Wish(_topic(request), max(1, min(quality, 100)), width, height, Want.fps)
+
+
+def _part(picture: Picture) -> bytes:
+    head = f"Content-type: image/jpeg\r\nContent-Length: {len(picture.jpeg)}\r\n\r\n"
+    return head.encode() + picture.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
+
+
+def _keep_little_unsent(request: web.Request) -> None:
+    transport = request.transport
+    if transport is None:
+        return
+    transport.set_write_buffer_limits(high=0)
+    connection = transport.get_extra_info("socket")
+    if connection is not None:
+        with suppress(OSError):
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)

@@ -1,0 +1,37 @@
+"""The sixteen bytes before each picture of the frames protocol (docs/media.md); nothing but packing and reading."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+JPEG = 1
+# The moment is the camera's own stamp.
+STAMPED = 1
+NUMBERS = 2**32
+_HEADER = struct.Struct("!BBHId")
+SIZE = _HEADER.size
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is told of a picture; `moment_ms` is on the sender's clock, `quality` 0 is unknown."""
+
+    number: int
+    moment_ms: float
+    quality: int = 0
+    is_stamped: bool = False
+    codec: int = JPEG
+
+    def packed(self) -> bytes:
+        """Return the header as it stands on the wire."""
+        flags = STAMPED if self.is_stamped else 0
+        return _HEADER.pack(self.codec, flags, self.quality, self.number % NUMBERS, self.moment_ms)
+
+
+def unpacked(message: bytes) -> Header:
+    """Return the header at the start of `message`; ValueError if that is too short."""
+    if len(message) < SIZE:
+        raise ValueError(f"a picture's message has at least {SIZE} bytes, not {len(message)}")
+    codec, flags, quality, number, moment_ms = _HEADER.unpack_from(message)
+    return Header(number, moment_ms, quality, bool(flags & STAMPED), codec)

@@ -1,0 +1,152 @@
+"""Steps quality, then size, so that pictures come within the wanted time; pure, each moment is an argument.
+
+Down quickly: after LATE_PICTURES late ones, by two steps when they are very late, or when clearly fewer go out than
+come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A
+step down for the rate that brought no more pictures is taken back: the round trip limits them, and not their size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+QUALITY_STEP = 10
+SCALES = (0.75, 0.5, 0.35)
+LATE_PICTURES = 3
+VERY_LATE = 2.0
+# What comes within this part of the wanted time leaves room for a step up.
+WELL_WITHIN = 0.6
+UP_AFTER_S, UP_AFTER_MAX_S = 4.0, 60.0
+# A step down that follows one up so soon shows that the way up was wrong.
+REGRET_S = 10.0
+# So long without a step down, and the ways up are quick again.
+CALM_S = 120.0
+# Less than this part of what comes in goes out, for so many looks: too few.
+FEW, FEW_LOOKS, FEW_OFFERED = 0.8, 3, 3
+GAIN = 1.1
+TRIED_S = 3.0
+NO_RATE_STEPS_S = 30.0
+
+
+@dataclass(frozen=True)
+class Level:
+    """JPEG quality, and the part of the wanted size."""
+
+    quality: int
+    scale: float = 1.0
+
+
+def ladder(quality_min: int, quality_max: int, *, scales: bool) -> tuple[Level, ...]:
+    """Return all levels from the best down; the size only goes after the quality is at its least."""
+    qualities = [*range(quality_max, quality_min, -QUALITY_STEP), quality_min]
+    smaller = [Level(quality_min, scale) for scale in SCALES] if scales else []
+    return (*map(Level, qualities), *smaller)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A step down for the rate: what went out before it, and when it is judged."""
+
+    rate: float
+    until_s: float
+    level: Level
+
+
+class Steps:
+    """Which level is in force; told of each picture that was taken and, once a second, of the rates."""
+
+    def __init__(self, levels: tuple[Level, ...], latency_s: float, now_s: float) -> None:
+        self._levels = levels
+        self._latency_s = latency_s
+        self._at = 0
+        self._late = 0
+        self._few = 0
+        self._good_since_s = now_s
+        self._up_after_s = UP_AFTER_S
+        self._up_at_s = self._down_at_s = now_s - CALM_S
+        self._trial: _Trial | None = None
+        self._no_rate_steps_until_s = now_s
+
+    @property
+    def level(self) -> Level:
+        """The level in force."""
+        return self._levels[self._at]
+
+    def use(self, levels: tuple[Level, ...], latency_s: float, now_s: float) -> None:
+        """Go on with other levels, at the best that is no better than the one before."""
+        before = self.level
+        self._levels = levels
+        self._latency_s = latency_s
+        fitting = (
+            at
+            for at, level in enumerate(levels)
+            if level.quality <= before.quality and level.scale <= before.scale
+        )
+        self._at = next(fitting, len(levels) - 1)
+        self._trial = None
+        self._begin(now_s)
+
+    def taken(self, now_s: float, took_s: float) -> bool:
+        """A picture of this level took `took_s` to be taken; tell whether the level changed."""
+        if took_s > self._latency_s:
+            self._good_since_s = now_s
+            very = took_s > VERY_LATE * self._latency_s
+            self._late += 2 if very else 1
+            return self._late >= LATE_PICTURES and self._down(now_s, 2 if very else 1)
+        self._late = 0
+        if took_s > WELL_WITHIN * self._latency_s:
+            self._good_since_s = now_s
+        return now_s - self._good_since_s >= self._up_after_s and self._up(now_s)
+
+    def looked(self, now_s: float, offered: float, sent: float) -> bool:
+        """So many a second came in and went out; tell whether the level changed."""
+        if self._trial is not None:
+            return now_s >= self._trial.until_s and self._judge(now_s, sent)
+        if offered < FEW_OFFERED or sent >= FEW * offered:
+            self._few = 0
+            return False
+        self._good_since_s = now_s
+        self._few += 1
+        if self._few < FEW_LOOKS or now_s < self._no_rate_steps_until_s:
+            return False
+        before = self.level
+        if not self._down(now_s, 1):
+            return False
+        self._trial = _Trial(sent, now_s + TRIED_S, before)
+        return True
+
+    def _judge(self, now_s: float, sent: float) -> bool:
+        """Take a step for the rate back that brought nothing."""
+        trial, self._trial = self._trial, None
+        if trial is None or sent >= GAIN * trial.rate:
+            return False
+        self._no_rate_steps_until_s = now_s + NO_RATE_STEPS_S
+        self._at = self._levels.index(trial.level)
+        self._begin(now_s)
+        return True
+
+    def _down(self, now_s: float, steps: int) -> bool:
+        self._trial = None
+        to = min(self._at + steps, len(self._levels) - 1)
+        changed = to != self._at
+        if changed and now_s - self._up_at_s < REGRET_S:
+            self._up_after_s = min(UP_AFTER_MAX_S, 2 * self._up_after_s)
+        self._at = to
+        self._down_at_s = now_s
+        self._begin(now_s)
+        return changed
+
+    def _up(self, now_s: float) -> bool:
+        if self._at == 0:
+            self._good_since_s = now_s
+            return False
+        if now_s - self._down_at_s >= CALM_S:
+            self._up_after_s = UP_AFTER_S
+        self._at -= 1
+        self._up_at_s = now_s
+        self._trial = None
+        self._begin(now_s)
+        return True
+
+    def _begin(self, now_s: float) -> None:
+        self._late = self._few = 0
+        self._good_since_s = now_s

@@ -1,0 +1,111 @@
+"""The agent's own use of the robot's rosbridge: which topics there are, and what comes on one of them.
+
+Used by the media service and the vitals, each on a connection of its own and only while somebody wants what it brings.
+Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection are read by one task alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import cast
+
+import aiohttp
+
+from robotether_agent.fields import FieldError, JsonObject, parse_object
+from robotether_agent.tasks import within
+
+CONNECT_WITHIN_S = 3.0
+ANSWER_WITHIN_S = 3.0
+HEARTBEAT_S = 10.0
+CLOSE_WITHIN_S = 0.5
+TOPICS_SERVICE = "/rosapi/topics"
+LOOK_UP_ID = "robotether_agent:topics"
+
+
+class Rosbridge:
+    """One connection."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self._socket = socket
+
+    async def topics(self) -> dict[str, str]:
+        """Return each topic's type; asyncio.TimeoutError where no rosapi runs. Before any subscription only."""
+        await self._socket.send_json(
+            {"op": "call_service", "id": LOOK_UP_ID, "service": TOPICS_SERVICE, "args": {}}
+        )
+        return await within(ANSWER_WITHIN_S, self._answer())
+
+    async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
+        """Ask for the newest message of a topic, one each `throttle_ms` at most."""
+        wish = {"op": "subscribe", "id": f"robotether_agent:{topic}", "topic": topic, "type": kind}
+        await self._socket.send_json({**wish, "throttle_rate": throttle_ms, "queue_length": 1})
+
+    async def message(self) -> JsonObject:
+        """Return the next message of the topics that were asked for; ConnectionError at the end."""
+        while True:
+            operation = await self._operation()
+            if operation.get("op") == "publish" and isinstance(operation.get("msg"), dict):
+                return cast("JsonObject", operation["msg"])
+
+    async def _answer(self) -> dict[str, str]:
+        while True:
+            operation = await self._operation()
+            if operation.get("op") == "service_response" and operation.get("id") == LOOK_UP_ID:
+                return topics_in(operation)
+
+    async def _operation(self) -> JsonObject:
+        """Return the next text that is an object; rosbridge also sends its own words of status."""
+        while True:
+            message = await self._socket.receive()
+            if message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
+                try:
+                    return parse_object(message.data, "rosbridge's message")
+                except FieldError:
+                    continue
+            raise ConnectionError(_why_ended(message))
+
+
+def _why_ended(message: aiohttp.WSMessage) -> str:
+    if message.type is aiohttp.WSMsgType.ERROR:
+        return f"rosbridge's connection broke: {message.data}"
+    return "rosbridge closed the connection"
+
+
+def topics_in(answer: Mapping[str, object]) -> dict[str, str]:
+    """Return the types by topic of an answer of rosapi's; what is not as it should be is left out."""
+    values = answer.get("values")
+    if not isinstance(values, dict):
+        return {}
+    names, types = values.get("topics"), values.get("types")
+    if not isinstance(names, list) or not isinstance(types, list):
+        return {}
+    pairs = zip(names, types, strict=False)
+    return {n: same_type(t) for n, t in pairs if isinstance(n, str) and isinstance(t, str)}
+
+
+def same_type(kind: str) -> str:
+    """Return a type's name as ROS 1 spells it: without the /msg/ of ROS 2."""
+    return kind.replace("/msg/", "/")
+
+
+@asynccontextmanager
+async def connected(
+    http: aiohttp.ClientSession, url: str, *, message_bytes_max: int
+) -> AsyncIterator[Rosbridge]:
+    """Connect, and leave at the end; raises what reasons.why knows."""
+    timeouts = aiohttp.ClientWSTimeout(ws_close=CLOSE_WITHIN_S)
+    connecting = http.ws_connect(
+        url, heartbeat=HEARTBEAT_S, max_msg_size=message_bytes_max, timeout=timeouts
+    )
+    socket = await within(CONNECT_WITHIN_S, _made(connecting))
+    try:
+        yield Rosbridge(socket)
+    finally:
+        await socket.close()
+
+
+async def _made(
+    connecting: aiohttp.client._BaseRequestContextManager[aiohttp.ClientWebSocketResponse],
+) -> aiohttp.ClientWebSocketResponse:
+    return await connecting
