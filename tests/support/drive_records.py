@@ -18,6 +18,12 @@ def add_drive(admin_database: Database, robot: str, user: str, **changes: object
         "dropped_old": 2,
         "refused": '{"topic": 3}',
         "address": "198.51.100.7",
+        "latency_p50_ms": 41.2,
+        "latency_p95_ms": 80.5,
+        "bytes": 1_234_567,
+        "pictures": 6000,
+        "picture_bytes": 180_000_000,
+        "viewed_s": 400.0,
     } | changes
     names, marks = ", ".join(columns), ", ".join(["%s"] * len(columns))
     with admin_database.transaction() as tx:

@@ -25,7 +25,7 @@ unbounded buffer for anybody.
                      `json_text` reads and writes messages, `drive_commands` are the ones that move,
                      `subscriptions` are counted, `redirects` of a robot are not followed
     drive_path       a driver's commands: their age by `ages` and `clocks`, the newest first, and the
-                     drive's books in `drive_log`
+                     drive's books in `drive_log`, its round trips in `latencies`
     control_api      stop, release and lease over HTTP
     video            a robot's web_video_server, streamed through; `video_headers` says what of it
     events           the fleet as server-sent events

@@ -32,15 +32,16 @@ class ClientMoments:
         self._open.append((self._number, now))
         return _NUMBER.pack(self._number)
 
-    def pong(self, payload: bytes) -> None:
-        """A pong came; one that answers none of our open pings says nothing."""
+    def pong(self, payload: bytes) -> float | None:
+        """A pong came; return when its ping was sent. None: it answers none of our open pings, and says nothing."""
         if len(payload) != _NUMBER.size:
-            return
+            return None
         (number,) = _NUMBER.unpack(payload)
         if not any(number == each for each, _ in self._open):
-            return
+            return None
         while self._open and self._open[0][0] <= number:
             _, self._earliest = self._open.popleft()
+        return self._earliest
 
     def of(self, stamp_ms: float | None, now: float) -> float | None:
         """Return the earliest moment of a command that came now; None: it says one that is to come."""

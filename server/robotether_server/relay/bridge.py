@@ -85,6 +85,11 @@ class Bridge:
         # By kind, for the records.
         self.refused: Counter[str] = Counter()
 
+    @property
+    def bytes_passed(self) -> int:
+        """How many bytes of messages went either way."""
+        return self._bytes_to_robot + self._bytes_to_client
+
     def end(self, ending: Ending) -> None:
         """End the connection at once; the first ending counts."""
         if not self._ended.done():
@@ -159,11 +164,16 @@ class Bridge:
                 except ConnectionError:
                     return await self._ending_by_robot("its connection broke")
             elif message.type is WSMsgType.PONG:
-                self._moments.pong(message.data)
+                self._pong_came(message.data)
             elif message.type is WSMsgType.PING:
                 await self._operator.pong(message.data)
             else:
                 return self._ending_by_operator(message.type, message.data)
+
+    def _pong_came(self, payload: bytes) -> None:
+        sent_at = self._moments.pong(payload)
+        if sent_at is not None and self._drive is not None:
+            self._drive.log.round_trip((time.monotonic() - sent_at) * 1000)
 
     async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
         try:

@@ -223,7 +223,11 @@ class Relay:
             tunnel_host=settings.tunnel_host,
         )
         rosbridge = RosbridgeHandler(
-            means, self.control, rules=self._bridge_rules(), report=self.reports.connection
+            means,
+            self.control,
+            rules=self._bridge_rules(),
+            report=self.reports.connection,
+            deliveries=self.deliveries,
         )
         video = VideoHandler(means)
         events = EventsHandler(

@@ -19,7 +19,8 @@ from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.bridge import Bridge, Reached, Traffic
 from robotether_server.relay.connections import Connection
 from robotether_server.relay.control import Control
-from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.deliveries import Deliveries
+from robotether_server.relay.drive_log import DriveLog, Meters
 from robotether_server.relay.drive_path import Seat
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.liveness import Limits
@@ -67,11 +68,13 @@ class RosbridgeHandler:
         *,
         rules: BridgeRules,
         report: Callable[[ConnectionReport], None],
+        deliveries: Deliveries,
     ) -> None:
         self._means = means
         self._control = control
         self._rules = rules
         self._report = report
+        self._deliveries = deliveries
         self._reach = Reach(means.client, means.tunnel_host, means.registry, rules.message_limit)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
@@ -109,6 +112,7 @@ class RosbridgeHandler:
                     self._control,
                     self._reach,
                     self._report,
+                    self._deliveries,
                     address,
                 ).run()
             await bridge.farewell(ending)
@@ -139,6 +143,7 @@ class Visit:
     control: Control
     way: Reach
     report: Callable[[ConnectionReport], None]
+    deliveries: Deliveries
     address: str | None
     drive: DriveLog | None = None
 
@@ -176,7 +181,7 @@ class Visit:
         entry = DriveEntry(
             robot.id, robot.name, self.connection.user, fence, utc_now(), self.address
         )
-        self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused)
+        self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused, self._meters())
         presence, link = (
             self.means.registry.presence(robot.id),
             self.means.registry.session_of(robot.id),
@@ -188,6 +193,15 @@ class Visit:
             clock=link.clock if link is not None and guarded else None,
             log=self.drive,
             came=partial(self.control.leasing.command_came, robot.id),
+        )
+
+    def _meters(self) -> Meters:
+        robot_id, user_id = self.connection.robot.id, self.connection.user_id
+        registry = self.means.registry
+        return Meters(
+            passed_bytes=lambda: self.bridge.bytes_passed,
+            robot_rtt_ms=lambda: registry.presence(robot_id).rtt_ms,
+            delivered=partial(self.deliveries.of, robot_id, user_id),
         )
 
     def _leave_seat(self) -> None:

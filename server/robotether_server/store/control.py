@@ -65,6 +65,13 @@ class DriveEntry:
     dropped_old: int = 0
     refused: dict[str, int] = field(default_factory=dict)
     stops: int = 0
+    # None: nobody measured it.
+    latency_p50_ms: float | None = None
+    latency_p95_ms: float | None = None
+    bytes: int = 0
+    pictures: int = 0
+    picture_bytes: int = 0
+    viewed_s: float = 0.0
     row_id: int | None = None
 
 
@@ -148,26 +155,45 @@ def write_stop(tx: Transaction, entry: StopEntry) -> None:
     )
 
 
+# What of a drive changes while it lasts: the columns, and the members of the entry.
+PROGRESS = (
+    "ended_at",
+    "end_code",
+    "distance_m",
+    "turned_rad",
+    "top_speed_m_s",
+    "top_turn_rad_s",
+    "messages",
+    "dropped_old",
+    "refused",
+    "stops",
+    "latency_p50_ms",
+    "latency_p95_ms",
+    "bytes",
+    "pictures",
+    "picture_bytes",
+    "viewed_s",
+)
+
+
 def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
     """Write a drive as it stands; return the id of a new row."""
     if drive.row_id is None:
         return _add_drive(tx, drive)
+    changes = ", ".join(f"{column} = %s" for column in PROGRESS)
     tx.change(
-        "UPDATE drives SET ended_at = %s, end_code = %s, distance_m = %s, turned_rad = %s,"
-        " top_speed_m_s = %s, top_turn_rad_s = %s, messages = %s, dropped_old = %s, refused = %s,"
-        " stops = %s WHERE id = %s",
+        f"UPDATE drives SET {changes} WHERE id = %s",  # noqa: S608 - the module's own text
         (*_progress(drive), drive.row_id),
     )
     return None
 
 
 def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
+    columns, marks = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
     # The same row again: the answer to the first writing was lost with its connection.
     return tx.insert(
-        "INSERT INTO drives (robot_id, robot, user_name, fence, started_at, address, ended_at,"
-        " end_code, distance_m, turned_rad, top_speed_m_s, top_turn_rad_s, messages, dropped_old,"
-        " refused, stops) VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s,"
-        " %s, %s, %s, %s, %s, %s, %s, %s, %s, %s)"
+        f"INSERT INTO drives (robot_id, robot, user_name, fence, started_at, address, {columns})"  # noqa: S608 - as above
+        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, {marks})"
         " ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), ended_at = VALUES(ended_at),"
         " end_code = VALUES(end_code)",
         (
@@ -183,15 +209,7 @@ def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
 
 
 def _progress(drive: DriveEntry) -> tuple[object, ...]:
-    return (
-        drive.ended_at,
-        drive.end_code,
-        drive.distance_m,
-        drive.turned_rad,
-        drive.top_speed_m_s,
-        drive.top_turn_rad_s,
-        drive.messages,
-        drive.dropped_old,
-        json.dumps(drive.refused),
-        drive.stops,
+    return tuple(
+        json.dumps(drive.refused) if column == "refused" else getattr(drive, column)
+        for column in PROGRESS
     )

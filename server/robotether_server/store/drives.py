@@ -4,12 +4,14 @@ import datetime as dt
 import json
 from dataclasses import dataclass
 
+from robotether_server.problems import RecordMissing
 from robotether_server.store.database import Row, Transaction
 from robotether_server.store.users import User
 
 COLUMNS = (
     "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "
-    "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address"
+    "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address, "
+    "latency_p50_ms, latency_p95_ms, bytes, pictures, picture_bytes, viewed_s"
 )
 
 
@@ -19,6 +21,8 @@ class Drive:
 
     Distance, turn and speeds are what was commanded. `dropped_old` counts the commands that came too late,
     `refused` the operations that the policy refused, by their kind, and those of the robot's guard (`guard_...`).
+    `latency_...`: round trip from the driver to the robot. `bytes`: rosbridge's, both ways. `viewed_s`: for so long
+    the driver had a video open. None of these: nobody measured it.
     """
 
     id: int
@@ -37,6 +41,19 @@ class Drive:
     refused: dict[str, int]
     stops: int
     address: str | None
+    latency_p50_ms: float | None
+    latency_p95_ms: float | None
+    bytes: int | None
+    pictures: int | None
+    picture_bytes: int | None
+    viewed_s: float | None
+
+    @property
+    def pictures_per_s(self) -> float | None:
+        """How many pictures came while a video was open; None: none was."""
+        if not self.pictures or not self.viewed_s:
+            return None
+        return self.pictures / self.viewed_s
 
 
 @dataclass(frozen=True)
@@ -47,6 +64,15 @@ class Search:
     user: str | None = None
     since: dt.datetime | None = None
     until: dt.datetime | None = None
+    fence: int | None = None
+
+
+def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
+    """Return one drive; raise RecordMissing when the viewer may not know of it, or there is none."""
+    [*found] = find(tx, viewer, Search(), before=drive_id + 1, limit=1)
+    if not found or found[0].id != drive_id:
+        raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
+    return found[0]
 
 
 def find(
@@ -61,6 +87,7 @@ def find(
         "user_name = %s": search.user,
         "started_at >= %s": search.since,
         "started_at < %s": search.until,
+        "fence = %s": search.fence,
         "id < %s": before,
     }
     asked = {condition: value for condition, value in given.items() if value is not None}

@@ -9,6 +9,8 @@ from robotether_server.times import rfc3339
 from robotether_server.web import audit_texts, ending_texts, refusal_texts
 
 KEY_GROUP = 4
+UNITS = ("B", "kB", "MB", "GB")
+KILO = 1000
 
 
 def register(app: Flask) -> None:
@@ -21,6 +23,7 @@ def register(app: Flask) -> None:
     app.add_template_filter(refusal_texts.refusal)
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
+    app.add_template_filter(size_words, "size")
 
 
 def moment_words(moment: dt.datetime) -> str:
@@ -45,3 +48,12 @@ def state_words(robot: Robot) -> str:
     if robot.state != "pending":
         return robot.state.capitalize()
     return "Waits for approval" if robot.fingerprint else "Announced"
+
+
+def size_words(count: int) -> str:
+    """Return a number of bytes as people read it: 512 B, 181.2 MB."""
+    value, unit = float(count), 0
+    # What would be written as 1000.0 goes on to the next unit.
+    while round(value, 1) >= KILO and unit < len(UNITS) - 1:
+        value, unit = value / KILO, unit + 1
+    return f"{value:.1f} {UNITS[unit]}" if unit else f"{count} B"

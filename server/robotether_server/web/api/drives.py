@@ -19,7 +19,8 @@ from robotether_server.web.parts import parts
 LARGEST_ID = 2**63 - 1
 USUAL_DRIVES = 100
 MOST_DRIVES = 500
-FILTERS = ("robot", "user", "since", "until", "before", "limit", "format")
+LARGEST_FENCE = 2**64 - 1
+FILTERS = ("robot", "user", "fence", "since", "until", "before", "limit", "format")
 COLUMNS = tuple(member.name for member in members_of(Drive))
 
 
@@ -39,6 +40,17 @@ def list_drives() -> Response:
         viewer = caller.user
     kind = fields.choice(given, "format", exports.FORMATS)
     return download(viewer, search, kind, before=before, limit=limit)
+
+
+@blueprint.get("/drives/<int:drive_id>")
+def show_drive(drive_id: int) -> Response:
+    """Tell of one drive; browsers that are led here keep it as a file."""
+    with callers.any_user() as caller:
+        found = drives.get(caller.tx, caller.user, min(drive_id, LARGEST_ID))
+    answer = jsonify(plain(asdict(found)))
+    name = f"robotether-drive-{found.id}.json"
+    answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    return answer
 
 
 def download(
@@ -67,4 +79,5 @@ def _search(given: Fields) -> Search:
         user=fields.optional_text(given, "user", LONGEST_NAME),
         since=fields.optional_moment(given, "since"),
         until=fields.optional_moment(given, "until"),
+        fence=fields.number_in_query(given, "fence", 0, LARGEST_FENCE),
     )

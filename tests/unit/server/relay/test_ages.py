@@ -24,12 +24,19 @@ def test_a_pong_says_that_what_follows_is_younger_than_its_ping():
     assert moments.of(None, 4.0) == 3.0
 
 
+def test_a_pong_tells_when_its_ping_was_sent():
+    """Once: the round trip is measured by it."""
+    moments = ClientMoments(0.0)
+    first, second = moments.ping(1.0), moments.ping(2.0)
+    assert [moments.pong(payload) for payload in (second, first, second)] == [2.0, None, None]
+
+
 def test_pongs_that_answer_nothing_say_nothing():
     """Neither another length nor a number that was never sent."""
     moments = ClientMoments(1.0)
     moments.ping(2.0)
     for payload in (b"", b"x", struct.pack("!Q", 99), struct.pack("!Q", 0)):
-        moments.pong(payload)
+        assert moments.pong(payload) is None
     assert moments.of(None, 4.0) == 1.0
 
 

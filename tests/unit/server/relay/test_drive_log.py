@@ -6,7 +6,8 @@ from collections import Counter
 
 import pytest
 from relay_server import utc
-from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.deliveries import Delivered
+from robotether_server.relay.drive_log import DriveLog, Meters
 from robotether_server.store.control import DriveEntry
 
 NOON = utc(2026, 1, 1, 12, 0)
@@ -63,3 +64,51 @@ def test_what_the_guard_refused_stands_apart_from_the_policys(log, refused):
     log.end(1.0, NOON, "client_left")
     log.refused_by_guard({"shape": 1, "old": 1})
     assert log.written().refused == {"shape": 1, "guard_shape": 3, "guard_old": 1}
+
+
+class Counts:
+    """What others count, set by hand."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+        self.rtt_ms: float | None = None
+        self.delivered = Delivered(100, 5000, 60.0)
+
+    def meters(self) -> Meters:
+        return Meters(lambda: self.bytes, lambda: self.rtt_ms, lambda: self.delivered)
+
+
+def test_bytes_and_pictures_are_those_of_the_drive(refused):
+    """Not what the driver saw before it, nor what comes after its end."""
+    counts = Counts()
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.meters())
+    counts.bytes, counts.delivered = 700, Delivered(130, 8000, 62.5)
+    entry = log.written()
+    assert (entry.bytes, entry.pictures, entry.picture_bytes, entry.viewed_s) == (
+        700,
+        30,
+        3000,
+        2.5,
+    )
+    counts.bytes = 800
+    log.end(1.0, NOON, "client_left")
+    counts.bytes, counts.delivered = 900, Delivered(999, 99_999, 999.0)
+    log.refused_by_guard({"old": 1})
+    entry = log.written()
+    assert (entry.bytes, entry.pictures, entry.refused) == (800, 30, {"guard_old": 1})
+
+
+def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
+    """Both halves as they are at that moment; without the robot's half nothing is claimed."""
+    counts = Counts()
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.meters())
+    log.round_trip(10.0)
+    assert log.written().latency_p50_ms is None
+    counts.rtt_ms = 20.0
+    for _ in range(94):
+        log.round_trip(10.0)
+    for _ in range(6):
+        log.round_trip(180.0)
+    entry = log.end(1.0, NOON, "client_left")
+    assert entry.latency_p50_ms == pytest.approx(30, rel=0.01)
+    assert entry.latency_p95_ms == pytest.approx(200, rel=0.01)

@@ -7,6 +7,7 @@ import datetime as dt
 import pytest
 from drive_records import add_drive
 from granted import give
+from robotether_server.problems import RecordMissing
 from robotether_server.store import Database, drives, robots, users
 from robotether_server.store.drives import Search
 
@@ -49,6 +50,8 @@ def test_own_drives_and_those_of_managed_robots_are_shown(
         (Search(robot="a"), 1),
         (Search(user="ann"), 1),
         (Search(robot="b", user="ben"), 0),
+        (Search(robot="b", fence=13), 1),
+        (Search(fence=14), 0),
         (Search(since=NOON), 2),
         (Search(since=NOON + dt.timedelta(seconds=1)), 0),
         (Search(until=NOON), 0),
@@ -77,3 +80,28 @@ def test_list_goes_on_before_a_drive(database: Database, admin_database: Databas
         12.34,
         NOON,
     )
+
+
+def test_picture_rate_is_that_of_the_time_with_a_video(
+    database: Database, admin_database: Database
+) -> None:
+    """A drive without a video has none, nor has one from before anybody counted."""
+    add_drive(admin_database, "a", "ben", fence=1, pictures=None, viewed_s=None)
+    add_drive(admin_database, "a", "ben", fence=2, pictures=0, viewed_s=0)
+    add_drive(admin_database, "a", "ben", fence=3, pictures=30, viewed_s=2)
+    with database.transaction() as tx:
+        found = drives.find(tx, users.get(tx, "root"), Search())
+    assert [one.pictures_per_s for one in found] == [15, None, None]
+
+
+def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Database) -> None:
+    """Another's looks as one that there never was."""
+    own = add_drive(admin_database, "b", "ann", fence=1)
+    other = add_drive(admin_database, "b", "ben", fence=2)
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        assert drives.get(tx, ann, own).fence == 1
+        assert drives.get(tx, users.get(tx, "root"), other).user == "ben"
+        for number in (other, other + 1, 0):
+            with pytest.raises(RecordMissing, match=f"cannot show drive {number}"):
+                drives.get(tx, ann, number)

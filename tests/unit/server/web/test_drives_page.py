@@ -42,6 +42,9 @@ def test_admin_sees_all_and_user_her_own(
         'title="lease_lost">a change of driver<',
         "12.3 m",
         "0.75 m/s",
+        "41 / 80 ms",
+        "15.0 /s",
+        "181.2 MB",
         '2 too old, <span title="topic">3 to a topic that is not allowed</span>',
     ):
         assert text in page
@@ -52,6 +55,22 @@ def test_admin_sees_all_and_user_her_own(
     assert "1 stop" in page
     assert "zoe" not in page
     assert "/admin/" not in page
+
+
+def test_what_nobody_measured_is_not_claimed(admin: Browser, admin_database: Database) -> None:
+    """Of a drive from before there were such records, and of one without pings and video."""
+    measured = ("latency_p50_ms", "latency_p95_ms", "bytes", "pictures", "picture_bytes")
+    add_drive(admin_database, "sim1", "ann", **dict.fromkeys((*measured, "viewed_s")))
+    cells = admin.ask("GET", "/drives").text
+    for label in ("Round trip", "Pictures", "Data"):
+        assert f'<td data-label="{label}" class="keep"><span class="soft">-</span></td>' in cells
+
+
+def test_each_drive_is_a_file_of_its_own(ann: Browser, admin_database: Database) -> None:
+    """The link leads to the API, which takes the login."""
+    number = add_drive(admin_database, "sim1", "ann")
+    assert f'href="/api/v1/drives/{number}" download' in ann.ask("GET", "/drives").text
+    assert ann.ask("GET", f"/api/v1/drives/{number}").json["pictures"] == 6000
 
 
 def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Database) -> None:

@@ -6,7 +6,7 @@ import datetime as dt
 
 import pytest
 from robotether_server.store.robots import Robot
-from robotether_server.web.page_texts import key_groups, moment_words, state_words
+from robotether_server.web.page_texts import key_groups, moment_words, size_words, state_words
 
 
 def test_moments_are_in_utc() -> None:
@@ -36,3 +36,20 @@ def test_a_state_in_words(state: str, fingerprint: str | None, words: str) -> No
     """A robot that has not joined is told from one that waits."""
     robot = Robot(1, "02:00:00:00:00:01", "sim1", state, 1, 2, fingerprint, {})  # type: ignore[arg-type] # a state of the list above
     assert state_words(robot) == words
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (1000, "1.0 kB"),
+        (999_949, "999.9 kB"),
+        (999_950, "1.0 MB"),
+        (181_234_567, "181.2 MB"),
+        (10**13, "10000.0 GB"),
+    ],
+)
+def test_sizes_have_the_unit_that_makes_them_short(count: int, words: str) -> None:
+    """A thousand of one is one of the next; after the last one it grows."""
+    assert size_words(count) == words

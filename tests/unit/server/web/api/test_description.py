@@ -25,7 +25,7 @@ ELSEWHERE = {
     ("/api/v1/robots/{robot}/stop", "post"),
 }
 IN_PATHS = {"robot": "sim1", "user": "ann", "group": "crew", "site": "lab"}
-IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id"), "1")
+IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id", "drive_id"), "1")
 METHODS = {"get", "post", "put", "patch", "delete"}
 Document = dict[str, Any]
 

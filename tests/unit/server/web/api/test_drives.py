@@ -40,6 +40,12 @@ def test_drive_is_told_in_full(ann: Program, drives: list[int]) -> None:
         "refused": {"topic": 3},
         "stops": 0,
         "address": "198.51.100.7",
+        "latency_p50_ms": 41.2,
+        "latency_p95_ms": 80.5,
+        "bytes": 1_234_567,
+        "pictures": 6000,
+        "picture_bytes": 180_000_000,
+        "viewed_s": 400.0,
     }
 
 
@@ -62,6 +68,9 @@ def test_managers_see_their_robots_and_admins_all(
         ("user=zoe", 1),
         ("robot=sim1&user=zoe", 0),
         ("limit=1", 1),
+        ("fence=13", 2),
+        ("robot=sim1&fence=13", 1),
+        ("fence=14", 0),
         ("since=2026-01-31T12:00:00Z", 2),
         ("until=2026-01-31T12:00:00Z", 0),
         ("before=1", 0),
@@ -78,11 +87,23 @@ def test_drives_are_chosen(root: Program, query: str, found: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "query", ["limit=0", "limit=501", "since=soon", "format=pdf", "what=x", "before=0", "user="]
+    "query",
+    ["limit=0", "limit=501", "since=soon", "format=pdf", "what=x", "before=0", "user=", "fence=-1"],
 )
 def test_wrong_query_is_refused(ann: Program, query: str) -> None:
     """With the name of what is wrong."""
     assert ann.refused("GET", f"/drives?{query}") == (422, "field_invalid")
+
+
+def test_one_drive_is_a_file(root: Program, ann: Program, drives: list[int]) -> None:
+    """With what the list says of it; drives of others are not there."""
+    answer = ann.ask("GET", f"/drives/{drives[0]}")
+    assert [answer.json] == ann.get("/drives")["drives"]
+    name = f"robotether-drive-{drives[0]}.json"
+    assert answer.headers["Content-Disposition"] == f'attachment; filename="{name}"'
+    assert root.get(f"/drives/{drives[1]}")["user"] == "zoe"
+    for number in (drives[1], drives[1] + 1, 2**63, 10**30):
+        assert ann.refused("GET", f"/drives/{number}") == (404, "record_missing")
 
 
 def test_file_of_a_user_has_her_own_alone(ann: Program, drives: list[int]) -> None:

@@ -1,0 +1,43 @@
+"""Quantiles of round trips."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from robotether_server.relay.latencies import HIGHEST_MS, LOWEST_MS, STEP, Latencies
+
+
+def of(*values: float) -> Latencies:
+    latencies = Latencies()
+    for value in values:
+        latencies.add(value)
+    return latencies
+
+
+def test_without_a_round_trip_nothing_is_claimed():
+    """No number is better than a wrong one."""
+    assert Latencies().quantile(0.5) is None
+
+
+@pytest.mark.parametrize("share", [0.5, 0.95, 0.99])
+def test_quantiles_are_those_of_what_was_measured(share):
+    """Within 1 %, over links of every kind; the share of all values is at most the quantile."""
+    dice = random.Random(5)
+    values = sorted(dice.lognormvariate(4, 1) for _ in range(2000))
+    expected = values[round(share * len(values)) - 1]
+    assert of(*values).quantile(share) == pytest.approx(expected, rel=0.012)
+
+
+def test_one_value_is_every_quantile():
+    """Also the smallest share has one in it."""
+    assert of(40.0).quantile(0.0) == of(40.0).quantile(1.0) == pytest.approx(40, rel=0.01)
+
+
+def test_memory_is_bounded_whatever_comes():
+    """Clocks that jump make the least or the most of all times."""
+    latencies = of(*(10.0**power for power in range(-300, 300)), 0.0, -5.0, float("inf"))
+    assert len(latencies._counts) <= math.log(HIGHEST_MS / LOWEST_MS) / STEP + 2
+    assert latencies.quantile(0.01) == pytest.approx(LOWEST_MS, rel=0.01)
+    assert latencies.quantile(0.99) == pytest.approx(HIGHEST_MS, rel=0.01)
