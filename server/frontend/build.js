@@ -21,7 +21,12 @@ const leaveOutUnused = {
 };
 
 const options = {
-  entryPoints: ["src/copy.js", "src/drive.js", "src/fleet.js"],
+  entryPoints: {
+    copy: "src/copy.js",
+    drive: "src/drive.js",
+    fleet: "src/fleet.js",
+    "robotether-client": "src/client/index.js",
+  },
   outdir: OUT,
   bundle: true,
   minify: true,

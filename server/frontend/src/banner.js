@@ -1,21 +1,28 @@
-// The banner that says how the connection stands and offers what a person can do about it.
+// The banner that says how things stand and offers what a person can do about it.
 
 import { byTestId, part, setText } from "./page.js";
-import { connection as texts, logIn } from "./texts.js";
+import { connection, logIn } from "./texts.js";
+import { states } from "./texts/truth.js";
+import { outlook } from "./truth/outlook.js";
+
+const texts = { ...connection, ...states };
 
 export class Banner {
-  constructor(root, { onRetry }) {
+  // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.
+  constructor(root, { onRetry, onBlind }) {
     this.element = byTestId(root, "state");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
-    this.onRetry = onRetry;
+    Object.assign(this, { onRetry, onBlind });
   }
 
-  // `state` as of states.js; `facts` are {driving, armed, since} for the sentence.
+  // `state` as of states.js; `facts` are those of truth/outlook.js and what the sentences need.
   show(state, facts) {
-    const text = texts[state.name];
     this.state = state;
+    this.shown = outlook(state, facts);
+    const text = texts[this.shown];
     this.element.dataset.state = state.name;
+    this.element.dataset.shown = this.shown;
     setText(part(this.element, "state-title"), text.title);
     setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
     const action = state.login ? logIn : text.action;
@@ -25,7 +32,8 @@ export class Banner {
 
   act() {
     if (this.state.login) location.assign(`/login?next=${encodeURIComponent(location.pathname)}`);
-    else if (this.state.name === "not_allowed") location.reload();
+    else if (this.shown === "not_allowed") location.reload();
+    else if (this.shown === "held") this.onBlind();
     else this.onRetry();
   }
 }

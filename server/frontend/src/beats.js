@@ -2,14 +2,17 @@
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
 // nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
 
+import { median } from "./rtt.js";
+
 const PERIOD_MS = 250;
 const KEPT_MS = 10_000;
+const TRIPS = 12; // three seconds of them
 
 export class Beats {
   // `now()` is the clock of event.timeStamp.
   constructor({ now = () => performance.now() } = {}) {
     this.now = now;
-    this.samples = [];
+    this.forget();
   }
 
   // `send(message)` sends on the connection that has just opened. What another one told is forgotten: it may
@@ -23,16 +26,22 @@ export class Beats {
 
   stop() {
     clearInterval(this.timer);
+    this.forget();
+  }
+
+  forget() {
     this.samples = [];
+    this.trips = [];
   }
 
   beat() {
     this.send({ op: "robotether.beat", t_ms: this.now() });
   }
 
-  hear({ relay_ms }) {
+  hear({ t_ms, relay_ms }) {
     if (!Number.isFinite(relay_ms)) return;
     const at = this.now();
+    if (Number.isFinite(t_ms)) this.trips = [...this.trips, at - t_ms].slice(-TRIPS);
     this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
   }
 
@@ -41,6 +50,11 @@ export class Beats {
   stamp(t_ms) {
     const known = this.fresh(this.now()).map(({ ahead }) => ahead);
     return known.length ? { t_ms: t_ms + Math.max(...known) } : undefined;
+  }
+
+  // Between this page and the relay and back; null while it is not known.
+  get roundTripMs() {
+    return this.trips.length ? median(this.trips) : null;
   }
 
   fresh(at) {

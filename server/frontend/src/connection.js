@@ -54,6 +54,7 @@ export class Connection {
   }
 
   start() {
+    this.state = CONNECTING;
     this.watch = setInterval(() => this.checkSilence(), WATCH_MS);
     this.onState(this.state);
     this.connect();

@@ -1,96 +1,111 @@
 // The drive page: one robot's connection, picture, speed and controls. Loaded by drive.html.
 
 import { Banner } from "./banner.js";
-import { Beats } from "./beats.js";
-import { Commands } from "./commands.js";
-import { Connection } from "./connection.js";
+import { api } from "./calls.js";
+import { framesUrl, rosUrl } from "./client/addresses.js";
+import { FrameStream } from "./client/frames.js";
+import { Session } from "./client/session.js";
 import { setUpControls } from "./controls.js";
 import { Discovery } from "./discovery.js";
 import { Feed } from "./feed.js";
-import { openLink } from "./link.js";
-import { ControlNews } from "./news.js";
-import { localTime } from "./page.js";
+import { byTestId, localTime, setText } from "./page.js";
+import { setUpPanels } from "./panels/panels.js";
 import { Readback } from "./readback.js";
 import { Readings } from "./readings.js";
 import { RttMeter } from "./rtt.js";
 import { Seat } from "./seat.js";
 import { driveSettings } from "./settings.js";
 import { StopBar } from "./stopbar.js";
+import { watchers } from "./texts/truth.js";
 import { requestTicket } from "./tickets.js";
+import { SightHold } from "./truth/sighthold.js";
 import { View } from "./view.js";
 import { Wheel } from "./wheel.js";
 
-const BACKLOG_BYTES = 2048; // about half a second of drive commands
-const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
+const CHECK_MS = 50;
+const NO_CONTROLS = { arm() {}, disarm() {}, letGo() {}, halt() {} };
 
 const root = document.querySelector("main.drive");
 const { robot, level, user } = root.dataset;
 const settings = JSON.parse(root.dataset.settings);
-const { driveTopic, ...limits } = driveSettings(settings);
-const facts = { driving: false, armed: false, since: "" };
+const odometryTopic = settings.page?.odometry_topic;
+const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
+const facts = { since: "" };
 
-const beats = new Beats();
 const seat = new Seat({ me: user, level, onMove: () => connection.reopen(), onChange: showSeat });
-const discovery = new Discovery({ driveTopic, onFound: useTopics });
-const connection = new Connection({
-  requestTicket: () => requestTicket(robot, seat.mode),
-  openLink,
+const sight = new SightHold({ afterMs: holdAfterMs, onChange: showSeat });
+const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
+const session = new Session({
+  driveTopic,
+  wheelbase,
+  requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, seat.mode)),
   prepare: (call) => discovery.run(call),
   onState: showState,
   onLeaving: () => controls.letGo(), // a cut network may yet deliver the link's last commands
-  onLink: (tell) => (tell ? beats.start(tell) : forgetLink()),
-  onOwn: hearRelay,
+  onControl: useControl,
 });
+const { connection, commands, beats } = session;
+const subscribe = (spec, handler) => connection.subscribe(spec, handler);
 
-const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }) });
-const readings = new Readings(root);
-const view = new View(root, { robot, settings });
-const commands = new Commands({
-  topic: driveTopic,
-  advertise: (spec) => connection.advertise(spec),
-  stamp: (moment) => beats.stamp(moment),
+const banner = new Banner(root, {
+  onRetry: () => connection.retryNow({ asked: true }),
+  onBlind: () => sight.allow(),
+});
+const readings = new Readings(root, { picture: () => sight.ageMs });
+const view = new View(root, {
+  robot,
+  settings,
+  openFrames: ({ topic, ...options }) =>
+    new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
+  subscribe,
+  onFreshness: (freshness) => sight.hear(freshness),
 });
 const rtt = new RttMeter({
   call: (service, request) => connection.call(service, request),
-  onReading: (reading) => readings.rtt(reading),
+  onReading: (reading) => readings.rtt(reading, { server: beats.roundTripMs, robot: facts.rttMs }),
 });
-const readback = new Readback({
-  subscribe: (spec, handler) => connection.subscribe(spec, handler),
-  onSpeed: (speed) => readings.speed(speed),
-});
-const controls = seat.mayDrive
-  ? setUpControls(root, controlOptions())
-  : { arm() {}, letGo() {}, halt() {} };
+const readback = new Readback({ subscribe, onSpeed: useSpeed });
+const controls = seat.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 const wheel = new Wheel(root, { robot, seat });
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
-  tell: () => connection.tell({ op: "robotether.stop" }),
+  tell: () => session.stop(),
   onReleased: () => seat.drive("released"),
 });
-const news = new ControlNews({ onControl: useControl });
+const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
 let armed = false;
 
 function controlOptions() {
   return {
+    kind,
     limits,
-    publish: (twist, moment) => commands.publish(twist, moment),
-    mayQueue: () => connection.backlog < BACKLOG_BYTES && connection.silenceMs < SILENCE_MS,
-    onWanted: (twist) => readings.wanted(twist),
+    publish,
+    mayQueue: () => session.mayQueue,
+    onWanted: useWanted,
+    onStop: () => stopBar.press(),
   };
 }
 
-function hearRelay(message) {
-  if (message.op === "robotether.beat") beats.hear(message);
-  if (message.op === "robotether.control") news.fromLink(message.control);
+// Each command asks anew whether the person can see: a timer may be late.
+function publish(twist, moment) {
+  sight.check();
+  const still = !twist.forward && !twist.left && !twist.turn;
+  if (still || !sight.held) commands.publish(twist, moment);
 }
 
-function forgetLink() {
-  beats.stop();
-  news.linkEnded();
+function useWanted(twist) {
+  readings.wanted(twist);
+  view.wanted(twist);
+}
+
+function useSpeed(speed) {
+  readings.speed(speed);
+  view.speed(speed);
 }
 
 function useControl(control) {
+  if (session.news.linked) panels.hearOwn(control, seat.driving);
   seat.hear(control);
   stopBar.hear(control.stopped);
 }
@@ -99,41 +114,75 @@ function showState(state) {
   if (state.lost) seat.lose(state.lost, state.reason);
   const live = state.name === "live";
   commands.use(live && seat.driving);
-  armed = false; // each new link needs new presses
+  disarm(); // each new link needs new presses
+  sight.revoke();
   showSeat();
   if (live) {
     rtt.start();
     view.retryNow();
   } else {
+    panels.linkEnded();
     rtt.stop();
     discovery.stop();
     readback.forget();
   }
 }
 
-function showSeat() {
-  const { live } = connection;
-  Object.assign(facts, { driving: seat.driving, armed: seat.armed });
-  banner.show(connection.state, facts);
-  wheel.show(live);
-  const arm = live && seat.driving && seat.armed;
-  if (arm !== armed || !arm) controls.arm(arm);
-  armed = arm;
+function disarm() {
+  armed = false;
+  controls.arm(false);
 }
 
-function useTopics({ twistType, speed, cameras }) {
+function showSeat() {
+  const { live } = connection;
+  showBanner();
+  wheel.show(live);
+  panels.use({ live, driving: seat.driving });
+  const mayMove = live && seat.driving && seat.armed;
+  if (mayMove && sight.held) hold();
+  else if (!mayMove) disarm();
+  else if (!armed) arm();
+}
+
+function arm() {
+  armed = true;
+  controls.arm(true);
+}
+
+// The link stands, so the robot is told to stand still.
+function hold() {
+  if (armed) controls.disarm();
+  armed = false;
+}
+
+function showBanner() {
+  const { driving, armed: begun, control } = seat;
+  const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
+  const mayDrive = seat.mayDrive;
+  banner.show(connection.state, { ...facts, driving, armed: begun, control, stopped, mayDrive, sight: sight.kind });
+}
+
+function useTopics({ twistType, speed, topics }) {
   commands.useType(twistType);
   if (speed) readback.follow(speed);
-  view.found(cameras);
+  view.found(topics);
+  panels.topics(topics);
 }
 
 function useNews(robotNews) {
   const wasOnline = facts.online && facts.ros !== "down";
-  const { online, ros, since, control } = robotNews;
-  Object.assign(facts, { online, ros, since: online ? "" : localTime(since) });
-  if (control) news.fromFeed(control);
-  banner.show(connection.state, facts);
+  const { online, ros, since, control, rtt_ms: rttMs, observers } = robotNews;
+  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since) });
+  showWatchers(observers);
+  if (control) session.news.fromFeed(control);
+  showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
+}
+
+// All but this page, which the server counts as well.
+function showWatchers(observers) {
+  const others = observers - (connection.live && !seat.driving ? 1 : 0);
+  setText(byTestId(root, "watchers"), others > 0 ? watchers(others) : "");
 }
 
 function retryNow() {
@@ -149,10 +198,11 @@ const feed = new Feed({
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
-  controls.arm(false);
+  disarm();
   connection.stop();
 });
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+setInterval(() => sight.check(), CHECK_MS);
 connection.start();
 view.start();
 feed.start();

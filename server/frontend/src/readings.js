@@ -1,16 +1,22 @@
-// The numbers of the drive page: measured speed, commanded speed, round trip.
+// The numbers of the drive page: measured and commanded speed, how old speed and picture are, round trip and its parts.
 
 import { byTestId, part, setText } from "./page.js";
 import { readings as texts } from "./texts.js";
+import { ages, trip } from "./texts/truth.js";
+import { split } from "./truth/trip.js";
 
 const OLD_MS = 2500;
+const TICK_MS = 250;
 
 export class Readings {
-  constructor(root) {
-    this.root = root;
+  // `picture()` gives the age of the main picture in ms, null for none.
+  constructor(root, { picture }) {
+    Object.assign(this, { root, picture, speedAt: null, wayMs: 0 });
+    setInterval(() => this.tick(), TICK_MS);
   }
 
   speed(measured) {
+    if (measured) this.speedAt = performance.now();
     this.value("speed-linear", measured ? decimals(measured.forward) : texts.none);
     this.value("speed-angular", measured ? decimals(measured.turn) : texts.none);
   }
@@ -20,10 +26,27 @@ export class Readings {
     this.write("wanted-angular", texts.wanted(decimals(turn)));
   }
 
-  rtt(reading) {
+  // `reading` as of rtt.js; `parts` are its known parts, {server, robot} in ms.
+  rtt(reading, parts) {
     const old = reading && reading.ageMs > OLD_MS;
     this.value("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
+    this.wayMs = reading ? reading.medianMs / 2 : 0;
+    this.showParts(reading && !old ? split({ total: reading.medianMs, ...parts }) : null);
     setText(part(this.root, "rtt-age"), old ? texts.old(Math.round(reading.ageMs / 1000)) : "");
+  }
+
+  showParts(parts) {
+    const element = byTestId(this.root, "rtt-parts");
+    setText(part(element, "short"), parts ? trip.parts(rounded(parts)) : "");
+    setText(part(element, "words"), parts ? trip.words(rounded(parts)) : "");
+  }
+
+  // A speed was on its way for a while before it came here.
+  tick() {
+    const picture = this.picture();
+    const speed = this.speedAt === null ? null : performance.now() - this.speedAt + this.wayMs;
+    this.value("picture-age", picture === null ? ages.none : ages.exact(Math.round(picture)));
+    this.write("speed-age", speed === null ? "" : ageText(speed));
   }
 
   // The unit beside the value stands in the template.
@@ -38,3 +61,10 @@ export class Readings {
 
 // Two decimals, and no "-0.00" for a robot that stands still.
 export const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
+
+const ageText = (ms) => (ms < 10_000 ? ages.measured(Math.round(ms)) : ages.long(Math.round(ms / 1000)));
+
+function rounded(parts) {
+  const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : trip.unknown]);
+  return Object.fromEntries(texts);
+}

@@ -1,15 +1,21 @@
-// What the drive page takes from a robot's settings. Pure.
+// What the drive page takes from a robot's settings (docs/protocols.md, "settings"). Pure.
 
-const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5 };
+const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
 
-// Gives {driveTopic, maxLinear, maxAngular} in m/s and rad/s: never more than the robot's guard lets through.
-export function driveSettings({ guard = {}, drive_topic, max_linear, max_angular }) {
-  const named = guard.drive_topics?.find((topic) => !topic.includes("*"));
-  return {
-    driveTopic: drive_topic || named || USUAL.topic,
-    maxLinear: limit(max_linear, guard.max_speed_m_s, USUAL.linear),
-    maxAngular: limit(max_angular, guard.max_turn_rad_s, USUAL.angular),
-  };
+// Gives {driveTopic, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits are
+// never more than the robot's guard lets through. `holdAfterMs` null: an old picture does not hold driving.
+export function driveSettings({ guard = {}, page = {} }) {
+  const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;
+  return { driveTopic: topic(page, guard), kind, wheelbase, limits: limits(page, guard), holdAfterMs };
 }
+
+function topic({ drive_topic }, { drive_topics = [] }) {
+  return drive_topic || drive_topics.find((name) => !name.includes("*")) || USUAL.topic;
+}
+
+const limits = (page, guard) => ({
+  maxLinear: limit(page.max_speed_m_s, guard.max_speed_m_s, USUAL.linear),
+  maxAngular: limit(page.max_turn_rad_s, guard.max_turn_rad_s, USUAL.angular),
+});
 
 const limit = (own, guards, usual) => Math.min(own ?? guards ?? usual, guards ?? Infinity);

@@ -1,6 +1,4 @@
-// Gets a ticket, the permission to open one WebSocket, from the server with the login of this page.
-
-import { post } from "./calls.js";
+// Gets a ticket, the permission to open one WebSocket, from the server.
 
 export class TicketRefused extends Error {
   constructor(status, code = "") {
@@ -10,11 +8,9 @@ export class TicketRefused extends Error {
   }
 }
 
-// Gives the address of the robot's WebSocket, ticket included. Throws TicketRefused.
-export async function requestTicket(robot, mode) {
-  const { ok, status, code, body } = await post("/api/v1/tickets", { robot, mode });
+// `api` as of client/api.js. Throws TicketRefused.
+export async function requestTicket(api, robot, mode) {
+  const { ok, status, code, body } = await api.post("/api/v1/tickets", { robot, mode });
   if (!ok) throw new TicketRefused(status, code);
-  const url = new URL(body.ros_url, location.href);
-  url.protocol = url.protocol.replace("http", "ws");
-  return url.href;
+  return body.ticket;
 }

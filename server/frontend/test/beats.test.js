@@ -72,3 +72,16 @@ test("an answer without the relay's time changes nothing", () => {
   beats.hear({ relay_ms: "soon" });
   assert.equal(beats.stamp(100), undefined);
 });
+
+test("the round trip to the relay is the median of the newest answers, and unknown without any", () => {
+  assert.equal(beats.roundTripMs, null);
+  for (const back of [10, 12, 300]) {
+    const t_ms = clock;
+    const relay_ms = clock + AHEAD_MS;
+    clock += back;
+    beats.hear({ t_ms, relay_ms });
+  }
+  assert.equal(beats.roundTripMs, 12);
+  beats.stop();
+  assert.equal(beats.roundTripMs, null);
+});

@@ -1,0 +1,17 @@
+// Where a robot's WebSockets and streams are (docs/protocols.md, docs/media.md). Pure.
+
+// `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
+export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
+
+export const framesUrl = (server, robot, topic, ticket) =>
+  address(server, robot, "video/frames", { topic, ticket }, true);
+
+export const streamUrl = (server, robot, topic, ticket, more = {}) =>
+  address(server, robot, "video/stream", { topic, ...more, ticket });
+
+function address(server, robot, path, query, socket = false) {
+  const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);
+  for (const [name, value] of Object.entries(query)) if (value !== undefined) url.searchParams.set(name, value);
+  if (socket) url.protocol = url.protocol.replace("http", "ws");
+  return url.href;
+}

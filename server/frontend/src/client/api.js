@@ -1,0 +1,57 @@
+// Asks the server's API to do something. Never throws: no answer is an answer, too.
+
+const TIMEOUT_MS = 8000;
+
+export class Api {
+  // `server` is "" for the page's own; `headers()` are those that say who asks. `onDate` gets each answer's header Date.
+  constructor({ server = "", headers = () => ({}), onDate = () => {} } = {}) {
+    Object.assign(this, { server, headers, onDate });
+  }
+
+  // Gives {status, ok, code, detail, body}; `status` 0 is no answer. `keepalive` lets it outlive the page.
+  post(path, body = {}, options = {}) {
+    const headers = { "Content-Type": "application/json" };
+    return this.ask(path, { method: "POST", headers, body: JSON.stringify(body) }, options);
+  }
+
+  get(path, query = {}) {
+    return this.ask(`${path}?${new URLSearchParams(query)}`, { method: "GET" });
+  }
+
+  async ask(path, request, { keepalive = false, timeoutMs = TIMEOUT_MS } = {}) {
+    const abort = new AbortController();
+    const timer = setTimeout(() => abort.abort(), timeoutMs);
+    try {
+      const headers = { ...request.headers, ...this.headers() };
+      const answer = await fetch(this.server + path, { ...request, headers, signal: abort.signal, keepalive });
+      this.onDate(answer.headers.get("Date"));
+      return await read(answer);
+    } catch {
+      return { status: 0, ok: false, code: "", detail: "", body: {} };
+    } finally {
+      clearTimeout(timer);
+    }
+  }
+
+  // `action` is ask, withdraw, hand_over, refuse or take; `more` may say to whom.
+  lease(robot, action, more = {}) {
+    return this.post(path(robot, "lease"), { action, ...more });
+  }
+
+  stop(robot) {
+    return this.post(path(robot, "stop"), {}, { keepalive: true, timeoutMs: 3000 });
+  }
+
+  // `stopped` as in the control object: no other stop is released.
+  release(robot, { by, at }) {
+    return this.post(path(robot, "release"), { by, at });
+  }
+}
+
+async function read(answer) {
+  const { status, ok } = answer;
+  const body = (await answer.json().catch(() => null)) ?? {};
+  return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };
+}
+
+const path = (robot, deed) => `/api/v1/robots/${encodeURIComponent(robot)}/${deed}`;

@@ -1,0 +1,201 @@
+// robotether-client: a robot behind Robotether, for pages of others (docs/client.md). Bundled with roslib into
+// dist/robotether-client.js; the drive page is made of the same parts.
+
+import { csrfToken } from "../page.js";
+import { twistType } from "../messages.js";
+import { TicketRefused, requestTicket } from "../tickets.js";
+import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
+import { Api } from "./api.js";
+import { Driver } from "./driver.js";
+import { FrameStream } from "./frames.js";
+import { Session } from "./session.js";
+import { showOn } from "./show.js";
+
+const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
+const USUAL_CAMERA = "/camera/image_raw";
+
+export class Robot {
+  // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
+  // gives (a promise of) a ticket, from a backend of yours; or else the login of a page on that server.
+  // `driveType` and `wheelbase` where the robot does not tell or steers; `letGoOnBlur` false for a page that drives
+  // by a program and needs nobody to look at it.
+  constructor(options) {
+    const { robot, server, token, getTicket, driveTopic, driveType, wheelbase, letGoOnBlur } = {
+      ...USUAL,
+      server: location.origin,
+      ...options,
+    };
+    Object.assign(this, { name: robot, server, getTicket, driveTopic, driveType });
+    this.api = getTicket && !token ? null : new Api({ server, headers: credentials(token) });
+    this.handlers = { state: new Set(), control: new Set() };
+    this.mode = "drive";
+    this.control = null;
+    this.publishers = new Map();
+    this.session = new Session({
+      driveTopic,
+      wheelbase,
+      requestUrl: async () => rosUrl(server, robot, await this.ticket(this.mode)),
+      prepare: (call) => this.learn(call),
+      onState: (state) => this.showState(state),
+      onLeaving: () => this.driver.letGo(),
+      onControl: (control) => this.hear(control),
+    });
+    this.driver = new Driver({
+      publish: (twist, moment) => this.session.commands.publish(twist, moment),
+      mayQueue: () => this.session.mayQueue,
+    });
+    if (letGoOnBlur) this.letGoWhenUnseen();
+    window.addEventListener("offline", () => this.session.connection.cut());
+    window.addEventListener("online", () => this.session.connection.retryNow());
+  }
+
+  // `mode`: "drive" or "observe". Resolves when the robot answers, and rejects when it never will: look at `state`
+  // then. From then on it connects again by itself after each cut. Called again, it goes on in that mode.
+  connect({ mode = "drive" } = {}) {
+    this.mode = mode;
+    const { connection } = this.session;
+    const settled = new Promise((resolve, reject) => {
+      const end = this.on("state", (state) => {
+        if (state.name !== "live" && state.retry) return;
+        end();
+        if (state.name === "live") resolve(this);
+        else reject(new Error(`cannot connect to ${this.name}: ${state.reason || state.name}`));
+      });
+    });
+    if (this.begun) connection.reopen();
+    else connection.start();
+    this.begun = true;
+    return settled;
+  }
+
+  close() {
+    this.driver.arm(false);
+    this.session.connection.stop();
+    this.begun = false;
+  }
+
+  // "state" with {name, reason, driving} at each change of the connection, as src/states.js names them; "control" with
+  // who drives, who asks and whether the robot is stopped, as docs/protocols.md has it. Gives the function that ends it.
+  on(event, handler) {
+    this.handlers[event].add(handler);
+    return () => this.handlers[event].delete(handler);
+  }
+
+  // Whether what drive() says goes to the robot now.
+  get driving() {
+    return this.session.connection.live && this.mode === "drive";
+  }
+
+  // {forward, left, turn} in m/s, m/s and rad/s. To be called again within 0.3 s, or the robot gets zero, and then only
+  // after a call with zero does the next one count; so it is after each cut. Gives whether it counts.
+  drive(twist) {
+    return this.driver.drive(twist);
+  }
+
+  // Ends all motion that this page asked for, and latches the robot's Stop. Settles when the server has it.
+  async stop() {
+    this.driver.halt();
+    const told = this.session.stop();
+    const answer = await this.api?.stop(this.name);
+    return answer?.ok ?? told;
+  }
+
+  // Lets the stopped robot be driven again. Its wheels stay still until the next connect and drive.
+  release() {
+    return this.ask("release", (api) => api.release(this.name, this.control?.stopped ?? {}));
+  }
+
+  // `action`: ask, withdraw, hand_over, refuse or take.
+  lease(action, more) {
+    return this.ask(action, (api) => api.lease(this.name, action, more));
+  }
+
+  async ask(what, act) {
+    if (!this.api) throw new Error(`cannot ${what} ${this.name}: that needs a token or a login`);
+    const { ok, code, detail } = await act(this.api);
+    if (!ok) throw Object.assign(new Error(detail || `cannot ${what} ${this.name}: no answer`), { code });
+  }
+
+  // Gives the function that ends the subscription. It outlives cuts.
+  subscribe(topic, handler, { type, throttleMs } = {}) {
+    return this.session.connection.subscribe({ name: topic, type, throttleMs }, handler);
+  }
+
+  // Gives whether it went.
+  publish(topic, type, message) {
+    if (topic === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
+    if (!this.publishers.has(topic)) {
+      this.publishers.set(topic, this.session.connection.advertise({ name: topic, type }));
+    }
+    return this.publishers.get(topic).publish(message);
+  }
+
+  // Resolves with the answer's values.
+  async call(service, args = {}, type = undefined) {
+    const { ok, values } = await this.session.connection.call(service, args, type);
+    if (!ok) throw new Error(`cannot call ${service}: ${typeof values === "string" ? values : "it failed"}`);
+    return values;
+  }
+
+  // Shows a camera in an <img> or <canvas>, always the newest picture. `want` as in docs/media.md. Gives the stream:
+  // stop(), want(changes), ageMs of the newest picture.
+  showVideo(element, { topic = USUAL_CAMERA, onStatus, ...want } = {}) {
+    const stream = new FrameStream({
+      url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
+      want,
+      onFrame: showOn(element),
+      onStatus,
+    });
+    stream.start();
+    return stream;
+  }
+
+  // An address for <img src>, good for 30 s to begin with. Prefer showVideo: it comes back after a cut.
+  async streamUrl({ topic = USUAL_CAMERA, ...more } = {}) {
+    return streamUrl(this.server, this.name, topic, await this.viewTicket(), more);
+  }
+
+  // A login goes by its cookie.
+  viewTicket() {
+    const byLogin = this.api && !this.api.headers().Authorization;
+    return byLogin ? undefined : this.ticket("observe");
+  }
+
+  async ticket(mode) {
+    if (!this.getTicket) return requestTicket(this.api, this.name, mode);
+    try {
+      return await this.getTicket({ robot: this.name, mode });
+    } catch (error) {
+      throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code);
+    }
+  }
+
+  async learn(call) {
+    const { ok, values } = await call("/rosapi/topic_type", { topic: this.driveTopic });
+    this.session.commands.useType(this.driveType ?? twistType((ok && values.type) || "", []));
+  }
+
+  showState(state) {
+    if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
+    this.session.commands.use(this.driving);
+    this.driver.arm(this.driving);
+    for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
+  }
+
+  hear(control) {
+    this.control = control;
+    for (const handler of [...this.handlers.control]) handler(control);
+  }
+
+  letGoWhenUnseen() {
+    const letGo = () => this.driver.letGo();
+    for (const name of ["blur", "pagehide"]) window.addEventListener(name, letGo);
+    for (const name of ["visibilitychange", "freeze", "resume"]) document.addEventListener(name, letGo);
+  }
+}
+
+function credentials(token) {
+  return () => (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
+}
+
+export { FrameStream, TicketRefused };

@@ -1,0 +1,74 @@
+// Whether driving is held because the person cannot see what the robot sees now. Pure.
+// It must never take a picture for newer than it was told to be, nor its own timer for what keeps it honest: what asks
+// whether a command may go asks check() at that moment.
+
+const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
+
+export class SightHold {
+  // `afterMs`: the greatest age of the picture, null for any. `onChange()` comes when `kind` has become another.
+  // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
+  constructor({ afterMs, onChange = () => {}, now = () => performance.now(), wall = () => Date.now() }) {
+    Object.assign(this, { afterMs, onChange, now, wall });
+    this.state = "none"; // before the first word: no picture yet
+    this.at = null;
+    this.allowed = false;
+    this.sleptMs = wall() - now();
+    this.wokeAt = -Infinity;
+    this.told = this.kind;
+  }
+
+  // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
+  hear({ state, ageMs }) {
+    this.state = state;
+    this.at = Number.isFinite(ageMs) ? this.now() - ageMs : null;
+    this.check();
+  }
+
+  // A person wants to drive without seeing, until the picture is back.
+  allow() {
+    this.allowed = true;
+    this.check();
+  }
+
+  // What a person allowed was for the link on which they said it.
+  revoke() {
+    this.allowed = false;
+    this.check();
+  }
+
+  check() {
+    this.noteSleep();
+    const { kind } = this;
+    if (kind === "seen") this.allowed = false;
+    if (kind === this.told) return;
+    this.told = kind;
+    this.onChange();
+  }
+
+  // What was seen before a sleep is as old as that, whatever its clock says.
+  noteSleep() {
+    const sleptMs = this.wall() - this.now();
+    if (Math.abs(sleptMs - this.sleptMs) > STEP_MS) this.wokeAt = this.now();
+    this.sleptMs = sleptMs;
+  }
+
+  get ageMs() {
+    return this.at === null ? null : this.now() - this.at;
+  }
+
+  // "seen": drive; "off": there is nothing to see; "missing", "old": held; "blind": allowed all the same.
+  get kind() {
+    if (this.afterMs === null || this.state === "off") return "off";
+    const why = this.lack;
+    return why && this.allowed ? "blind" : why || "seen";
+  }
+
+  get lack() {
+    if (this.state === "none" || this.at === null) return "missing";
+    return this.ageMs > this.afterMs || this.at < this.wokeAt ? "old" : "";
+  }
+
+  get held() {
+    return this.kind === "missing" || this.kind === "old";
+  }
+}
