@@ -22,22 +22,30 @@ class Link {
     this.ros.connect(url);
   }
 
-  topic({ name, type, throttleMs = 0 }) {
+  topic({ name, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0 }) {
     return new Topic({
       ros: this.ros,
       name,
       messageType: type,
       throttle_rate: throttleMs,
-      queue_length: throttleMs ? 1 : 0,
+      queue_length: queueLength,
       queue_size: 1,
       reconnect_on_close: false,
     });
   }
 
+  // `onRefused(why)` of the spec hears when the server does not let the subscription through.
   subscribe(spec, handler) {
     const topic = this.topic(spec);
     topic.subscribe(handler);
-    return { end: () => topic.unsubscribe() };
+    const status = `status:${topic.subscribeId}`;
+    if (spec.onRefused) this.ros.on(status, ({ level, msg }) => level === "error" && spec.onRefused(msg));
+    return {
+      end: () => {
+        topic.unsubscribe();
+        this.ros.off(status);
+      },
+    };
   }
 
   // What is published may carry `robotether`, the moment of a drive command, which roslib has no place for.

@@ -24,3 +24,11 @@ export function localTime(iso, now = new Date()) {
   if (time.toDateString() === now.toDateString()) return clock;
   return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock}`;
 }
+
+// Makes an element with attributes and children; a child that is a text stays a text.
+export function make(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}

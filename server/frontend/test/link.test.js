@@ -125,3 +125,16 @@ test("a call settles with the robot's answer, whatever that is, and with the ser
     { ok: false, values: "cannot call /arm" },
   ]);
 });
+
+test("who subscribes hears when the server refuses that", () => {
+  open();
+  const refused = [];
+  const spec = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500, onRefused: (why) => refused.push(why) };
+  const { end } = link.subscribe(spec, () => {});
+  const [{ id, throttle_rate, queue_length }] = socket.sent;
+  assert.deepEqual([throttle_rate, queue_length], [500, 1]);
+  receive({ op: "status", level: "error", id, msg: "cannot subscribe to /odom" });
+  assert.deepEqual(refused, ["cannot subscribe to /odom"]);
+  end();
+  assert.equal(socket.sent.at(-1).op, "unsubscribe");
+});

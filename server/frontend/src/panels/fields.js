@@ -1,0 +1,86 @@
+// Looks into a message of any type: the numbers in it, and a text of it that is never long. Pure.
+
+const MOST_NUMBERS = 200;
+const NUMBERS_OF_A_LIST = 8;
+const DEEPEST = 10;
+const MOST_LINES = 200;
+const LONGEST_TEXT = 160;
+const PLAIN_ITEMS = 16;
+const OBJECT_ITEMS = 4;
+
+// The paths of the numbers (and truths) in a message: "twist.linear.x", "ranges[0]".
+export function numbersIn(message) {
+  const found = [];
+  collect(message, "", 0, found);
+  return found;
+}
+
+function collect(value, path, depth, found) {
+  if (found.length >= MOST_NUMBERS || depth > DEEPEST) return;
+  if (["number", "boolean"].includes(typeof value)) found.push(path || "value");
+  for (const [step, inner] of members(value)) {
+    const separator = path && !step.startsWith("[") ? "." : "";
+    collect(inner, path + separator + step, depth + 1, found);
+  }
+}
+
+function members(value) {
+  if (value === null || typeof value !== "object") return [];
+  if (!Array.isArray(value)) return Object.entries(value);
+  return value.slice(0, NUMBERS_OF_A_LIST).map((item, i) => [`[${i}]`, item]);
+}
+
+// The number at such a path; NaN where there is none.
+export function numberAt(message, path) {
+  const steps = path.match(/[^.[\]]+/g) ?? [];
+  let value = message;
+  for (const step of steps) value = value?.[step];
+  if (typeof value === "boolean") return Number(value);
+  return typeof value === "number" ? value : NaN;
+}
+
+// A message as lines of "name: value"; what is long is cut, and says how much is left out.
+export function preview(message) {
+  const lines = [];
+  write(message, "", lines, 0);
+  return lines.slice(0, MOST_LINES).join("\n") + (lines.length > MOST_LINES ? "\n…" : "");
+}
+
+function write(value, indent, lines, depth) {
+  if (lines.length > MOST_LINES) return;
+  if (depth > DEEPEST) lines.push(`${indent}…`);
+  else if (Array.isArray(value)) writeList(value, indent, lines, depth);
+  else for (const [name, inner] of Object.entries(value ?? {})) writeMember(name, inner, indent, lines, depth);
+}
+
+function writeMember(name, value, indent, lines, depth) {
+  if (lines.length > MOST_LINES) return;
+  if (isPlain(value)) lines.push(`${indent}${name}: ${plain(value)}`);
+  else {
+    lines.push(`${indent}${name}:`);
+    write(value, `${indent}  `, lines, depth + 1);
+  }
+}
+
+function writeList(list, indent, lines, depth) {
+  const shown = list.slice(0, OBJECT_ITEMS);
+  shown.forEach((item, i) => writeMember(`[${i}]`, item, indent, lines, depth));
+  if (list.length > shown.length) lines.push(`${indent}… ${list.length - shown.length} more`);
+}
+
+const isPlain = (value) =>
+  value === null || typeof value !== "object" || (Array.isArray(value) && value.every(isScalar));
+
+const isScalar = (value) => value === null || typeof value !== "object";
+
+function plain(value) {
+  if (!Array.isArray(value)) return scalar(value);
+  const more = value.length > PLAIN_ITEMS ? `, … ${value.length - PLAIN_ITEMS} more` : "";
+  return `[${value.slice(0, PLAIN_ITEMS).map(scalar).join(", ")}${more}]`;
+}
+
+function scalar(value) {
+  if (typeof value !== "string") return String(value);
+  if (value.length <= LONGEST_TEXT) return value;
+  return `${value.slice(0, LONGEST_TEXT)}… ${value.length - LONGEST_TEXT} more characters`;
+}

@@ -1,0 +1,118 @@
+// One look at a topic: what was heard of it, and how often. Pure but for its timer.
+// It asks for two messages a second at most, and of a heavy type for one when the person says so.
+
+import { isHeavy } from "./heavy.js";
+import { numberAt, numbersIn } from "./fields.js";
+import { LastMinute, Rate } from "./samples.js";
+
+export const THROTTLE_MS = 500;
+export const MEASURE_MS = 3000;
+
+export class Look {
+  // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of lookout.js.
+  constructor({ topic, watch, onChange = () => {}, now = () => performance.now() }) {
+    Object.assign(this, { topic, watch, onChange, now });
+    this.heavy = isHeavy(topic.type);
+    this.message = null;
+    this.size = 0;
+    this.numbers = [];
+    this.field = "";
+    this.samples = new LastMinute();
+    this.rate = new Rate();
+    this.state = "idle"; // "lost", "open", "too_big", "refused"
+    this.refusal = "";
+    this.measured = null;
+    this.ends = new Set();
+    if (!this.heavy) this.follow();
+  }
+
+  follow() {
+    this.begin({ throttleMs: THROTTLE_MS }, (message) => this.hear(message));
+  }
+
+  // One message of a heavy type, and no second: the throttle keeps the robot from sending more meanwhile.
+  getOne() {
+    if (this.ends.size > 0) return;
+    const end = this.begin({ throttleMs: 60_000 }, (message) => {
+      end();
+      this.hear(message);
+    });
+  }
+
+  // Every message for a moment: a throttled topic does not tell its rate.
+  measure() {
+    if (this.measuring || this.state !== "open") return;
+    let count = 0;
+    this.measuring = true;
+    const end = this.begin({ throttleMs: 0 }, () => (count += 1));
+    this.timer = setTimeout(() => {
+      end();
+      this.measuring = false;
+      this.measured = (1000 * count) / MEASURE_MS;
+      this.onChange();
+    }, MEASURE_MS);
+    this.onChange();
+  }
+
+  begin(how, onMessage) {
+    const spec = { ...this.topic, ...how, onRefused: (why) => this.refuse(why) };
+    const end = this.watch(spec, onMessage, (state) => this.show(state));
+    const ends = () => {
+      this.ends.delete(ends);
+      end();
+    };
+    this.ends.add(ends);
+    return ends;
+  }
+
+  show(state) {
+    if (this.state === "refused") return;
+    this.state = state;
+    this.onChange();
+  }
+
+  refuse(why) {
+    this.state = "refused";
+    this.refusal = why;
+    this.onChange();
+  }
+
+  hear(message) {
+    const at = this.now();
+    this.message = message;
+    this.rate.mark(at);
+    this.size = JSON.stringify(message).length;
+    if (!this.heavy) this.numbers = numbersIn(message);
+    if (this.field) this.samples.push(numberAt(message, this.field), at);
+    this.onChange();
+  }
+
+  plot(field) {
+    if (field === this.field) return;
+    this.field = field;
+    this.samples = new LastMinute();
+    if (field && this.message) this.samples.push(numberAt(this.message, field), this.rate.at);
+    this.onChange();
+  }
+
+  // {kind: "none"|"measuring"|"measured"|"slow"|"least"|"rate", perSecond, seconds}
+  get pace() {
+    if (this.measuring) return { kind: "measuring" };
+    if (this.measured !== null) return { kind: "measured", perSecond: this.measured };
+    return this.throttledPace();
+  }
+
+  throttledPace() {
+    const now = this.now();
+    const silence = this.rate.silenceMs(now);
+    const perSecond = this.rate.perSecond(now);
+    if (silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
+    if (this.heavy || perSecond === null) return { kind: "none" };
+    return { kind: perSecond > 850 / THROTTLE_MS ? "least" : "rate", perSecond };
+  }
+
+  end() {
+    clearTimeout(this.timer);
+    for (const end of [...this.ends]) end();
+  }
+}

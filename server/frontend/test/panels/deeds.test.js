@@ -1,0 +1,143 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { Deeds } from "../../src/panels/deeds.js";
+
+const LIGHTS = { name: "Lights on", kind: "publish", topic: "/lights", type: "std_msgs/Bool", msg: { data: true }, confirm: false };
+const DOCK = { name: "Dock", kind: "call", service: "/dock", type: "std_srvs/Trigger", args: {}, confirm: true };
+const SCAN = { name: "Scan", kind: "call", service: "/scan", type: "", args: { n: 1 }, confirm: false };
+
+let publishers, calls, told, deeds, lights, dock, scan;
+
+beforeEach(() => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  publishers = [];
+  calls = [];
+  told = [];
+  deeds = new Deeds({
+    buttons: [LIGHTS, DOCK, SCAN],
+    advertise: (spec) => {
+      const made = { ...spec, published: [], ended: false };
+      publishers.push(made);
+      return { publish: (msg) => made.published.push(msg) > 0, end: () => (made.ended = true) };
+    },
+    call: (...how) => new Promise((resolve, reject) => calls.push({ how, resolve, reject })),
+    onChange: ({ button, state }) => told.push([button.name, state]),
+  });
+  [lights, dock, scan] = deeds.all;
+});
+
+afterEach(() => mock.timers.reset());
+
+const drive = () => deeds.use({ live: true, driving: true });
+const settle = () => new Promise((resolve) => setImmediate(resolve));
+
+test("nothing is sent unless the page drives", () => {
+  deeds.use({ live: true, driving: false });
+  for (const deed of deeds.all) deeds.press(deed);
+  deeds.confirm(dock);
+  assert.deepEqual([publishers, calls], [[], []]);
+});
+
+test("a publisher stands from when the page drives until it does no more", () => {
+  drive();
+  assert.deepEqual(publishers.map(({ name, type }) => [name, type]), [["/lights", "std_msgs/Bool"]]);
+  deeds.press(lights);
+  deeds.press(lights);
+  assert.deepEqual(publishers[0].published, [{ data: true }, { data: true }]);
+  assert.equal(lights.state, "sent");
+  deeds.use({ live: false, driving: true });
+  assert.equal(publishers[0].ended, true);
+});
+
+test("what the server refuses to publish is said", () => {
+  drive();
+  deeds.press(lights);
+  publishers[0].onRefused("cannot publish to /lights: the robot's policy does not let you");
+  assert.equal(lights.state, "failed");
+  assert.match(lights.words, /Lights on: failed\. cannot publish to \/lights: the robot's policy/);
+});
+
+test("a button that asks does nothing until it is answered, and forgets its question", () => {
+  drive();
+  deeds.press(dock);
+  assert.equal(dock.state, "asking");
+  deeds.press(dock);
+  assert.equal(calls.length, 0);
+  deeds.cancel(dock);
+  deeds.confirm(dock);
+  assert.equal(calls.length, 0);
+  deeds.press(dock);
+  mock.timers.tick(10_000);
+  assert.equal(dock.state, "idle");
+  deeds.press(dock);
+  deeds.confirm(dock);
+  assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger"]);
+});
+
+test("a question does not outlast the driving", () => {
+  drive();
+  deeds.press(dock);
+  deeds.use({ live: true, driving: false });
+  assert.equal(dock.state, "idle");
+  drive();
+  deeds.confirm(dock);
+  assert.equal(calls.length, 0);
+});
+
+test("the robot's own words are shown, whether it did it or not", async () => {
+  drive();
+  deeds.press(scan);
+  assert.equal(scan.state, "pending");
+  assert.deepEqual(calls[0].how, ["/scan", { n: 1 }, undefined]);
+  calls[0].resolve({ ok: true, values: { success: true, message: "found 3" } });
+  await settle();
+  assert.deepEqual([scan.state, scan.words], ["done", "Scan: done. The robot says: found 3"]);
+  deeds.press(scan);
+  calls[1].resolve({ ok: true, values: { success: false, message: "no laser" } });
+  await settle();
+  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. no laser"]);
+});
+
+test("a press while an answer is awaited sends nothing more", () => {
+  drive();
+  deeds.press(scan);
+  deeds.press(scan);
+  assert.equal(calls.length, 1);
+});
+
+test("a robot that does not answer is said after a while, and its late answer counts", async () => {
+  drive();
+  deeds.press(scan);
+  mock.timers.tick(30_000);
+  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. No answer for 30 s, so it may yet be done."]);
+  calls[0].resolve({ ok: true, values: {} });
+  await settle();
+  assert.equal(scan.state, "done");
+});
+
+test("an answer to an earlier press says nothing of the newer one", async () => {
+  drive();
+  deeds.press(scan);
+  mock.timers.tick(30_000);
+  deeds.press(scan);
+  calls[0].resolve({ ok: true, values: {} });
+  await settle();
+  assert.equal(scan.state, "pending");
+});
+
+test("a link that ends leaves open whether it was done", () => {
+  drive();
+  deeds.press(scan);
+  deeds.use({ live: false, driving: true });
+  assert.equal(scan.state, "failed");
+  assert.match(scan.words, /may have been done/);
+});
+
+test("a call that cannot be sent has failed", async () => {
+  drive();
+  deeds.press(scan);
+  calls[0].reject(new Error("cannot call /scan: not connected"));
+  await settle();
+  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. The robot is not connected."]);
+});
