@@ -1,26 +1,29 @@
 // Asks the robot which topics it has, through rosapi, and asks again until it has told what the page needs.
 
-import { imageTopics, speedTopic, twistType } from "./messages.js";
+import { speedReader, speedTopic, twistType } from "./messages.js";
+import { cameraTopics, topicOf } from "./sight/sources.js";
 
 const AGAIN_MS = 5000;
 
 export class Discovery {
-  // `onFound` gets {twistType, speed, cameras}.
-  constructor({ driveTopic, onFound }) {
-    Object.assign(this, { driveTopic, onFound });
+  // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `odometryTopic` is the setting's, or null.
+  constructor({ driveTopic, odometryTopic = null, onFound }) {
+    Object.assign(this, { driveTopic, odometryTopic, onFound });
     this.round = 0;
   }
 
   // `call(service, request)` as of connection.js. Resolves when the robot has answered.
   async run(call) {
     this.stop();
+    this.call = call;
     const round = this.round;
     const [topics, driveType] = await Promise.all([allTopics(call), this.driveType(call)]);
     if (round !== this.round) return;
     const found = {
       twistType: twistType(driveType, topics.map(({ type }) => type)),
-      speed: speedTopic(topics),
-      cameras: imageTopics(topics),
+      speed: this.speed(topics),
+      cameras: cameraTopics(topics),
+      topics,
     };
     this.onFound(found);
     if (!found.speed || found.cameras.length === 0) {
@@ -28,9 +31,21 @@ export class Discovery {
     }
   }
 
+  // For somebody who wants to know now; without effect while there is no link.
+  refresh() {
+    if (this.call) this.run(this.call);
+  }
+
   stop() {
+    this.call = null;
     clearTimeout(this.timer);
     this.round += 1;
+  }
+
+  speed(topics) {
+    if (!this.odometryTopic) return speedTopic(topics);
+    const named = topicOf("odometry", topics, this.odometryTopic);
+    return speedReader(named.type) ? named : undefined;
   }
 
   async driveType(call) {

@@ -58,9 +58,3 @@ export function speedTopic(topics) {
     SPEED_TYPES.indexOf(plainType(type)) * 2 + (SPEED_TOPICS.includes(name) ? 0 : 1);
   return topics.filter(({ type }) => speedReader(type)).sort((a, b) => rank(a) - rank(b))[0];
 }
-
-export const imageTopics = (topics) =>
-  topics
-    .filter(({ type }) => plainType(type) === "sensor_msgs/Image")
-    .map(({ name }) => name)
-    .sort();

@@ -1,14 +1,16 @@
 // Shows the speed that the robot reports, and says nothing rather than something old.
 
 import { speedReader } from "./messages.js";
+import { poseReader } from "./sight/poses.js";
 
 const THROTTLE_MS = 100;
 const OLD_MS = 1000;
 
 export class Readback {
-  // `subscribe(spec, handler)` as of connection.js; `onSpeed` gets {forward, turn} or null for unknown.
-  constructor({ subscribe, onSpeed }) {
-    Object.assign(this, { subscribe, onSpeed });
+  // `subscribe(spec, handler)` as of connection.js; `onSpeed` gets {forward, turn} or null for unknown,
+  // `onPose` {x, y, theta} in the odometry's frame, with each message.
+  constructor({ subscribe, onSpeed, onPose = () => {} }) {
+    Object.assign(this, { subscribe, onSpeed, onPose });
     this.topic = null;
   }
 
@@ -22,11 +24,12 @@ export class Readback {
   }
 
   listen({ name, type }) {
-    const read = speedReader(type);
+    const [read, readPose] = [speedReader(type), poseReader(type)];
     this.end = this.subscribe({ name, type, throttleMs: THROTTLE_MS }, (message) => {
       clearTimeout(this.timer);
       this.timer = setTimeout(() => this.forget(), OLD_MS);
       this.onSpeed(read(message));
+      if (readPose) this.onPose(readPose(message));
     });
   }
 

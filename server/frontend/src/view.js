@@ -1,78 +1,245 @@
-// The picture of the drive page: which camera, at which quality, and what is said when there is none.
+// The pictures of the drive page: which cameras, how they stand, at which quality, and how old the main one is.
+// It must never say that a picture is fresher than it is: driving is held by what it tells.
 
 import { byTestId, part, setText } from "./page.js";
-import { Picture } from "./picture.js";
-import { Video, streamUrl } from "./video.js";
-import { picture as texts } from "./texts.js";
+import { FreshnessNews, MainMoment, freshness } from "./sight/freshness.js";
+import { mayBeFull, toggleFull } from "./sight/fullscreen.js";
+import { Hud } from "./sight/hud.js";
+import { deedOf } from "./sight/keys.js";
+import { Layout } from "./sight/layout.js";
+import { recall, remember } from "./sight/memory.js";
+import { MAP, cameraTopics, offeredCameras, topicOf } from "./sight/sources.js";
+import { saveStill } from "./sight/still.js";
+import { Tiles } from "./sight/tiles.js";
+import { Vitals } from "./sight/vitals.js";
+import { wantedQuality } from "./sight/wanted.js";
+import { World } from "./sight/world.js";
+import { driveSettings } from "./settings.js";
+import { sight as texts } from "./texts/sight.js";
 
-const USUAL_TOPIC = "/camera/image_raw";
+const USUAL_HOLD_MS = 1000;
+const LOOK_MS = 100;
+const SHOW_EVERY = 2; // of these
+const NOTE_MS = 4000;
+const SETTLE_MS = 300;
 
 export class View {
-  constructor(root, { robot, settings }) {
+  // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
+  // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` tells of the main picture, at each change and ten times a second at most.
+  constructor(root, { robot, settings, openFrames, subscribe, onFreshness = () => {}, now = () => performance.now() }) {
+    Object.assign(this, { root, robot, settings, now });
+    this.page = settings.page ?? {};
     this.element = byTestId(root, "view");
-    this.robot = robot;
-    this.settings = settings;
-    this.camera = part(this.element, "camera");
-    this.quality = part(this.element, "quality");
-    this.img = byTestId(this.element, "video");
-    const picture = new Picture(this.img);
-    this.video = new Video({
-      onFrame: (jpeg) => picture.show(jpeg),
-      onStatus: (status) => this.show(status),
-    });
+    this.memory = recall(robot);
+    this.layout = new Layout(this.memory.layout);
+    this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
+    this.moment = new MainMoment();
+    this.news = new FreshnessNews(onFreshness);
+    this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
+    this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
+    this.vitals = new Vitals(part(this.element, "vitals"), { subscribe, now });
+    this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
+    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames));
+    this.setUpTools();
     this.listen();
   }
 
-  start() {
-    this.offer([this.settings.camera_topic || USUAL_TOPIC]);
-    this.play();
+  tileOptions(openFrames) {
+    return {
+      openFrames,
+      wanted: () => this.wantedOfAll(),
+      set: { width: this.page.width ?? null, height: this.page.height ?? null },
+      oldMs: this.limitMs,
+      world: this.world,
+      memory: this.memory.map,
+      onMemory: (map) => this.keep({ map }),
+      onPainted: (topic) => this.seen(topic),
+      onChoose: (id) => this.change(() => this.layout.choose(id)),
+      now: this.now,
+    };
   }
 
-  // `cameras` are the image topics that the robot has; none found changes nothing.
-  found(cameras) {
-    const configured = this.settings.camera_topic;
-    const all = configured && !cameras.includes(configured) ? [configured, ...cameras] : cameras;
-    if (all.length === 0) return;
-    const playing = this.camera.value;
-    this.offer(all);
-    if (all.includes(playing)) this.camera.value = playing;
-    else this.play();
+  start() {
+    this.offer();
+    this.ticks = 0;
+    setInterval(() => this.tick(), LOOK_MS);
+  }
+
+  // `topics` are all that the robot has, {name, type}.
+  found(topics) {
+    const { page } = this;
+    cameraTopics(topics).forEach((topic) => this.known.add(topic));
+    const of = (kind) => topicOf(kind, topics, page[`${kind}_topic`]);
+    this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
+    this.world.follow(this.followed);
+    this.vitals.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
+    this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
+    this.offer();
   }
 
   retryNow() {
-    this.video.retryNow();
+    this.tiles.each((tile) => tile.retryNow());
+  }
+
+  // What is commanded and what the robot measures, {forward, left, turn}; null for unknown.
+  wanted(twist) {
+    this.hud.wanted(twist);
+  }
+
+  speed(measured) {
+    this.hud.measured(measured);
+  }
+
+  // The pose {x, y, theta} by the robot's odometry.
+  pose(pose) {
+    this.world.hearPose(pose);
+  }
+
+  // A robot that tells of no camera may have the usual one all the same.
+  seen(topic) {
+    this.known.add(topic);
+    this.look();
+  }
+
+  get hasCamera() {
+    return Boolean(this.page.cameras?.length) || this.known.size > 0;
+  }
+
+  offer() {
+    this.cameras = offeredCameras({ configured: this.page.cameras, known: [...this.known] });
+    const ids = this.cameras.map(({ topic }) => topic);
+    this.layout.offer(this.hasMap ? [...ids, MAP] : ids);
+    this.offerNames();
+    this.arrange();
+  }
+
+  offerNames() {
+    const named = this.cameras.map(({ topic, name }) => new Option(name, topic));
+    if (this.hasMap) named.push(new Option(texts.map, MAP));
+    const told = named.map(({ value, text }) => value + text).join("\n");
+    if (told !== this.toldNames) this.tools.camera.replaceChildren(...named);
+    this.toldNames = told;
+    this.tools.camera.disabled = this.tools.layout.disabled = named.length < 2;
+  }
+
+  setUpTools() {
+    const names = ["camera", "layout", "quality", "turn", "still", "full", "figure"];
+    this.tools = Object.fromEntries(names.map((name) => [name, part(this.element, name)]));
+    const { layout, quality, full, figure } = this.tools;
+    layout.value = this.layout.kind;
+    if ([...quality.options].some(({ value }) => value === this.memory.quality)) quality.value = this.memory.quality;
+    full.hidden = !mayBeFull(this.root);
+    figure.checked = this.memory.figure !== false;
+    this.hud.show(figure.checked);
   }
 
   listen() {
-    for (const choice of [this.camera, this.quality]) {
-      choice.addEventListener("change", () => {
-        choice.blur(); // else the drive keys would go on changing it
-        this.play();
-      });
-    }
-    document.addEventListener("visibilitychange", () => {
-      if (document.hidden) this.video.pause();
-      else this.play();
+    const { camera, layout, quality, turn, still, full, figure } = this.tools;
+    onChoice(camera, (id) => this.change(() => this.layout.choose(id)));
+    onChoice(layout, (kind) => this.change(() => this.layout.use(kind)));
+    onChoice(quality, (value) => {
+      this.keep({ quality: value });
+      this.tiles.each((tile) => tile.ask());
     });
+    figure.addEventListener("change", () => {
+      this.keep({ figure: figure.checked });
+      this.hud.show(figure.checked);
+    });
+    turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
+    still.addEventListener("click", () => this.saveStill());
+    full.addEventListener("click", () => toggleFull(this.root));
+    window.addEventListener("keydown", (event) => this.press(event));
+    document.addEventListener("visibilitychange", () => this.arrange());
+    new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
   }
 
-  offer(topics) {
-    this.camera.replaceChildren(...topics.map((topic) => new Option(topic, topic)));
-    this.camera.disabled = topics.length < 2;
-    if (topics.includes(this.settings.camera_topic)) this.camera.value = this.settings.camera_topic;
+  press(event) {
+    const deed = deedOf(event);
+    if (!deed) return;
+    if (deed.fullscreen) toggleFull(this.root);
+    else this.change(() => (deed.next ? this.layout.next() : this.layout.nth(deed.nth)));
   }
 
-  play() {
-    const { camera_width: width, camera_height: height } = this.settings;
-    const choice = { topic: this.camera.value, quality: this.quality.value, width, height };
-    const url = streamUrl(this.robot, choice);
-    this.img.dataset.source = url;
-    this.video.play(url);
+  change(act) {
+    act();
+    this.keep({ layout: this.layout.memory });
+    this.arrange();
   }
 
-  show({ picture, text }) {
-    this.element.dataset.picture = picture;
-    this.img.hidden = picture === "none";
-    setText(part(this.element, "no-picture"), text || (picture === "none" ? texts.starting : ""));
+  keep(chosen) {
+    this.memory = { ...this.memory, ...chosen };
+    remember(this.robot, this.memory);
   }
+
+  resized() {
+    clearTimeout(this.settling);
+    this.settling = setTimeout(() => this.tiles.each((tile) => tile.ask()), SETTLE_MS);
+  }
+
+  wantedOfAll() {
+    const { fps = 15, latency_ms = 300 } = this.page;
+    return { ...wantedQuality(this.tools.quality.value, this.page), fps, latency_ms };
+  }
+
+  arrange() {
+    const { layout, tools } = this;
+    const turned = ({ topic, turned_deg }) => layout.turned(topic, turned_deg);
+    this.tiles.arrange({
+      kind: layout.kind,
+      main: layout.main,
+      shown: layout.shown.map((id) => this.cameras.find(({ topic }) => topic === id) ?? { topic: id, name: texts.map }),
+      turned,
+      playing: !document.hidden,
+    });
+    if (layout.main) tools.camera.value = layout.main;
+    tools.turn.disabled = tools.still.disabled = layout.main === MAP;
+    this.look();
+  }
+
+  // What the driver goes by: the main picture, or beside the map the first camera that is shown.
+  get watched() {
+    const cameras = this.layout.shown.filter((id) => id !== MAP);
+    return cameras.includes(this.layout.main) ? this.layout.main : (cameras[0] ?? null);
+  }
+
+  look() {
+    const { watched } = this;
+    const now = this.now();
+    const at = this.moment.read(watched, this.tiles.get(watched)?.at ?? null);
+    this.news.hear(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
+  }
+
+  tick() {
+    this.look();
+    this.ticks += 1;
+    if (this.ticks % SHOW_EVERY !== 0) return;
+    this.tiles.each((tile) => tile.showState());
+    this.vitals.show();
+  }
+
+  async saveStill() {
+    const camera = this.cameras.find(({ topic }) => topic === this.layout.main);
+    if (!camera) return;
+    const status = await saveStill(this.robot, camera);
+    this.note(status === null ? texts.stillSaved : texts.stillFailed(status));
+  }
+
+  note(text) {
+    const note = part(this.element, "sight-note");
+    setText(note, text);
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => setText(note, ""), NOTE_MS);
+  }
+}
+
+function onChoice(choice, act) {
+  choice.addEventListener("change", () => {
+    choice.blur(); // else the drive keys would go on changing it
+    act(choice.value);
+  });
+}
+
+function scaleOf(settings) {
+  const { maxLinear, maxAngular } = driveSettings(settings).limits;
+  return { speed: maxLinear, turn: maxAngular };
 }

@@ -34,6 +34,10 @@ test("a whole robot is found in one round", async () => {
       twistType: "geometry_msgs/msg/Twist",
       speed: { name: "/odom", type: "nav_msgs/msg/Odometry" },
       cameras: ["/camera/image_raw"],
+      topics: [
+        { name: "/odom", type: "nav_msgs/msg/Odometry" },
+        { name: "/camera/image_raw", type: "sensor_msgs/msg/Image" },
+      ],
     },
   ]);
   assert.equal(asked.length, 2);
@@ -42,7 +46,7 @@ test("a whole robot is found in one round", async () => {
 
 test("a robot without rosapi gets the usual names", async () => {
   await discovery.run(async () => ({ ok: false, values: "no such service" }));
-  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, cameras: [] }]);
+  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, cameras: [], topics: [] }]);
   discovery.stop();
 });
 
@@ -61,4 +65,26 @@ test("an answer that comes after the connection ended is ignored", async () => {
   discovery.stop();
   await running;
   assert.deepEqual(found, []);
+});
+
+test("the odometry that the settings name comes before any other, if it is one", async () => {
+  const named = (odometryTopic) =>
+    new Discovery({ driveTopic: "/cmd_vel", odometryTopic, onFound: (what) => found.push(what.speed) });
+  const topics = { "/odom": "nav_msgs/Odometry", "/wheels": "nav_msgs/msg/Odometry", "/scan": "sensor_msgs/LaserScan" };
+  for (const name of ["/wheels", "/scan"]) {
+    const one = named(name);
+    await one.run(robot(topics).call);
+    one.stop();
+  }
+  assert.deepEqual(found, [{ name: "/wheels", type: "nav_msgs/msg/Odometry" }, undefined]);
+});
+
+test("who wants to know now is answered on the link that stands, and not without one", async () => {
+  const { call, asked } = robot({ "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" });
+  await discovery.run(call);
+  discovery.refresh();
+  assert.equal(asked.length, 4);
+  discovery.stop();
+  discovery.refresh();
+  assert.equal(asked.length, 4);
 });

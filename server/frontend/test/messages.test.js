@@ -3,7 +3,6 @@ import { test } from "node:test";
 
 import {
   driveMessage,
-  imageTopics,
   speedReader,
   speedTopic,
   twistType,
@@ -74,13 +73,4 @@ test("speed is read from odometry and from turtlesim's pose", () => {
   });
   const pose = { linear_velocity: 0.5, angular_velocity: -1 };
   assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
-});
-
-test("only raw images are offered as cameras", () => {
-  const topics = [
-    { name: "/rear", type: "sensor_msgs/msg/Image" },
-    { name: "/front", type: "sensor_msgs/Image" },
-    { name: "/scan", type: "sensor_msgs/LaserScan" },
-  ];
-  assert.deepEqual(imageTopics(topics), ["/front", "/rear"]);
 });

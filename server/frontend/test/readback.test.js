@@ -6,7 +6,7 @@ import { Readback } from "../src/readback.js";
 const ODOM = { name: "/odom", type: "nav_msgs/Odometry" };
 const POSE = { name: "/pose", type: "turtlesim/msg/Pose" };
 
-let subscriptions, speed, readback;
+let subscriptions, speed, pose, readback;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -19,6 +19,7 @@ beforeEach(() => {
       return () => (subscription.ended = true);
     },
     onSpeed: (value) => (speed = value),
+    onPose: (value) => (pose = value),
   });
 });
 
@@ -26,7 +27,13 @@ test("the speed is subscribed to ten times a second at most", () => {
   readback.follow(POSE);
   assert.deepEqual(subscriptions[0].spec, { ...POSE, throttleMs: 100 });
   subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0.1 });
-  assert.deepEqual(speed, { forward: 0.5, turn: 0.1 });
+  assert.deepEqual(speed, { forward: 0.5, left: 0, turn: 0.1 });
+});
+
+test("the pose of the same messages is told, too", () => {
+  readback.follow(POSE);
+  subscriptions[0].handler({ x: 1, y: 2, theta: 3, linear_velocity: 0, angular_velocity: 0 });
+  assert.deepEqual(pose, { x: 1, y: 2, theta: 3 });
 });
 
 test("a speed that is a second old is shown no more", () => {

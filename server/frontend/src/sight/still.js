@@ -1,0 +1,33 @@
+// A still at full quality, saved as a file.
+
+const FULL_QUALITY = 100;
+
+export function stillUrl(robot, topic) {
+  const query = new URLSearchParams({ topic, quality: FULL_QUALITY });
+  return `/robots/${encodeURIComponent(robot)}/video/snapshot?${query}`;
+}
+
+// robot-camera-20260101T120304Z.jpg; a camera's name may have what no file name may.
+export function stillName(robot, camera, time) {
+  const plain = camera.replace(/[^A-Za-z0-9]+/g, "-").replace(/^-|-$/g, "") || "camera";
+  return `${robot}-${plain}-${time.toISOString().replace(/[-:]|\.\d+/g, "")}.jpg`;
+}
+
+// Gives null, or the status of the answer that was no picture (0 for none).
+export async function saveStill(robot, { topic, name }) {
+  const answer = await fetch(stillUrl(robot, topic), { cache: "no-store" }).catch(() => null);
+  const isPicture = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");
+  const picture = isPicture && (await answer.blob().catch(() => null));
+  if (!picture) return answer?.status ?? 0;
+  download(picture, stillName(robot, name, new Date()));
+  return null;
+}
+
+function download(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  // The browser has taken the blob up by the next task.
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

@@ -1,0 +1,43 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { FreshnessNews, MainMoment, freshness } from "../../src/sight/freshness.js";
+
+const seen = { offered: true, hidden: false, at: 1000 };
+
+test("a picture is fresh up to the limit and old after it", () => {
+  assert.deepEqual(freshness(seen, 1000, 2000), { state: "fresh", ageMs: 1000 });
+  assert.deepEqual(freshness(seen, 1000, 2001), { state: "old", ageMs: 1001 });
+});
+
+test("no picture is none, and a robot without a camera or a hidden page is off", () => {
+  assert.equal(freshness({ ...seen, at: null }, 1000, 1).state, "none");
+  assert.equal(freshness({ ...seen, offered: false }, 1000, 1).state, "off");
+  assert.equal(freshness({ ...seen, hidden: true }, 1000, 1).state, "off");
+});
+
+test("each change is told at once, and else ten a second at most", () => {
+  const told = [];
+  const news = new FreshnessNews((reading) => told.push(reading.state));
+  news.hear({ state: "fresh" }, 0);
+  news.hear({ state: "fresh" }, 99);
+  news.hear({ state: "old" }, 99);
+  news.hear({ state: "old" }, 150);
+  news.hear({ state: "old" }, 199);
+  assert.deepEqual(told, ["fresh", "old", "old"]);
+});
+
+test("another camera begins with the moment of the one before and then answers for itself", () => {
+  const moment = new MainMoment();
+  assert.equal(moment.read("/a", null), null);
+  assert.equal(moment.read("/a", 10), 10);
+  assert.equal(moment.read("/b", null), 10);
+  assert.equal(moment.read("/b", null), 10);
+  assert.equal(moment.read("/b", 40), 40);
+});
+
+test("a picture that stalled before it was made the main one is as old as it is", () => {
+  const moment = new MainMoment();
+  moment.read("/a", 100);
+  assert.equal(moment.read("/b", 20), 20);
+});

@@ -1,0 +1,27 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { deedOf } from "../../src/sight/keys.js";
+
+const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
+const page = within();
+
+test("C is the next camera, numbers name one, F is fullscreen", () => {
+  assert.deepEqual(deedOf({ code: "KeyC", target: page }), { next: true });
+  assert.deepEqual(deedOf({ code: "Digit3", target: page }), { nth: 2 });
+  assert.deepEqual(deedOf({ code: "Numpad1", target: page }), { nth: 0 });
+  assert.deepEqual(deedOf({ code: "KeyF", target: page }), { fullscreen: true });
+});
+
+test("keys that drive and stop, and any other, mean nothing here", () => {
+  for (const code of ["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowUp", "Space", "Digit5", "Digit0"]) {
+    assert.equal(deedOf({ code, target: page }), null);
+  }
+});
+
+test("shortcuts, repeats and typed text are not for the picture", () => {
+  assert.equal(deedOf({ code: "KeyC", ctrlKey: true, target: page }), null);
+  assert.equal(deedOf({ code: "KeyC", metaKey: true, target: page }), null);
+  assert.equal(deedOf({ code: "KeyC", repeat: true, target: page }), null);
+  assert.equal(deedOf({ code: "Digit1", target: within("select") }), null);
+});

@@ -1,0 +1,14 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { stillName, stillUrl } from "../../src/sight/still.js";
+
+test("a still is asked for at full quality", () => {
+  assert.equal(stillUrl("sim 1", "/camera/image_raw"), "/robots/sim%201/video/snapshot?topic=%2Fcamera%2Fimage_raw&quality=100");
+});
+
+test("a file is named after robot, camera and time, in plain letters", () => {
+  const time = new Date("2026-01-02T03:04:05.678Z");
+  assert.equal(stillName("sim1", "/camera/image_raw", time), "sim1-camera-image-raw-20260102T030405Z.jpg");
+  assert.equal(stillName("sim1", "../..", time), "sim1-camera-20260102T030405Z.jpg");
+});
