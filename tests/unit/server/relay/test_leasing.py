@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from relay_clients import audit_lines, closing
+from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import until
 from robotether_server.relay import leases, leasing
 from robotether_server.store.control import DriveEntry, LeaseEnd
@@ -31,6 +31,11 @@ def asker(user: User) -> leasing.Asker:
 
 async def driven(relay, sim1, user: User = ANN) -> None:
     await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
+
+
+async def read_all(socket) -> None:
+    async for _ in socket:
+        pass
 
 
 async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
@@ -71,6 +76,33 @@ async def test_what_the_guard_refuses_stands_in_the_drives_record(
     await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
     guarded.session.tell_guard(old=2, shape=1)
     await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
+
+
+async def test_what_a_drive_was_like_stands_in_its_record(relay, guarded, sim1, http, records):
+    """Round trips, bytes of both directions, and the pictures that this driver got of this robot meanwhile."""
+    deliveries, reports = relay.relay.deliveries, relay.relay.reports
+
+    def record() -> DriveEntry | None:
+        reports.write_drives()
+        return next((one for one in records.written if isinstance(one, DriveEntry)), None)
+
+    deliveries.count(sim1.id, ANN.id, 5000)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        # A client answers pings while it reads.
+        reading = asyncio.create_task(read_all(socket))
+        await guarded.connections(1)
+        await socket.send_str(PUBLISH)
+        await until(lambda: guarded.received, "the command came")
+        deliveries.count(sim1.id, ANN.id, 700)
+        deliveries.count(sim1.id, BEN.id, 90)
+        await until(lambda: (one := record()) and one.latency_p50_ms, "a round trip is measured")
+        await socket.close()
+        await reading
+    await until(lambda: record().ended_at, "the drive is over")
+    entry = record()
+    assert 0 < entry.latency_p50_ms <= entry.latency_p95_ms
+    assert (entry.pictures, entry.picture_bytes, entry.viewed_s) == (1, 700, 0.0)
+    assert entry.bytes >= len(guarded.received[0])
 
 
 async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
