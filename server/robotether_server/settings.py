@@ -67,6 +67,7 @@ class WebSettings:
     secret_key: str = field(repr=False)
     login_ttl_h: int
     log_level: str
+    allowed_origins: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,7 @@ def load_web(environ: Mapping[str, str]) -> WebSettings:
         secret_key=v.WEB_SECRET_KEY.read(environ),
         login_ttl_h=v.LOGIN_TTL_H.read(environ),
         log_level=v.LOG_LEVEL.read(environ),
+        allowed_origins=v.ALLOWED_ORIGINS.read(environ),
     )
 
 

@@ -12,6 +12,7 @@ from robotether_server.tickets import TicketSigner
 from robotether_server.web import (
     admin,
     api,
+    cors,
     drives_page,
     errors,
     headers,
@@ -56,6 +57,7 @@ def create_app(settings: WebSettings) -> Flask:
     csrf.exempt(api.blueprint)
     errors.register(app)
     headers.register(app)
+    cors.register(app, settings.allowed_origins)
     page_texts.register(app)
     visitors.register(app)
     app.register_blueprint(pages.blueprint)

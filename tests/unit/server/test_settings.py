@@ -31,6 +31,7 @@ def test_defaults_are_the_documented_ones() -> None:
     assert (web.front.public_host, web.front.public_port) == (None, 443)
     assert web.front.tls_front == ("nginx", 8443)
     assert web.agent_files_dir == Path("/usr/share/robotether/agent")
+    assert web.allowed_origins == ()
     relay = settings.load_relay(RELAY)
     assert (relay.tunnel_host, relay.allowed_origins) == ("sshd", ())
     assert relay.message_limit_bytes == 10 * 1024 * 1024
