@@ -1,0 +1,408 @@
+"""Whatever a person drives with, the robot does what is held, and stands when it is let go or lost.
+
+Gamepads are doubles (gamepad_double.py), fingers come from Chromium itself; the robot is looked at on its own
+rosbridge.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from crew import release_all
+from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble, Way
+from pages import expect_no_sideways_scroll, open_live, open_robot
+from playwright.sync_api import Page, expect
+from sim_watch import SimWatch
+from stack import Stack
+
+PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+ROBOT = "sim1"
+PERIODS_PER_S = 20
+
+
+@pytest.fixture
+def gamepad(page: Page, stack: Stack) -> GamepadDouble:
+    """A gamepad beside a page from which the robot can be driven, plugged in and at rest."""
+    made = GamepadDouble(page)
+    open_robot(page, stack, ROBOT)
+    made.plug_in()
+    _expect_gamepad(page, "ready")
+    return made
+
+
+@pytest.fixture
+def watch(stack: Stack) -> Iterator[SimWatch]:
+    """What the robot does."""
+    with SimWatch(stack, ROBOT) as watching:
+        yield watching
+
+
+@contextmanager
+def _robot_is(stack: Stack, kind: str) -> Iterator[None]:
+    stack.robotether("robot", "set", ROBOT, f"page.kind={kind}")
+    try:
+        yield
+    finally:
+        stack.robotether("robot", "set", ROBOT, "page.kind=null")
+
+
+def _expect_gamepad(page: Page, state: str) -> None:
+    expect(page.get_by_test_id("gamepad")).to_have_attribute("data-state", state)
+
+
+def _moving(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] > 0.1
+
+
+def _standing(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] == 0 and pose["angular_velocity"] == 0
+
+
+def _is_zero(twist: dict[str, Any]) -> bool:
+    return not any((*twist["linear"].values(), *twist["angular"].values()))
+
+
+def _stands(watch: SimWatch) -> None:
+    """Wait until the robot stands; then nothing but zero comes, and soon nothing at all."""
+    watch.wait_pose("standing", _standing, seconds=1)
+    since = time.monotonic()
+    while time.monotonic() < since + 1.2:
+        moved = [seen.msg for seen in watch.commands(since) if not _is_zero(seen.msg)]
+        assert moved == [], "it is driven by what nobody holds"
+        time.sleep(0.05)
+    assert watch.commands(since + 0.7) == [], "the zeros do not end"
+
+
+def _wait_command(watch: SimWatch, what: str, condition: Callable[[Any], bool]) -> Any:
+    """Wait for a command that is so, and return it."""
+    end = time.monotonic() + 5
+    while True:
+        sent = [seen.msg for seen in watch.commands()]
+        if found := next((twist for twist in reversed(sent) if condition(twist)), None):
+            return found
+        assert time.monotonic() < end, f"no command {what}: {sent[-3:]}"
+        time.sleep(0.02)
+
+
+def _drive(gamepad: GamepadDouble, watch: SimWatch) -> None:
+    gamepad.push(LEFT_Y, -1)
+    gamepad.press(LB)
+    watch.wait_pose("moving by the gamepad", _moving)
+
+
+def _stays_until_pressed_anew(page: Page, gamepad: GamepadDouble, watch: SimWatch) -> None:
+    _stands(watch)
+    _expect_gamepad(page, "stuck")
+    gamepad.release(LB)
+    gamepad.press(LB)
+    watch.wait_pose("moving by a new press", _moving)
+    gamepad.release(LB)
+    _stands(watch)
+
+
+def test_a_gamepad_drives_while_its_button_is_held(gamepad: GamepadDouble, watch: SimWatch) -> None:
+    """The stick alone moves nothing; with the button it drives 20 times a second; without, zero and silence."""
+    gamepad.push(LEFT_Y, -1)
+    _stands(watch)
+    gamepad.press(LB)
+    watch.wait_pose("moving", _moving)
+    since = time.monotonic()
+    gamepad.push(LEFT_X, -1)
+    watch.wait_pose("turning left", lambda pose: pose["angular_velocity"] > 0.1)
+    watch.wait_pose("driven for a second", lambda _: time.monotonic() > since + 1)
+    sent = len([seen for seen in watch.commands(since) if seen.at < since + 1])
+    assert PERIODS_PER_S * 0.7 < sent <= PERIODS_PER_S + 2
+    gamepad.release(LB)
+    _stands(watch)
+
+
+def test_turbo_goes_beyond_the_sliders_but_not_beyond_the_robots_limit(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch
+) -> None:
+    """With the slider down the robot is slow; with turbo as fast as it may; and slow again."""
+    slider = page.get_by_test_id("limit-linear")
+    most = float(slider.get_attribute("max") or "nan")
+    slider.press("Home")
+    least = float(slider.input_value())
+    assert least < most
+
+    def drives_at(speed: float) -> None:
+        watch.wait_pose(
+            f"driving at {speed} m/s", lambda pose: abs(pose["linear_velocity"] - speed) < 1e-3
+        )
+
+    gamepad.push(LEFT_Y, -1)
+    gamepad.press(LB)
+    drives_at(least)
+    gamepad.press(RB)
+    drives_at(most)
+    gamepad.release(RB)
+    drives_at(least)
+    gamepad.release(LB)
+    _stands(watch)
+
+
+@pytest.mark.parametrize("way", ["gone", "disconnected", "silently gone"])
+def test_a_lost_gamepad_stops_the_robot(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch, way: Way
+) -> None:
+    """The robot stands, the page says so, and the same gamepad, still held, does not drive when it is back."""
+    _drive(gamepad, watch)
+    gamepad.unplug(way)
+    watch.wait_pose("standing", _standing, seconds=1)
+    _expect_gamepad(page, "lost")
+    gamepad.plug_in()
+    _stays_until_pressed_anew(page, gamepad, watch)
+
+
+SHOW = """(state) => {
+  Object.defineProperty(document, "hidden", { value: state === "hidden", configurable: true });
+  Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+
+
+def _blur(page: Page) -> None:
+    page.evaluate("dispatchEvent(new Event('blur'))")
+
+
+def _hide_and_show(page: Page) -> None:
+    page.evaluate(SHOW, "hidden")
+    page.evaluate(SHOW, "visible")
+
+
+def _freeze(page: Page) -> None:
+    page.evaluate("{ const end = Date.now() + 2000; while (Date.now() < end); }")
+
+
+@pytest.mark.parametrize("happen", [_blur, _hide_and_show, _freeze])
+def test_a_gamepad_drives_no_page_that_nobody_looks_at(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch, happen: Callable[[Page], None]
+) -> None:
+    """What is held when the page loses the focus, is hidden or freezes counts only after a new press."""
+    _drive(gamepad, watch)
+    happen(page)
+    _stays_until_pressed_anew(page, gamepad, watch)
+
+
+def test_a_gamepad_drives_no_page_without_the_focus(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch
+) -> None:
+    """Browsers show gamepads to a page behind another window too: there, a new press drives nothing."""
+    page.evaluate("document.hasFocus = () => false; dispatchEvent(new Event('blur'))")
+    gamepad.push(LEFT_Y, -1)
+    gamepad.press(LB)
+    _expect_gamepad(page, "off")
+    _stands(watch)
+    page.evaluate("delete document.hasFocus")
+    _stays_until_pressed_anew(page, gamepad, watch)
+
+
+def test_the_gamepads_stop_button_stops(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch, stack: Stack
+) -> None:
+    """In mid-drive it is a Stop as any other: it holds until somebody releases the robot."""
+    token = stack.token("driving tests")
+    _drive(gamepad, watch)
+    try:
+        gamepad.press(B)
+        watch.wait_pose("standing", _standing, seconds=1)
+        expect(page.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "stopped")
+        _stands(watch)
+    finally:
+        release_all(stack, [ROBOT], token)
+
+
+def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
+    page: Page, stack: Stack, watch: SimWatch
+) -> None:
+    """It drives nothing before, drives as it was shown, also after a reload, and not with another number of axes."""
+    device = {"mapping": "", "axes": 3, "buttons": 6}
+    gamepad = GamepadDouble(page)
+    open_robot(page, stack, ROBOT)
+    gamepad.plug_in("unknown", **device)
+    _expect_gamepad(page, "unknown")
+    page.get_by_test_id("gamepad-open").click()
+    page.get_by_test_id("gamepad-learn").click()
+    ask = page.get_by_test_id("gamepad-ask")
+
+    def show(asked: str, act: Callable[[], None], back: Callable[[], None]) -> None:
+        expect(ask).to_contain_text(asked)
+        act()
+        expect(ask).to_contain_text("Let go of it")
+        back()
+
+    show("drives forward", lambda: gamepad.push(2, 1), lambda: gamepad.push(2, 0))
+    show("turns to the left", lambda: gamepad.push(0, -1), lambda: gamepad.push(0, 0))
+    show("hold to drive", lambda: gamepad.press(3), gamepad.release)
+    page.get_by_test_id("gamepad-pass").click()
+    show("stops the robot", lambda: gamepad.press(5), gamepad.release)
+    _expect_gamepad(page, "ready")
+    for _ in range(2):
+        gamepad.push(2, 1)
+        gamepad.press(3)
+        watch.wait_pose("moving as it was shown", _moving)
+        gamepad.release()
+        gamepad.push(2, 0)
+        _stands(watch)
+        open_live(page, stack, ROBOT)
+        gamepad.plug_in("unknown", **device)
+        _expect_gamepad(page, "ready")
+    gamepad.unplug()
+    gamepad.plug_in("unknown", **{**device, "axes": 4})
+    _expect_gamepad(page, "unknown")
+    gamepad.unplug()
+    gamepad.plug_in("unknown", **device)
+    page.get_by_test_id("gamepad-open").click()
+    page.get_by_test_id("gamepad-forget").click()
+    _expect_gamepad(page, "unknown")
+
+
+class Fingers:
+    """Fingers on the screen, each on a stick; Chromium itself makes the events."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._devtools = page.context.new_cdp_session(page)
+        self._points: dict[str, tuple[float, float]] = {}
+
+    def put(self, stick: str, *, up: float = 0, left: float = 0) -> None:
+        """Press a stick there, or move the finger that does; 1 is at its rim."""
+        box = self._page.get_by_test_id(stick).bounding_box()
+        assert box is not None
+        kind = "touchMove" if stick in self._points else "touchStart"
+        self._points[stick] = (
+            box["x"] + box["width"] / 2 * (1 - left),
+            box["y"] + box["height"] / 2 * (1 - up),
+        )
+        self._dispatch(kind)
+
+    def lift(self, stick: str) -> None:
+        """Take the finger from a stick."""
+        del self._points[stick]
+        self._dispatch("touchEnd")
+
+    def _dispatch(self, kind: str) -> None:
+        points = [
+            {"x": x, "y": y, "id": sum(map(ord, stick))} for stick, (x, y) in self._points.items()
+        ]
+        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
+def _choose_two_sticks(page: Page) -> None:
+    page.get_by_test_id("two-sticks").click()
+    expect(page.get_by_test_id("joystick-turn")).to_be_visible()
+    page.get_by_test_id("joystick-turn").scroll_into_view_if_needed()
+
+
+@pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
+def test_two_thumbs_drive_on_a_phone(page: Page, stack: Stack, watch: SimWatch) -> None:
+    """The left one goes, the right one turns; each that lifts ends its own; the choice is there after a reload."""
+    open_robot(page, stack, ROBOT)
+    _choose_two_sticks(page)
+    expect_no_sideways_scroll(page)
+    fingers = Fingers(page)
+    fingers.put("joystick", up=0.9, left=0.5)
+    watch.wait_pose("going straight", lambda pose: _moving(pose) and pose["angular_velocity"] == 0)
+    fingers.put("joystick-turn", up=0.5, left=0.9)
+    watch.wait_pose(
+        "turning as it goes", lambda pose: _moving(pose) and pose["angular_velocity"] > 0.1
+    )
+    fingers.lift("joystick")
+    watch.wait_pose(
+        "turning on the spot",
+        lambda pose: pose["linear_velocity"] == 0 and pose["angular_velocity"] > 0.1,
+    )
+    fingers.lift("joystick-turn")
+    _stands(watch)
+    open_live(page, stack, ROBOT)
+    expect(page.get_by_test_id("joystick-turn")).to_be_visible()
+
+
+def test_the_mouse_turns_the_robot_with_the_right_stick(
+    page: Page, stack: Stack, watch: SimWatch
+) -> None:
+    """However it is dragged, the right stick only turns."""
+    open_robot(page, stack, ROBOT)
+    _choose_two_sticks(page)
+    box = page.get_by_test_id("joystick-turn").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + box["width"] / 3, y - box["height"] / 3, steps=4)
+    watch.wait_pose("turning right", lambda pose: pose["angular_velocity"] < -0.1)
+    assert all(seen.msg["linear"]["x"] == 0 for seen in watch.commands())
+    page.mouse.up()
+    _stands(watch)
+
+
+@pytest.mark.parametrize("key", ["q", "e"])
+def test_keys_go_sideways_on_a_robot_that_can(
+    page: Page, stack: Stack, watch: SimWatch, key: str
+) -> None:
+    """Q is left and E right, with two sticks at hand from the beginning."""
+    with _robot_is(stack, "holonomic"):
+        open_live(page, stack, ROBOT)
+        expect(page.get_by_test_id("joystick-turn")).to_be_visible()
+        page.keyboard.down(key)
+        sent = _wait_command(watch, "sideways", lambda twist: twist["linear"]["y"] != 0)
+        assert (sent["linear"]["y"] > 0) == (key == "q")
+        assert sent["linear"]["x"] == sent["angular"]["z"] == 0
+        page.keyboard.up(key)
+        _wait_command(watch, "to stand", _is_zero)
+        _stands(watch)
+
+
+def test_a_gamepad_goes_sideways_and_turns_on_a_robot_that_can(
+    page: Page, stack: Stack, watch: SimWatch
+) -> None:
+    """The left stick goes any way, no faster along a diagonal, and the right one turns."""
+    with _robot_is(stack, "holonomic"):
+        gamepad = GamepadDouble(page)
+        open_live(page, stack, ROBOT)
+        gamepad.plug_in()
+        _expect_gamepad(page, "ready")
+        gamepad.push(LEFT_X, -1)
+        gamepad.push(LEFT_Y, -1)
+        gamepad.push(RIGHT_X, 1)
+        gamepad.press(LB)
+        sent = _wait_command(watch, "that turns", lambda twist: twist["angular"]["z"] < 0)
+        most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
+        assert sent["linear"]["x"] ** 2 + sent["linear"]["y"] ** 2 == pytest.approx(most**2)
+        assert sent["linear"]["x"] == pytest.approx(sent["linear"]["y"])
+        gamepad.release()
+        _stands(watch)
+
+
+def test_a_car_does_not_turn_in_place(page: Page, stack: Stack, watch: SimWatch) -> None:
+    """A alone asks for nothing; with S too the robot backs and turns the other way."""
+    with _robot_is(stack, "ackermann"):
+        open_live(page, stack, ROBOT)
+        page.keyboard.down("a")
+        _wait_command(watch, "at all", lambda _: True)
+        assert all(_is_zero(seen.msg) for seen in watch.commands())
+        page.keyboard.down("s")
+        sent = _wait_command(watch, "that backs", lambda twist: twist["linear"]["x"] < 0)
+        assert sent["angular"]["z"] < 0
+        page.keyboard.up("s")
+        page.keyboard.up("a")
+        _stands(watch)
+
+
+def test_what_is_said_of_a_gamepad_does_not_move_the_stick(
+    page: Page, gamepad: GamepadDouble
+) -> None:
+    """A gamepad that comes or goes, and its words, move the joystick by no pixel."""
+    stick = page.get_by_test_id("joystick")
+    before = stick.bounding_box()
+    gamepad.unplug()
+    _expect_gamepad(page, "lost")
+    assert stick.bounding_box() == before
+    gamepad.plug_in("another", mapping="", axes=9)
+    _expect_gamepad(page, "unknown")
+    assert stick.bounding_box() == before
