@@ -28,6 +28,7 @@ import time
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
+from fake_frames import FakeFrames
 
 Mode = Literal[
     "old_agent",
@@ -186,6 +187,8 @@ class FakeRobot:
         self.handshakes: list[dict[str, str]] = []
         self._came = asyncio.Event()
         self.raw_answer: list[bytes] = []
+        # Its agent is from before the frames service unless a test says otherwise.
+        self.frames = FakeFrames(self.session.clock_ms, "no_service")
         self._runners: list[web.AppRunner] = []
         self._closer: asyncio.Server | None = None
         self._watch: asyncio.Task[None] | None = None
@@ -320,6 +323,7 @@ class FakeRobot:
 
     def _video_app(self) -> web.Application:
         app = web.Application()
+        app.router.add_get("/robotether/frames", self.frames.serve)
         app.router.add_get("/stream", self._video_stream)
         app.router.add_get("/huge", self._huge)
         app.router.add_get("/raw", self._raw)

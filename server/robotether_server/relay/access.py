@@ -148,6 +148,14 @@ class Access:
         robot = self.visible_robot(asker.user, name)
         return Permit(asker.user, robot, "video", asker.credential)
 
+    async def for_frames(self, request: Request, name: str) -> Permit:
+        """Let a ticket open one connection to the pictures of robot `name`, and use it up; or a login or token."""
+        permit = await self.for_video(request, name)
+        if request.ticket is not None:
+            ticket, issued_at = self._verified(request.ticket)
+            self._used.use(ticket.id, issued_at, self._clock())
+        return permit
+
     async def for_events(self, request: Request) -> Asker:
         """Let a login or token follow the fleet."""
         self.check_origin(request)

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 
 from aiohttp import web
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throttled
 from robotether_server.relay.control_api import ControlApi
+from robotether_server.relay.cors import Cors
 from robotether_server.relay.events import EventsHandler
+from robotether_server.relay.frames import FramesHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge import RosbridgeHandler
 from robotether_server.relay.video import VideoHandler
@@ -26,19 +29,24 @@ MAX_BODY_BYTES = 4096
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def public_app(
-    metrics: Metrics,
-    rosbridge: RosbridgeHandler,
-    video: VideoHandler,
-    events: EventsHandler,
-    control: ControlApi,
-) -> web.Application:
+@dataclass(frozen=True)
+class Handlers:
+    """Who answers what of the public routes."""
+
+    rosbridge: RosbridgeHandler
+    frames: FramesHandler
+    video: VideoHandler
+    events: EventsHandler
+    control: ControlApi
+
+
+def public_app(metrics: Metrics, handlers: Handlers, cors: Cors) -> web.Application:
     """Make the application that nginx hands requests to."""
 
     @web.middleware
     async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
-            return await handler(request)
+            return cors.preflight(request) or await handler(request)
         except Problem as problem:
             metrics.refusals.labels(problem.code).inc()
             # Paths and details hold what came from outside, which must not write a line of its own.
@@ -51,11 +59,13 @@ def public_app(
             return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
-    app.router.add_get("/robots/{name}/ros", rosbridge.handle, allow_head=False)
-    app.router.add_route("*", "/robots/{name}/video", video.handle)
-    app.router.add_route("*", "/robots/{name}/video/{path:.*}", video.handle)
-    app.router.add_get("/api/v1/events", events.handle, allow_head=False)
-    control.add_routes(app)
+    app.router.add_get("/robots/{name}/ros", handlers.rosbridge.handle, allow_head=False)
+    app.router.add_get("/robots/{name}/video/frames", handlers.frames.handle, allow_head=False)
+    app.router.add_route("*", "/robots/{name}/video", handlers.video.handle)
+    app.router.add_route("*", "/robots/{name}/video/{path:.*}", handlers.video.handle)
+    app.router.add_get("/api/v1/events", handlers.events.handle, allow_head=False)
+    handlers.control.add_routes(app)
+    app.on_response_prepare.append(cors.mark)
     return app
 
 

@@ -133,6 +133,22 @@ def rosbridge_down(robot: str, why: str) -> Ending:
     return Ending(4504, "rosbridge_down", f"rosbridge on robot {robot} does not answer: {why}")
 
 
+def video_down(robot: str, why: str) -> Ending:
+    """The tunnel is there, the robot's media service is not."""
+    return Ending(4506, "video_down", f"the video of robot {robot} does not answer: {why}")
+
+
+def frames_unknown(robot: str) -> Ending:
+    """The robot's agent is from before the frames protocol; clients look for the first word."""
+    why = f"frames_unknown: robot {robot} has no frames service; upgrade its agent"
+    return Ending(4506, "video_down", why)
+
+
+def frames_broken(why: str) -> Ending:
+    """A viewer sent what is not the frames protocol."""
+    return Ending(1002, "protocol_broken", f"you broke the frames protocol: {why}")
+
+
 def link_lost(robot: str) -> Ending:
     """The tunnel went away during the connection."""
     return Ending(4505, "link_lost", f"the link to robot {robot} is lost")

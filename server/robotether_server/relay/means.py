@@ -9,6 +9,8 @@ from aiohttp import ClientSession
 from robotether_server.relay.access import Access
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.deliveries import Deliveries
+from robotether_server.relay.feeds import Feeds
 from robotether_server.relay.sessions import SessionRegistry
 
 
@@ -22,3 +24,5 @@ class Means:
     connections: Connections
     client: ClientSession
     tunnel_host: str
+    feeds: Feeds
+    deliveries: Deliveries

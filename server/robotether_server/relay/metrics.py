@@ -20,6 +20,7 @@ from prometheus_client.core import CounterMetricFamily
 from prometheus_client.registry import Collector
 
 from robotether_server.relay.bridge import Traffic
+from robotether_server.relay.feeds import FeedTraffic
 
 
 class Metrics:
@@ -56,6 +57,10 @@ class Metrics:
         gauge = Gauge(f"robotether_relay_{name}", meaning, registry=self._registry)
         gauge.set_function(read)
 
+    def collect_feeds(self, traffic: FeedTraffic) -> None:
+        """Add what feeds count."""
+        self._registry.register(_FeedCollector(traffic))
+
     def render(self) -> bytes:
         """Write all numbers in Prometheus' text format."""
         return generate_latest(self._registry)
@@ -88,3 +93,26 @@ class _TrafficCollector(Collector):
         for kind, count in traffic.refused.items():
             refused.add_metric([kind], count)
         return [messages, sizes, refused]
+
+
+class _FeedCollector(Collector):
+    def __init__(self, traffic: FeedTraffic) -> None:
+        self._traffic = traffic
+
+    def collect(self) -> Iterable[CounterMetricFamily]:
+        traffic = self._traffic
+        pictures = CounterMetricFamily(
+            "robotether_relay_pictures", "Pictures that came, and that went", labels=["to"]
+        )
+        pictures.add_metric(["relay"], traffic.pictures_in)
+        pictures.add_metric(["client"], traffic.pictures_out)
+        sizes = CounterMetricFamily(
+            "robotether_relay_picture_bytes", "Bytes of pictures", labels=["to"]
+        )
+        sizes.add_metric(["relay"], traffic.bytes_in)
+        sizes.add_metric(["client"], traffic.bytes_out)
+        skipped = CounterMetricFamily(
+            "robotether_relay_pictures_skipped", "Pictures that were newer when a viewer was ready"
+        )
+        skipped.add_metric([], traffic.skipped)
+        return [pictures, sizes, skipped]

@@ -15,17 +15,21 @@ from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPC
 
 from robotether_server.relay import endings
 from robotether_server.relay.access import Access
-from robotether_server.relay.app import inside_app, public_app
+from robotether_server.relay.app import Handlers, inside_app, public_app
 from robotether_server.relay.board import Board
 from robotether_server.relay.bridge import Traffic
 from robotether_server.relay.checks import PortChecker
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.control import Control
 from robotether_server.relay.control_api import ControlApi
+from robotether_server.relay.cors import Cors
 from robotether_server.relay.credentials import Credentials
 from robotether_server.relay.deliveries import Deliveries
 from robotether_server.relay.events import EventsHandler
+from robotether_server.relay.feed_link import FeedWay
+from robotether_server.relay.feeds import Feeds
 from robotether_server.relay.fleet import Fleet
+from robotether_server.relay.frames import FramesHandler
 from robotether_server.relay.journal import Journal
 from robotether_server.relay.liveness import DRIVER_LIMITS, Limits
 from robotether_server.relay.means import Means
@@ -95,6 +99,7 @@ class Relay:
         self.inside_port = 0
         self._make_state()
         self._make_client()
+        self._make_feeds()
         self._make_sessions()
         self._make_apps()
         self._add_gauges()
@@ -125,6 +130,7 @@ class Relay:
         self.board.end_feeds()
         # Operators first: they must hear that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        await self.feeds.close()
         await self._sessions.stop()
         self.control.close()
         await self.journal.flush(JOURNAL_STOPS_WITHIN_S)
@@ -187,6 +193,12 @@ class Relay:
             ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),
         )
 
+    def _make_feeds(self) -> None:
+        way = FeedWay(self._client, self._settings.tunnel_host, self.registry)
+        self.feeds = Feeds(way.bring)
+        self.metrics.collect_feeds(self.feeds.traffic)
+        self.registry.listen(self.feeds.robot)
+
     def _make_sessions(self) -> None:
         settings, timing = self._settings, self._timing
         self._sessions = SessionServer(
@@ -221,6 +233,8 @@ class Relay:
             connections=self.connections,
             client=self._client,
             tunnel_host=settings.tunnel_host,
+            feeds=self.feeds,
+            deliveries=self.deliveries,
         )
         rosbridge = RosbridgeHandler(
             means,
@@ -229,12 +243,13 @@ class Relay:
             report=self.reports.connection,
             deliveries=self.deliveries,
         )
-        video = VideoHandler(means)
+        frames, video = FramesHandler(means, self._timing.limits), VideoHandler(means)
         events = EventsHandler(
             access, self.credentials, self.board, lambda: self.connections.caps.per_user
         )
         control = ControlApi(access, self.control, lambda: self.fleet.snapshot)
-        self._public = public_app(self.metrics, rosbridge, video, events, control)
+        handlers = Handlers(rosbridge, frames, video, events, control)
+        self._public = public_app(self.metrics, handlers, Cors(settings.allowed_origins))
         self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
 
     def _bridge_rules(self) -> BridgeRules:
@@ -256,6 +271,7 @@ class Relay:
         gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("video_feeds", "Cameras that are watched", self.feeds.count)
         gauge("event_clients", "Clients of the live fleet", self.board.feed_count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("journal_waiting", "Entries not yet written", self.journal.waiting)

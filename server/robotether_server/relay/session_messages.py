@@ -196,9 +196,10 @@ def parse_vitals(message: Mapping[str, Any]) -> Battery | None:
     if not isinstance(value, dict):
         raise BrokenLineError("cannot read field battery: no object")
     percent = value.get("percent")
-    is_number = isinstance(percent, int | float) and not isinstance(percent, bool)
-    # Not a number is in no range either.
-    if not is_number or not 0 <= percent <= FULL_PERCENT:
+    if not isinstance(percent, int | float) or isinstance(percent, bool):
+        raise BrokenLineError("cannot read field percent: no number")
+    # Not a number is in no range.
+    if not 0 <= percent <= FULL_PERCENT:
         raise BrokenLineError("cannot read field percent: no number from 0 to 100")
     return Battery(round(percent), truth_field(value, "charging"))
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from socket import SO_SNDBUF, SOL_SOCKET
+from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
 from typing import Any, Literal
 
 from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
+from aiohttp.abc import AbstractStreamWriter
 
 from robotether_server.relay.endings import Ending
 
@@ -19,6 +20,8 @@ from robotether_server.relay.endings import Ending
 SEND_BUFFER_BYTES = 64 * 1024
 # What the system may keep of a driver's messages, doubled by Linux.
 DRIVE_SEND_BYTES = 32 * 1024
+# What the system may keep of a viewer's pictures beside what is under way.
+UNSENT_BYTES = 32 * 1024
 # How long an operator has to take what waits and to answer the close; and a robot.
 OPERATOR_FAREWELL_S = 2.0
 ROBOT_FAREWELL_S = 0.5
@@ -99,6 +102,31 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
                 await asyncio.sleep(0.05)
 
 
+class ViewerSocket(OperatorSocket):
+    """The end of who watches: takes frames that are written already, which viewers share, and never copies them."""
+
+    def __init__(self, message_limit: int) -> None:
+        super().__init__(message_limit)
+        self._stream: AbstractStreamWriter | None = None
+
+    async def open(self, request: web.Request) -> None:
+        """Answer the upgrade; from now on `drained` waits until this program holds nothing back."""
+        self._transport = request.transport
+        if self._transport is not None:
+            keep_little_unsent(self._transport)
+        self._stream = await self.prepare(request)
+
+    def write_frame(self, frame: bytes) -> None:
+        """Hand over a whole frame with its header."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(frame)
+
+    async def drained(self) -> None:
+        """Wait until the system has taken all that was written; ConnectionError when it never will."""
+        if self._stream is not None:
+            await self._stream.drain()
+
+
 class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     """The robot's end; aiohttp makes it as the session's `ws_response_class`."""
 
@@ -131,6 +159,14 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     def drop(self) -> None:
         """Give the connection back, also that of a socket that broke, which aiohttp keeps."""
         self._answer.close()
+
+
+def keep_little_unsent(transport: asyncio.Transport) -> None:
+    """Have program and system keep little that is not under way: what waits there only grows old."""
+    transport.set_write_buffer_limits(high=0)
+    socket = transport.get_extra_info("socket")
+    if socket is not None:
+        socket.setsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT, UNSENT_BYTES)
 
 
 def _waiting(transport: asyncio.Transport | None) -> int:

@@ -1,34 +1,35 @@
-"""Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is.
+"""Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is, or out of a feed.
 
 The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
 browser gets nothing from the robot but the picture, as `video_headers` says: a robot's page could
 otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
-of both sides.
+of both sides. `frames` answers /video/frames.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
-from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
+from robotether_server.problems import HttpProblem, RobotOffline, VideoDown
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit, request_of
-from robotether_server.relay.connections import Connection
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.means import Means
 from robotether_server.relay.reach import patience_s
-from robotether_server.relay.sessions import utc_now
+from robotether_server.relay.sessions import Presence, utc_now
+from robotether_server.relay.streams import Streams, is_for_feed
 from robotether_server.relay.video_headers import (
     check_destination,
     headers_for_robot,
     headers_for_viewer,
 )
+from robotether_server.relay.viewers import admitted
 from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
@@ -45,42 +46,48 @@ class VideoHandler:
 
     def __init__(self, means: Means) -> None:
         self._means = means
+        self._streams = Streams(means)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
-        """Pass one request on, and stream the answer until either side ends."""
+        """Answer one request until either side ends."""
         if request.method not in {"GET", "HEAD"}:
             raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         asked = request_of(request.headers, request.cookies, request.query)
         permit = await self._means.access.for_video(asked, request.match_info["name"])
-        with self._counted(request, permit):
-            return await self._pass_on(request, permit.robot)
-
-    @contextmanager
-    def _counted(self, request: web.Request, permit: Permit) -> Iterator[None]:
-        """Let a lost link or an ended right cut the answer, whatever it waits for."""
 
         def cut(_why: Ending | None = None) -> None:
             # aiohttp cancels the handler of a connection that is gone.
             if request.transport is not None:
                 request.transport.abort()
 
-        connection = Connection(
-            permit.user.id, permit.user.name, permit.robot, "video", cut, reached=True
-        )
-        if (why := self._means.connections.no_room(connection)) is not None:
-            raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
-        with (
-            self._means.connections.joined(connection),
-            self._means.credentials.held(permit.credential, cut),
-        ):
-            yield
+        # A ticket is what a page of another site asks with, which may then show the picture.
+        embeddable = asked.ticket is not None
+        with admitted(self._means, permit, cut):
+            return await self._answer(request, permit, embeddable=embeddable)
 
-    async def _pass_on(self, request: web.Request, robot: Robot) -> web.StreamResponse:
-        async with self._asked_robot(request, robot) as answer:
-            response = web.StreamResponse(
-                status=answer.status, headers=headers_for_viewer(answer.headers)
-            )
+    async def _answer(
+        self, request: web.Request, permit: Permit, *, embeddable: bool
+    ) -> web.StreamResponse:
+        presence = self._presence(permit.robot)
+        if is_for_feed(request):
+            answer = await self._streams.show(request, permit, embeddable=embeddable)
+            if answer is not None:
+                return answer
+        return await self._pass_on(request, permit.robot, presence, embeddable=embeddable)
+
+    def _presence(self, robot: Robot) -> Presence:
+        presence = self._means.registry.presence(robot.id)
+        if not presence.online:
+            raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
+        return presence
+
+    async def _pass_on(
+        self, request: web.Request, robot: Robot, presence: Presence, *, embeddable: bool
+    ) -> web.StreamResponse:
+        async with self._asked_robot(request, robot, presence) as answer:
+            headers = headers_for_viewer(answer.headers, embeddable=embeddable)
+            response = web.StreamResponse(status=answer.status, headers=headers)
             await response.prepare(request)
             if request.method == "GET":
                 await _stream(answer, response, request, robot.name)
@@ -88,11 +95,8 @@ class VideoHandler:
 
     @asynccontextmanager
     async def _asked_robot(
-        self, request: web.Request, robot: Robot
+        self, request: web.Request, robot: Robot, presence: Presence
     ) -> AsyncIterator[ClientResponse]:
-        presence = self._means.registry.presence(robot.id)
-        if not presence.online:
-            raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
         url = URL(f"http://{self._means.tunnel_host}:{robot.video_port}{path}", encoded=True)
         timeout = ClientTimeout(total=None, sock_connect=patience_s(presence), sock_read=None)

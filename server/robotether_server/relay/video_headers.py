@@ -40,9 +40,10 @@ RESPONSE_HEADERS = (
 OUR_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox",
-    "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
 }
+# Nobody keeps a live picture, and a browser that asks for it again shall get another one.
+LIVE_HEADERS = {"Cache-Control": "no-store", "Pragma": "no-cache"}
 # What a browser may want the answer for: to show it, or to hand it to a page's script as data.
 # The pages allow scripts and styles of their own site, which a robot must not be.
 DESTINATIONS = frozenset({"document", "empty", "frame", "iframe", "image", "video"})
@@ -69,10 +70,21 @@ def headers_for_robot(headers: Mapping[str, str]) -> CIMultiDict[str]:
     return CIMultiDict((name, headers[name]) for name in REQUEST_HEADERS if name in headers)
 
 
-def headers_for_viewer(headers: Mapping[str, str]) -> CIMultiDict[str]:
+def headers_of_stream(*, embeddable: bool) -> dict[str, str]:
+    """Return the headers of a stream that the relay itself writes."""
+    return {**LIVE_HEADERS, **_our_headers(embeddable=embeddable)}
+
+
+def headers_for_viewer(headers: Mapping[str, str], *, embeddable: bool = False) -> CIMultiDict[str]:
     """Keep what describes the body; nothing that could act on our site."""
     kept = CIMultiDict((name, headers[name]) for name in RESPONSE_HEADERS if name in headers)
     if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):
         kept.update(UNKNOWN_TYPE)
-    kept.update(OUR_HEADERS)
+    kept.update(_our_headers(embeddable=embeddable))
     return kept
+
+
+def _our_headers(*, embeddable: bool) -> dict[str, str]:
+    """Keep the answer apart from our site; whether pages of others may show it hangs on who asked how."""
+    policy = "cross-origin" if embeddable else "same-origin"
+    return {**OUR_HEADERS, "Cross-Origin-Resource-Policy": policy}

@@ -5,14 +5,17 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Awaitable, Callable
+from urllib.parse import urlencode
 
 import aiohttp
 import pytest
 import pytest_asyncio
 import uvloop
+from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
+from frames_viewer import FramesViewer
 from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay, until
-from robotether_server.store.fleet import Robot
+from robotether_server.store.fleet import Robot, User
 
 Connect = Callable[..., Awaitable[RobotSession]]
 
@@ -77,6 +80,42 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
     yield robot
     await robot.stop()
+
+
+@pytest.fixture
+def login(records: MemoryRecords) -> dict[str, str]:
+    """The cookie of ann's login, among others."""
+    text = records.add_credential("login", User(1, "ann"))
+    return {"Cookie": f"session=abc; robotether_login={text}"}
+
+
+@pytest_asyncio.fixture
+async def camera(robot: FakeRobot) -> FakeFrames:
+    """Have robot sim1 online with a frames service."""
+    robot.frames.mode = "behaves"
+    return robot.frames
+
+
+@pytest_asyncio.fixture
+async def watch(
+    relay: RelayServer, sim1: Robot, http: aiohttp.ClientSession
+) -> AsyncIterator[Callable[..., Awaitable[FramesViewer]]]:
+    """Open viewers of sim1's cameras that are closed at the end."""
+    opened: list[FramesViewer] = []
+
+    async def open_viewer(
+        user: User | None = None, topic: str = "/a", **wanted: object
+    ) -> FramesViewer:
+        query = urlencode({"topic": topic, "ticket": relay.ticket(sim1, "observe", user)})
+        url = f"{relay.url}/robots/{sim1.name}/video/frames?{query}"
+        viewer = FramesViewer(await http.ws_connect(url, autoping=wanted.pop("autoping", True)))
+        opened.append(viewer)
+        await viewer.want(**wanted)
+        return viewer
+
+    yield open_viewer
+    for viewer in opened:
+        await viewer.socket.close()
 
 
 @pytest_asyncio.fixture

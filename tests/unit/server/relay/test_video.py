@@ -16,13 +16,6 @@ from yarl import URL
 ANN = User(1, "ann")
 
 
-@pytest.fixture
-def login(records) -> dict[str, str]:
-    """The cookie of ann's login, among others."""
-    text = records.add_credential("login", ANN)
-    return {"Cookie": f"session=abc; robotether_login={text}"}
-
-
 def video_url(relay: RelayServer, robot: Robot, rest: str) -> str:
     return f"{relay.url}/robots/{robot.name}/video/{rest}"
 

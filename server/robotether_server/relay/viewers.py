@@ -1,0 +1,68 @@
+"""What all who watch a robot's cameras have in common: room, rights, and which picture comes next.
+
+`video`, `streams` and `frames` let their viewers in here. Each is cut when its link, right or login ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from aiohttp import web
+
+from robotether_server.problems import FieldInvalid, TooManyConnections
+from robotether_server.relay import endings
+from robotether_server.relay.access import Permit
+from robotether_server.relay.connections import Connection
+from robotether_server.relay.endings import Ending
+from robotether_server.relay.feeds import Feed
+from robotether_server.relay.means import Means
+from robotether_server.relay.pictures import Picture
+
+MAX_TOPIC = 255
+
+
+@contextmanager
+def admitted(means: Means, permit: Permit, end: Callable[[Ending], None]) -> Iterator[None]:
+    """Count a viewer inside the block, and have it ended when it may see no more; TooManyConnections."""
+    user, robot = permit.user, permit.robot
+    connection = Connection(user.id, user.name, robot, "video", end, reached=True)
+    if (why := means.connections.no_room(connection)) is not None:
+        raise TooManyConnections(f"cannot show video of robot {robot.name}: {why}")
+    gone = partial(end, endings.rights_ended(robot.name))
+    with means.connections.joined(connection), means.credentials.held(permit.credential, gone):
+        yield
+
+
+class Cursor:
+    """Which picture of a feed one viewer gets next: the newest, if it has not had it."""
+
+    def __init__(self, feed: Feed, now_s: float) -> None:
+        self._feed = feed
+        self._last = feed.newest
+        # What came before the viewer did; what is fresh is shown at once.
+        self._shown = self._last is None or not feed.fresh(now_s)
+        if self._last is not None and self._shown:
+            feed.taken(self._last.number)
+
+    def next(self) -> Picture | None:
+        """Return the picture that the viewer gets next, None when it has had the newest."""
+        newest = self._feed.newest
+        return None if newest is self._last and self._shown else newest
+
+    def sent(self, picture: Picture) -> None:
+        """The viewer was sent the picture."""
+        before = picture.place if self._last is None else self._last.place + self._shown
+        self._feed.sent(picture, max(0, picture.place - before))
+        self._last, self._shown = picture, True
+
+
+def topic_of(request: web.Request) -> str:
+    """Return which camera is asked for; FieldInvalid when none is."""
+    topic: str = request.query.get("topic", "")
+    if not 0 < len(topic) <= MAX_TOPIC or not topic.isprintable():
+        raise FieldInvalid(
+            f"cannot open a camera: name it with topic=, in at most {MAX_TOPIC} characters"
+        )
+    return topic

@@ -1,0 +1,126 @@
+"""A robot's frames service as the relay sees it (docs/media.md), for unit tests of the relay.
+
+`FakeRobot` serves it on its video port. It keeps the rules: a picture goes out for a credit, and then the newest.
+Its misbehaviours have names:
+
+    behaves      keeps the rules
+    no_beats     answers no beat
+    no_service   answers 404, as web_video_server does
+    any_page     answers each path with 200, as a server of plain MJPEG may
+    full         answers 503, as an agent with too many cameras open does
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import struct
+from typing import Any, Literal
+
+from aiohttp import WSMsgType, web
+
+FramesMode = Literal["behaves", "no_beats", "no_service", "any_page", "full"]
+STATUSES = {"no_service": 404, "any_page": 200, "full": 503}
+HEADER = struct.Struct("!BBHId")
+WAIT_S = 8.0
+
+
+class FakeFrames:
+    """All connections to the service, and what came on them."""
+
+    def __init__(self, clock_ms: Any, mode: FramesMode = "behaves") -> None:
+        self.mode = mode
+        self.clock_ms = clock_ms
+        self.topics: list[str] = []
+        self.texts: list[dict[str, Any]] = []
+        self.connections: set[web.WebSocketResponse] = set()
+        self.credits: dict[web.WebSocketResponse, int] = {}
+        self.bytes_out = 0
+        self.number = 0
+        self._newest: tuple[int, bytes] | None = None
+        self._came = asyncio.Event()
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """Answer one request for /robotether/frames."""
+        if self.mode in STATUSES:
+            return web.Response(status=STATUSES[self.mode])
+        socket = web.WebSocketResponse(compress=False, max_msg_size=4096, timeout=0.1)
+        await socket.prepare(request)
+        self.topics.append(request.query["topic"])
+        self.connections.add(socket)
+        self.credits[socket] = 0
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    await self._take(socket, json.loads(message.data))
+        finally:
+            self.connections.discard(socket)
+            self._came.set()
+        return socket
+
+    async def show(
+        self, jpeg: bytes, *, quality: int = 70, codec: int = 1, age_ms: float = 0
+    ) -> int:
+        """Have a picture taken now, or so long ago; it goes out where there is credit. Return its number."""
+        self.number += 1
+        header = HEADER.pack(codec, 1, quality, self.number, self.clock_ms() - age_ms)
+        self._newest = (self.number, header + jpeg)
+        for socket in list(self.connections):
+            await self._send(socket)
+        return self.number
+
+    async def tell(self, **status: object) -> None:
+        """Send a status."""
+        await self.send_text({"op": "status", "detail": "", **status})
+
+    async def send_text(self, message: object) -> None:
+        """Send a text to all."""
+        for socket in list(self.connections):
+            await socket.send_str(json.dumps(message))
+
+    async def send_bytes(self, data: bytes) -> None:
+        """Send a binary message to all, whatever they asked for."""
+        for socket in list(self.connections):
+            await socket.send_bytes(data)
+
+    async def heard(self, op: str, **members: object) -> dict[str, Any]:
+        """Wait for a text with these members; return it."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                for text in self.texts:
+                    if text["op"] == op and members.items() <= text.items():
+                        return text
+                self._came.clear()
+                await self._came.wait()
+
+    def of(self, op: str) -> list[dict[str, Any]]:
+        """The texts of this kind, in order."""
+        return [text for text in self.texts if text["op"] == op]
+
+    async def cut(self) -> None:
+        """Break all connections, as a media connection that is lost does."""
+        for socket in list(self.connections):
+            transport = socket._req.transport if socket._req is not None else None
+            if transport is not None:
+                transport.abort()
+
+    async def _take(self, socket: web.WebSocketResponse, message: dict[str, Any]) -> None:
+        self.texts.append(message)
+        self._came.set()
+        if message["op"] == "beat" and self.mode != "no_beats":
+            answer = {"op": "beat", "t_ms": message["t_ms"], "sender_ms": self.clock_ms()}
+            await socket.send_str(json.dumps(answer))
+        elif message["op"] == "credit":
+            self.credits[socket] += message["frames"]
+            assert self.credits[socket] <= 2, "the relay has more than two credits open"
+            await self._send(socket)
+
+    async def _send(self, socket: web.WebSocketResponse) -> None:
+        if self._newest is None or not self.credits[socket]:
+            return
+        (_, picture), self._newest = self._newest, None
+        self.credits[socket] -= 1
+        self.bytes_out += len(picture)
+        with contextlib.suppress(ConnectionError):
+            await socket.send_bytes(picture)

@@ -1,0 +1,71 @@
+"""Who watches a camera over the frames protocol (docs/media.md), as a page or program does."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+from aiohttp import WSMsgType
+
+HEADER = struct.Struct("!BBHId")
+WAIT_S = 8.0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A picture as it came."""
+
+    codec: int
+    flags: int
+    quality: int
+    number: int
+    moment_ms: float
+    jpeg: bytes
+
+
+class FramesViewer:
+    """One WebSocket; gives credits when it is told to."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.texts: deque[dict[str, Any]] = deque()
+        self.taken: int | None = None
+
+    async def want(self, **members: object) -> None:
+        """Say what is wanted."""
+        await self.socket.send_json({"op": "want", **members})
+
+    async def credit(self, frames: int = 1, **members: object) -> None:
+        """Ask for so many pictures more, with the newest that has come."""
+        await self.socket.send_json(
+            {"op": "credit", "frames": frames, "taken": self.taken} | members
+        )
+
+    async def picture(self) -> Seen:
+        """Wait for the next picture; texts before it are kept."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                message = await self.socket.receive()
+                if message.type is WSMsgType.BINARY:
+                    seen = Seen(*HEADER.unpack_from(message.data), message.data[HEADER.size :])
+                    self.taken = seen.number
+                    return seen
+                assert message.type is WSMsgType.TEXT, message
+                self.texts.append(json.loads(message.data))
+
+    async def text(self, op: str, **members: object) -> dict[str, Any]:
+        """Wait for a text with these members; no picture may come before it."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                while self.texts:
+                    text = self.texts.popleft()
+                    if text["op"] == op and members.items() <= text.items():
+                        return text
+                message = await self.socket.receive()
+                assert message.type is WSMsgType.TEXT, message
+                self.texts.append(json.loads(message.data))
