@@ -1,8 +1,9 @@
 """`make bench`: runs the experiments one after the other and writes docs/measurements.md.
 
-Needs `make demo` and root, as some of them make networks of their own. `--only NAME` runs one and prints it without
-writing the page; `--quick` repeats less, to see that all of them work, and writes nothing either; `--repeat N` repeats
-cuts and losses so often, which the tables show. No figure is carried over from an older run.
+Needs `make demo` and root, as some of them make networks of their own. `--only NAME,...` runs these alone and puts what
+they measured in place of what stood there; `--quick` repeats less, to see that all of them work, and writes nothing;
+`--repeat N` repeats cuts and losses so often, which the tables show. Each part of the page says when and on what it was
+measured.
 """
 
 from __future__ import annotations
@@ -18,12 +19,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import behind_video
+import drive_page
 import guard_latency
+import input_latency
 import operations_rate
+import picture_age
 import recovery
 import round_trip
 import stopping
+import viewers
 from demo import ROOT, Demo
+from measurements_page import page, parts
 from sections import Section
 
 PAGE = ROOT / "docs" / "measurements.md"
@@ -44,6 +50,10 @@ class Effort:
 EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "round_trip": lambda demo, effort: round_trip.measure(demo, 200 if effort.quick else 3000),
     "behind_video": lambda _, effort: behind_video.measure(5 if effort.quick else behind_video.SECONDS),
+    "picture_age": lambda demo, effort: picture_age.measure(demo, 3 if effort.quick else picture_age.SECONDS),
+    "viewers": lambda demo, effort: viewers.measure(demo, 3 if effort.quick else viewers.SECONDS),
+    "input_latency": lambda demo, effort: input_latency.measure(demo, 5 if effort.quick else input_latency.PRESSES),
+    "drive_page": lambda demo, effort: drive_page.measure(demo, 3 if effort.quick else drive_page.SECONDS),
     "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
     "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
     "operations_rate": lambda _demo, _effort: operations_rate.measure(),
@@ -51,7 +61,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
 }  # fmt: skip
 
 
-def heading() -> str:
+def measured_on() -> str:
     """When, at which commit and on what it was measured."""
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
@@ -63,32 +73,46 @@ def heading() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     cpu = names[0] if names else platform.machine()
-    return f"""# Measurements
+    return (
+        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores, "
+        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}."
+    )
 
-Written by `make bench` on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores,
-everything on this one machine, Linux {platform.release().split("-")[0]}, Python {platform.python_version()}.
-Compare within a table, not between runs.
-"""
+
+def names_of(text: str) -> list[str]:
+    """The experiments that `--only` names, in the page's order."""
+    chosen = text.split(",")
+    for name in chosen:
+        if name not in EXPERIMENTS:
+            known = ", ".join(EXPERIMENTS)
+            raise argparse.ArgumentTypeError(f"there is no experiment {name}; there are {known}")
+    return [name for name in EXPERIMENTS if name in chosen]
+
+
+def keep(name: str, section: Section) -> None:
+    """Put a part into the page at once, so that a later experiment that fails takes nothing along."""
+    known = parts(PAGE.read_text()) if PAGE.exists() else {}
+    known[name] = f"{section.markdown}\n{measured_on()}"
+    PAGE.write_text(page(known, EXPERIMENTS))
 
 
 def main() -> None:
     """Measure, print, write."""
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--only", choices=EXPERIMENTS, help="run this one, and write nothing")
+    arguments.add_argument(
+        "--only", type=names_of, default=list(EXPERIMENTS), help="run these, divided by commas"
+    )
     arguments.add_argument("--quick", action="store_true", help="repeat less, and write nothing")
     arguments.add_argument("--repeat", type=int, help="how often cuts and losses are repeated")
     chosen = arguments.parse_args()
     demo, effort = Demo(), Effort(chosen.quick, chosen.repeat)
-    names = [chosen.only] if chosen.only else list(EXPERIMENTS)
-    sections = []
-    for name in names:
+    for name in chosen.only:
         sys.stderr.write(f"bench: {name}\n")
         section = EXPERIMENTS[name](demo, effort)
         sys.stdout.write(section.markdown + "\n")
         sys.stdout.flush()
-        sections.append(section)
-    if not (chosen.only or chosen.quick):
-        PAGE.write_text("\n".join([heading(), *(section.markdown for section in sections)]))
+        if not chosen.quick:
+            keep(name, section)
 
 
 if __name__ == "__main__":

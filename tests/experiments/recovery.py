@@ -25,9 +25,11 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import aiohttp
 from aiohttp import web
+from namespaces import Namespace
 from openssh_server import OpenSshServer, descendants, kill
 from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
@@ -92,13 +94,25 @@ class Site:
     http: aiohttp.ClientSession
 
 
+class Network(Protocol):
+    """What an agent needs of its robot's network; one that can be cut has more."""
+
+    @property
+    def server(self) -> str:
+        """The server's address there."""
+
+    @property
+    def robot(self) -> Namespace:
+        """Where the robot is."""
+
+
 class Subject:
     """One robot: its network, its agent, and its user."""
 
     def __init__(
         self,
         site: Site,
-        network: RoamingNetwork,
+        network: Network,
         robot: Robot,
         place: Path,
         settings: Mapping[str, str],
@@ -106,7 +120,7 @@ class Subject:
         self.network = network
         self._settings = settings
         self._site = site
-        self._robot = robot
+        self.robot = robot
         self._place = place
         self._log = (place / "agent.log").open("ab")
         self._agent: subprocess.Popen[bytes] | None = None
@@ -115,7 +129,7 @@ class Subject:
         """Put into its place what a join would have brought."""
         state = self._place / "state"
         state.mkdir(mode=0o700)
-        sshd, robot = self._site.sshd, self._robot
+        sshd, robot = self._site.sshd, self.robot
         key = await ensure_key(state)
         sshd.authorize_too(key.public, (robot.ros_port, robot.video_port), robot.id)
         access = SshAccess(sshd.user, self.network.server, (sshd.port,))
@@ -174,7 +188,7 @@ class Subject:
         return math.inf
 
     async def _drive(self) -> None:
-        url = self._site.relay.ros_url(self._robot)
+        url = self._site.relay.ros_url(self.robot)
         async with self._site.http.ws_connect(
             url, timeout=aiohttp.ClientWSTimeout(ws_close=0.05)
         ) as client:

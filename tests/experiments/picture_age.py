@@ -1,0 +1,260 @@
+"""How old a picture is at the viewer, by the moment that the simulated camera has drawn into it.
+
+On loopback over the whole demo, and over an emulated link like the worst of the paper's (link.py) with the real agent,
+OpenSSH and relay; each beside plain MJPEG through a bare `ssh -R` over the same. Used by `bench`; needs `make demo` and
+root. No picture may be left out: one whose moment cannot be read ends the run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import aiohttp
+from bare_tunnel import BareTunnel
+from behind_video import DOWN, UP, UP_MBIT_S, allow, running
+from demo import Demo
+from link import Link, why_not_here
+from local_network import free_port, insecure_tls
+from namespaces import Namespace
+from openssh_server import OpenSshServer, listens
+from picture_viewers import Picture, Taker, look_at_frames, look_at_stream
+from recovery import Site, Subject
+from relay_server import SESSION_KEY, MemoryRecords, running_relay, until
+from robotether_server.relay.relay import Timing
+from sections import Section, percentile
+
+SIM_ROBOT = Path(__file__).resolve().parents[2] / "images" / "sim_robot"
+ROBOT, CAMERA = "sim1", "/camera/image_raw"
+SECONDS = 12.0
+SETTLE_S = 5.0
+STARTS_WITHIN_S = 30.0
+AIM_LOOPBACK_MS, AIM_LINK_MS = 80, 250
+# web_video_server's own default, which makes more than the link takes, and less, which fits.
+PLAIN_QUALITIES = (95, 80)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was seen one way."""
+
+    where: str
+    way: str
+    pictures: list[Picture]
+    lasted_s: float
+
+    @property
+    def line(self) -> str:
+        """The row of the table."""
+        ages = [picture.age_ms for picture in self.pictures]
+        size = sum(len(picture.jpeg) for picture in self.pictures)
+        return (
+            f"| {self.where} | {self.way} | {len(ages)} | {percentile(ages, 50):.0f} | {percentile(ages, 95):.0f} "
+            f"| {max(ages):.0f} | {len(ages) / self.lasted_s:.1f} | {size / len(ages) / 1000:.0f} "
+            f"| {size * 8 / self.lasted_s / 1e6:.2f} |"
+        )
+
+
+# Looks until it is cancelled.
+Look = Callable[[aiohttp.ClientSession, Taker], Awaitable[None]]
+
+
+async def looked(where: str, way: str, look: Look, seconds: float) -> Row:
+    """Look for so long, after a while in which whatever fills up may fill up."""
+    seen: list[Picture] = []
+    async with aiohttp.ClientSession() as http:
+        looking = asyncio.ensure_future(look(http, seen.append))
+        try:
+            await until(
+                lambda: seen or looking.done(), f"a picture: {where}, {way}", STARTS_WITHIN_S
+            )
+            await asyncio.wait([looking], timeout=SETTLE_S)
+            seen.clear()
+            await asyncio.wait([looking], timeout=seconds)
+            if looking.done():
+                looking.result()
+            if len(seen) < 2:
+                raise RuntimeError(f"cannot measure {way}, {where}: {len(seen)} pictures came")
+            return Row(where, way, list(seen), seconds)
+        finally:
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+
+
+async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
+    """The demo's robot as a viewer outside sees it."""
+    where, tls = "loopback", {"ssl": insecure_tls()}
+    base = f"{demo.url}/robots/{ROBOT}/video"
+
+    async def frames(http: aiohttp.ClientSession, take: Taker) -> None:
+        ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
+        await look_at_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", take, **tls)
+
+    async def stream(http: aiohttp.ClientSession, take: Taker) -> None:
+        bearer = {"Authorization": f"Bearer {demo.token}"}
+        await look_at_stream(http, f"{base}/stream?topic={CAMERA}", take, headers=bearer, **tls)
+
+    rows = [
+        await looked(where, "Robotether, frames protocol", frames, seconds),
+        await looked(where, "Robotether, multipart stream", stream, seconds),
+    ]
+    with BareTunnel(demo.address_of(ROBOT), 8080) as bare:
+        look = plain(bare.port, PLAIN_QUALITIES[0])
+        rows.append(await looked(where, plain_name(PLAIN_QUALITIES[0]), look, seconds))
+    return rows
+
+
+def plain(port: int, quality: int) -> Look:
+    """MJPEG as web_video_server gives it."""
+
+    async def look(http: aiohttp.ClientSession, take: Taker) -> None:
+        url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
+        await look_at_stream(http, url, take)
+
+    return look
+
+
+def plain_name(quality: int) -> str:
+    """What such a way is called."""
+    return f"plain MJPEG, quality {quality}, bare ssh -R"
+
+
+@dataclass(frozen=True)
+class Uplink:
+    """The robot's network as recovery's agents know theirs."""
+
+    server: str
+    robot: Namespace
+
+
+async def over_link(link: Link, seconds: float) -> list[Row]:
+    """A robot behind the link; this thread must be in the server's namespace."""
+    where = f"38 ms, {UP_MBIT_S} Mbit/s up"
+    async with linked_robot(link) as (site, subject):
+        relay, robot = site.relay, subject.robot
+
+        def url(what: str) -> str:
+            ticket = relay.ticket(robot, "observe")
+            return f"{relay.url}/robots/{robot.name}/video/{what}?topic={CAMERA}&ticket={ticket}"
+
+        async def frames(http: aiohttp.ClientSession, take: Taker) -> None:
+            await look_at_frames(http, url("frames"), take)
+
+        async def stream(http: aiohttp.ClientSession, take: Taker) -> None:
+            await look_at_stream(http, url("stream"), take)
+
+        await until_seen(frames)
+        rows = [
+            await looked(where, "Robotether, frames protocol", frames, seconds),
+            await looked(where, "Robotether, multipart stream", stream, seconds),
+        ]
+        for quality in PLAIN_QUALITIES:
+            with bare_forward(link, site.sshd) as port:
+                await until(lambda port=port: listens(port), "the bare forward stands")
+                rows.append(await looked(where, plain_name(quality), plain(port, quality), seconds))
+    return rows
+
+
+async def until_seen(look: Look) -> None:
+    """Look again and again until a first picture comes: the robot may still be on its way."""
+    seen: list[Picture] = []
+    deadline = asyncio.get_running_loop().time() + STARTS_WITHIN_S
+    while not seen:
+        if asyncio.get_running_loop().time() > deadline:
+            raise RuntimeError(f"cannot measure: no picture in {STARTS_WITHIN_S:g} s")
+        async with aiohttp.ClientSession() as http:
+            looking = asyncio.ensure_future(look(http, seen.append))
+            with suppress(AssertionError):
+                await until(lambda looking=looking: seen or looking.done(), "a picture", 2.0)
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+
+
+@asynccontextmanager
+async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
+    """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
+    async with AsyncExitStack() as stack:
+        records = MemoryRecords()
+        robot = records.add_robot(1, ROBOT, u1="drive")
+        relay = await stack.enter_async_context(running_relay(records, Timing()))
+        sshd = OpenSshServer(
+            relay.relay.session_port, address=link.server.address, session_key=SESSION_KEY
+        )
+        stack.callback(sshd.close)
+        await asyncio.to_thread(sshd.start)
+        http = await stack.enter_async_context(aiohttp.ClientSession())
+        stack.enter_context(simulator(link.robot))
+        site = Site(relay, records, sshd, http)
+        place = Path(tempfile.mkdtemp(prefix="rt-"))
+        stack.callback(shutil.rmtree, place, ignore_errors=True)
+        subject = Subject(site, Uplink(link.server.address, link.robot), robot, place, {})
+        stack.callback(subject.close)
+        await subject.enrol()
+        subject.start_agent()
+        yield site, subject
+
+
+@contextmanager
+def simulator(robot: Namespace) -> Iterator[None]:
+    """The simulated robot in its own network."""
+    command = robot.command(sys.executable, "-m", "sim_robot")
+    given = {"PYTHONPATH": str(SIM_ROBOT), "SIM_NAME": ROBOT, "SIM_BIND_ADDRESS": "127.0.0.1"}
+    with subprocess.Popen(
+        command, env={**os.environ, **given, "SIM_LOG_LEVEL": "error"}
+    ) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+@contextmanager
+def bare_forward(link: Link, sshd: OpenSshServer) -> Iterator[int]:
+    """The robot's video port through a bare `ssh -R` over the link; gives its port at the server."""
+    port = free_port()
+    with tempfile.TemporaryDirectory(prefix="rt-bare-") as place:
+        key = Path(place) / "key"
+        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
+        sshd.authorize_too(key.with_suffix(".pub").read_text().strip(), (port,), 2)
+        options = ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "LogLevel=ERROR")
+        words = ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port)]
+        words += [word for option in options for word in ("-o", option)]
+        words += ["-R", f"127.0.0.1:{port}:127.0.0.1:8080", f"{sshd.user}@{sshd.address}"]
+        with running(link.robot.command(*words)):
+            yield port
+
+
+def measure(demo: Demo, seconds: float = SECONDS) -> Section:
+    """Measure all ways, and return them as a table."""
+    if why := why_not_here():
+        raise RuntimeError(f"cannot measure the age of pictures over a link: {why}")
+    rows = asyncio.run(on_loopback(demo, seconds))
+    allow("cubic")
+    with Link(up=UP, down=DOWN) as link:
+        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
+        with link.server.entered():
+            rows += asyncio.run(over_link(link, seconds))
+    return Section(
+        title="Age of the picture at the viewer",
+        text=(
+            "From the moment that the simulated camera draws into its 640x480 picture until a viewer has the picture "
+            f"whole, {seconds:g} s each, {SETTLE_S:g} s after the first. Drawing and encoding are in it, the camera's "
+            "own pause between pictures is not. Loopback is the whole demo, nginx and TLS included; over the link the "
+            "viewer is beside the relay, without these two, and the robot's TCP is cubic. Plain MJPEG of quality 95 "
+            "(web_video_server's default) is more than the link takes, and its age grows as long as it is watched.\n"
+            f"Aim: p95 under {AIM_LOOPBACK_MS} ms on loopback and under {AIM_LINK_MS} ms over the link."
+        ),
+        table=[
+            "| where | way | pictures | p50 ms | p95 ms | max ms | pictures/s | KB a picture | Mbit/s |",
+            "|---|---|---|---|---|---|---|---|---|",
+            *(row.line for row in rows),
+        ],
+    )

@@ -1,0 +1,74 @@
+"""Who looks at a camera in tests and experiments: by the frames protocol of docs/media.md, or a multipart stream.
+
+Each notes of every picture the moment in which it was whole, before anything else is done with
+it. They take all that comes as quickly as it comes; a slow viewer is a double of somebody else's.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+from stamped_picture import read_stamp
+
+HEADER = struct.Struct("!BBHId")
+CREDITS = 2
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture and the Unix time in s at which it was whole."""
+
+    came_at: float
+    jpeg: bytes
+
+    @property
+    def age_ms(self) -> float:
+        """How old what it shows was by then; NoStampError when it does not tell."""
+        return (self.came_at - read_stamp(self.jpeg)) * 1000
+
+
+Taker = Callable[[Picture], None]
+
+
+async def look_at_frames(
+    http: aiohttp.ClientSession,
+    url: str,
+    take: Taker,
+    want: Mapping[str, Any] | None = None,
+    **how: Any,
+) -> None:
+    """Take pictures by credit until the connection ends or the task is cancelled; `how` goes to ws_connect."""
+    async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
+        await socket.send_json({"op": "want", **(want or {})})
+        await socket.send_json({"op": "credit", "frames": CREDITS})
+        async for message in socket:
+            if message.type is aiohttp.WSMsgType.BINARY:
+                came_at = time.time()
+                number = HEADER.unpack_from(message.data)[3]
+                credit = {"op": "credit", "frames": 1, "taken": number}
+                await socket.send_str(json.dumps(credit))
+                take(Picture(came_at, message.data[HEADER.size :]))
+        raise ConnectionError(f"the frames ended with {socket.close_code}")
+
+
+async def look_at_stream(http: aiohttp.ClientSession, url: str, take: Taker, **how: Any) -> None:
+    """Take pictures out of a multipart stream until it ends or the task is cancelled; `how` goes to get."""
+    timeout = aiohttp.ClientTimeout(total=None)
+    async with http.get(url, timeout=timeout, **how) as answer:
+        answer.raise_for_status()
+        length = 0
+        async for line in answer.content:
+            name, _, value = line.decode("ascii", "replace").partition(":")
+            if name.lower() == "content-length":
+                length = int(value)
+            elif length and not line.strip():
+                jpeg = await answer.content.readexactly(length)
+                take(Picture(time.time(), jpeg))
+                length = 0
+    raise ConnectionError("the stream ended")
