@@ -57,9 +57,10 @@ def open_live(page: Page, site: Site, robot: str) -> None:
 
 
 def expect_live(page: Page, seconds: float) -> None:
-    """Wait until the page says that the robot can be driven."""
+    """Wait until the page's connection stands, and whoever drives sees a picture to drive by."""
     state = page.get_by_test_id("state")
     expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
+    expect(state).not_to_have_attribute("data-shown", "held", timeout=seconds * 1000)
 
 
 def open_page(page: Page, site: Site, path: str) -> None:

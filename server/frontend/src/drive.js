@@ -55,7 +55,7 @@ const readings = new Readings(root, { picture: () => sight.ageMs });
 const view = new View(root, {
   robot,
   settings,
-  openFrames: ({ topic, ...options }) =>
+  openFrames: (topic, options) =>
     new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
   onFreshness: (freshness) => sight.hear(freshness),
