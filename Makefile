@@ -61,7 +61,7 @@ enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to
 	@tools/ensure_robot_host_image
 	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/enrol_times.py
 
-bench: venv ## latency, stops, recovery and loads, into docs/measurements.md (some 40 minutes); needs make demo and root
+bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
 	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
 

@@ -89,8 +89,8 @@ def measure(demo: Demo, presses: int = PRESSES) -> Section:
         title="From a key event to `cmd_vel` on the robot",
         text=(
             f"W pressed and let go {presses} times on the drive page in Chromium, with its live picture, over the "
-            "whole demo on loopback: from the event's own time stamp until a subscriber of the robot's rosbridge has the "
-            "command.\n"
+            "whole demo on loopback: from the event's own time stamp until a subscriber of the robot's rosbridge "
+            "has the command.\n"
             f"Aim: p50 under {AIM_P50_MS} ms and p99 under {AIM_P99_MS} ms."
         ),
         table=[
