@@ -41,6 +41,7 @@ from robotether_agent.ssh_command import Forward, Target, forward_to
 from robotether_agent.status import CONNECTED, StatusBoard
 from robotether_agent.supervisor import Uptime, keep_going
 from robotether_agent.tasks import first_of
+from robotether_agent.vitals import Vitals
 from robotether_agent.wishes import Wishes
 
 STATUS_EVERY_S = 2.0
@@ -60,13 +61,14 @@ class Agent:
         self._rng = rng
         self._enroller = Enroller(settings)
         self._dialer = Dialer(settings, self._enroller)
-        self._health = Health(settings.rosbridge_url, settings.video_url)
+        self._vitals = Vitals(settings.rosbridge_url)
         self._places = Places(
             settings.video_url,
             settings.rosbridge_url,
             settings.video_source,
             camera_urls(settings.cameras),
         )
+        self._health = Health(self._places)
         self._board = StatusBoard(settings.run_dir, settings.server, on_state=notifier.status)
         self._session: Session | None = None
         self._session_up = asyncio.Event()
@@ -143,6 +145,7 @@ class Agent:
             moved=self._guard_moved,
             on_up=partial(self._session_is_up, uptime),
             health=self._health,
+            vitals=self._vitals,
             recheck=self._recheck,
             guard=self._guard,
         )
@@ -163,7 +166,7 @@ class Agent:
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
-        frames = FramesService(self._places)
+        frames = FramesService(self._places, has_video=lambda: self._health.report.video == "ok")
         door = MediaDoor(self._settings.video_url, Own(await frames.start(), self._own_answers()))
         port = await door.start()
         role = Role(

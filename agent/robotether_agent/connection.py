@@ -22,6 +22,7 @@ from robotether_agent.session import Config, Session
 from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import Tunnel
+from robotether_agent.vitals import Vitals
 
 # The server answers at most once in 5 s.
 CHECK_PAUSE_S = 5.5
@@ -47,6 +48,8 @@ class Role:
     recheck: asyncio.Event | None = None
     # What paces the streams on this connection by how it does; on the media one only.
     door: MediaDoor | None = None
+    # The robot's battery, told to the server; on the session only.
+    vitals: Vitals | None = None
     # What stops the robot, joined to the session only; None is a bare forward.
     guard: GuardKeeper | None = None
 
@@ -79,6 +82,8 @@ def _work(
     ]
     if role.health is not None:
         work.append(_report(session, role.health, role.guard))
+    if role.vitals is not None:
+        work.append(_tell_vitals(session, role.vitals))
     if role.recheck is not None:
         work.append(_ask_for_checks(session, role.recheck))
     if role.guard is not None:
@@ -152,6 +157,12 @@ async def _report(session: Session, health: Health, guard: GuardKeeper | None) -
             {"type": "health", "ros": report.ros, "video": report.video, "detail": report.detail}
         )
         report = await health.changed(report)
+
+
+async def _tell_vitals(session: Session, vitals: Vitals) -> None:
+    """Pass on how the robot itself is."""
+    await session.new_config(None)
+    await vitals.tell(session.send)
 
 
 async def _tell_guard(session: Session, guard: GuardKeeper) -> None:

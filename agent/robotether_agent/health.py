@@ -1,8 +1,9 @@
-"""Watches rosbridge and web_video_server on the robot, and tells when that changes.
+"""Watches rosbridge and where pictures come from on the robot, and tells when that changes.
 
 Run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new
-one each time would fill rosbridge's log), web_video_server by GET /.
+one each time would fill rosbridge's log), web_video_server by GET /. Where there is none, or the settings want none,
+video is there when rosbridge has compressed pictures or a camera of the settings answers, which is asked less often.
 """
 
 from __future__ import annotations
@@ -10,20 +11,28 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from typing import Literal
+from urllib.parse import urlsplit
 
 import aiohttp
 
+from robotether_agent.fields import FieldError, parse_object
+from robotether_agent.media.sources import Places
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
 from robotether_agent.reasons import why
+from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
 
 ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
-MESSAGE_LIMIT = 64 * 1024
+# The list of all topics of a large robot.
+MESSAGE_LIMIT = 1024 * 1024
+# rosapi and cameras are asked once in so many times.
+SELDOM = 15
 
 log = logging.getLogger(__name__)
 
@@ -46,14 +55,19 @@ class HealthReport:
 class Health:
     """The two probes and what they found last."""
 
-    def __init__(
-        self, rosbridge_url: str, video_url: str, *, every_s: float = PROBE_EVERY_S
-    ) -> None:
+    def __init__(self, places: Places, *, every_s: float = PROBE_EVERY_S) -> None:
         self.report = HealthReport()
-        self._rosbridge_url = rosbridge_url
-        self._video_url = video_url
+        self._places = places
+        self._rosbridge_url = places.rosbridge_url
+        self._video_url = places.video_url
         self._every_s = every_s
         self._news = asyncio.Condition()
+        # The held connection, and who waits for an answer on it.
+        self._rosbridge: aiohttp.ClientWebSocketResponse | None = None
+        self._asked: asyncio.Future[dict[str, str]] | None = None
+        # Whether there are pictures elsewhere than at video_url; until when that counts, and with which rosbridge.
+        self._elsewhere = self._elsewhere_was_up = False
+        self._elsewhere_until_s = 0.0
 
     async def run(self) -> None:
         """Probe both without end."""
@@ -89,8 +103,12 @@ class Health:
             raise self._rosbridge_down(why(error, TIMEOUT_S)) from error
         async with socket:
             await self._ros_is(None)
-            async for _ in socket:
-                pass
+            self._rosbridge = socket
+            try:
+                async for message in socket:
+                    self._heard(message)
+            finally:
+                self._rosbridge = None
             cause = socket.exception()
         raise self._rosbridge_down(why(cause, TIMEOUT_S) if cause else "it closed the connection")
 
@@ -101,7 +119,69 @@ class Health:
             self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MESSAGE_LIMIT
         )
 
+    def _heard(self, message: aiohttp.WSMessage) -> None:
+        if self._asked is None or self._asked.done() or message.type is not aiohttp.WSMsgType.TEXT:
+            return
+        try:
+            operation = parse_object(message.data, "rosbridge's message")
+        except FieldError:
+            return
+        if is_answer(operation):
+            self._asked.set_result(topics_in(operation))
+
+    async def _topics(self) -> dict[str, str] | None:
+        """Return the robot's topics, or nothing where no rosapi answers."""
+        if self._rosbridge is None:
+            return None
+        self._asked = asked = asyncio.get_running_loop().create_future()
+        try:
+            await self._rosbridge.send_json(LOOK_UP)
+            await asyncio.wait({asked}, timeout=TIMEOUT_S)
+        except ConnectionError:
+            return None
+        return asked.result() if asked.done() else None
+
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
+        """Raise VideoDown unless there is somewhere where pictures come from."""
+        try:
+            if self._places.source == "rosbridge":
+                raise self._no_images("rosbridge has no topic of sensor_msgs/CompressedImage")
+            await self._ask_server(http)
+        except VideoDown:
+            if not await self._is_elsewhere():
+                raise
+        await self._video_is(None)
+
+    async def _is_elsewhere(self) -> bool:
+        """Whether rosbridge or a camera of the settings has pictures; asks once in a while."""
+        now_s, is_up = asyncio.get_running_loop().time(), self._rosbridge is not None
+        if now_s >= self._elsewhere_until_s or is_up != self._elsewhere_was_up:
+            self._elsewhere = await self._has_images() or await self._has_camera()
+            self._elsewhere_until_s = now_s + SELDOM * self._every_s
+            self._elsewhere_was_up = is_up
+        return self._elsewhere
+
+    async def _has_images(self) -> bool:
+        if self._places.source == "web_video_server":
+            return False
+        topics = await self._topics()
+        if topics is None:
+            # No rosapi: who chose rosbridge knows that it has pictures.
+            return self._places.source == "rosbridge" and self._rosbridge is not None
+        return IMAGE_TYPE in topics.values()
+
+    async def _has_camera(self) -> bool:
+        for url in self._places.cameras.values():
+            split = urlsplit(url)
+            port = split.port or (443 if split.scheme == "https" else 80)
+            with suppress(OSError, asyncio.TimeoutError):
+                opening = asyncio.open_connection(split.hostname, port)
+                _, writer = await within(TIMEOUT_S, opening)
+                writer.close()
+                return True
+        return False
+
+    async def _ask_server(self, http: aiohttp.ClientSession) -> None:
         try:
             async with http.get(
                 self._video_url, timeout=aiohttp.ClientTimeout(total=TIMEOUT_S)
@@ -111,7 +191,6 @@ class Health:
             raise self._video_down(why(error, TIMEOUT_S)) from error
         if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             raise self._video_down(f"HTTP status {status}")
-        await self._video_is(None)
 
     def _rosbridge_down(self, reason: str) -> Problem:
         return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
@@ -119,16 +198,21 @@ class Health:
     def _video_down(self, reason: str) -> Problem:
         return VideoDown(f"web_video_server at {self._video_url} does not answer: {reason}")
 
+    def _no_images(self, reason: str) -> Problem:
+        if self._rosbridge is None:
+            reason = "rosbridge, where its pictures come from, does not answer"
+        return VideoDown(f"there is no video: {reason}")
+
     async def _ros_is(self, problem: Problem | None) -> None:
         state, detail = _told(problem)
         if state != self.report.ros:
-            _log_change("rosbridge", self._rosbridge_url, problem)
+            _log_change(f"rosbridge at {self._rosbridge_url} answers", problem)
         await self._set(replace(self.report, ros=state, ros_detail=detail))
 
     async def _video_is(self, problem: Problem | None) -> None:
         state, detail = _told(problem)
         if state != self.report.video:
-            _log_change("web_video_server", self._video_url, problem)
+            _log_change("there is video", problem)
         await self._set(replace(self.report, video=state, video_detail=detail))
 
     async def _set(self, report: HealthReport) -> None:
@@ -141,8 +225,8 @@ def _told(problem: Problem | None) -> tuple[ServiceState, str]:
     return ("ok", "") if problem is None else ("down", problem.message)
 
 
-def _log_change(service: str, url: str, problem: Problem | None) -> None:
+def _log_change(good: str, problem: Problem | None) -> None:
     if problem is None:
-        log.info("%s at %s answers", service, url)
+        log.info("%s", good)
     else:
         log.warning("%s; the tunnel stays open and waits for it", problem)

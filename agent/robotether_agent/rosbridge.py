@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from typing import cast
+from typing import Any, cast
 
 import aiohttp
 
@@ -19,8 +19,9 @@ CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
 HEARTBEAT_S = 10.0
 CLOSE_WITHIN_S = 0.5
-TOPICS_SERVICE = "/rosapi/topics"
 LOOK_UP_ID = "robotether_agent:topics"
+LOOK_UP = {"op": "call_service", "id": LOOK_UP_ID, "service": "/rosapi/topics", "args": {}}
+IMAGE_TYPE = "sensor_msgs/CompressedImage"
 
 
 class Rosbridge:
@@ -31,9 +32,7 @@ class Rosbridge:
 
     async def topics(self) -> dict[str, str]:
         """Return each topic's type; asyncio.TimeoutError where no rosapi runs. Before any subscription only."""
-        await self._socket.send_json(
-            {"op": "call_service", "id": LOOK_UP_ID, "service": TOPICS_SERVICE, "args": {}}
-        )
+        await self._socket.send_json(LOOK_UP)
         return await within(ANSWER_WITHIN_S, self._answer())
 
     async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
@@ -51,7 +50,7 @@ class Rosbridge:
     async def _answer(self) -> dict[str, str]:
         while True:
             operation = await self._operation()
-            if operation.get("op") == "service_response" and operation.get("id") == LOOK_UP_ID:
+            if is_answer(operation):
                 return topics_in(operation)
 
     async def _operation(self) -> JsonObject:
@@ -72,6 +71,11 @@ def _why_ended(message: aiohttp.WSMessage) -> str:
     return "rosbridge closed the connection"
 
 
+def is_answer(operation: Mapping[str, object]) -> bool:
+    """Whether this is the answer to LOOK_UP."""
+    return operation.get("op") == "service_response" and operation.get("id") == LOOK_UP_ID
+
+
 def topics_in(answer: Mapping[str, object]) -> dict[str, str]:
     """Return the types by topic of an answer of rosapi's; what is not as it should be is left out."""
     values = answer.get("values")
@@ -90,22 +94,42 @@ def same_type(kind: str) -> str:
 
 
 @asynccontextmanager
-async def connected(
-    http: aiohttp.ClientSession, url: str, *, message_bytes_max: int
-) -> AsyncIterator[Rosbridge]:
-    """Connect, and leave at the end; raises what reasons.why knows."""
+async def connected(url: str, *, message_bytes_max: int) -> AsyncIterator[Rosbridge]:
+    """Connect, and leave at the end; raises what reasons.why knows.
+
+    Whoever is cancelled leaves without a goodbye: a rosbridge that hangs must not hold up what waits for that, which
+    may be the word to the guard that the session is lost.
+    """
+    # As in guard/sockets.py: aiohttp's own socket cannot be dropped.
+    made = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
+    async with aiohttp.ClientSession(ws_response_class=made) as http:
+        socket = await within(CONNECT_WITHIN_S, _open(http, url, message_bytes_max))
+        try:
+            yield Rosbridge(socket)
+            await socket.close()
+        finally:
+            socket.drop()
+
+
+class _Socket(aiohttp.ClientWebSocketResponse):
+    """One that can be dropped; aiohttp makes it as the session's `ws_response_class`."""
+
+    def __init__(
+        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
+    ) -> None:
+        super().__init__(reader, writer, protocol, response, *args, **kwargs)
+        self._answer: aiohttp.ClientResponse = response
+
+    def drop(self) -> None:
+        """End the connection at once."""
+        self._answer.close()
+
+
+async def _open(http: aiohttp.ClientSession, url: str, message_bytes_max: int) -> _Socket:
     timeouts = aiohttp.ClientWSTimeout(ws_close=CLOSE_WITHIN_S)
-    connecting = http.ws_connect(
+    socket = await http.ws_connect(
         url, heartbeat=HEARTBEAT_S, max_msg_size=message_bytes_max, timeout=timeouts
     )
-    socket = await within(CONNECT_WITHIN_S, _made(connecting))
-    try:
-        yield Rosbridge(socket)
-    finally:
-        await socket.close()
-
-
-async def _made(
-    connecting: aiohttp.client._BaseRequestContextManager[aiohttp.ClientWebSocketResponse],
-) -> aiohttp.ClientWebSocketResponse:
-    return await connecting
+    if not isinstance(socket, _Socket):
+        raise TypeError("the session makes sockets of another class")
+    return socket

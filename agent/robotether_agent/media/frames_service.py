@@ -48,8 +48,9 @@ log = logging.getLogger(__name__)
 class FramesService:
     """All receivers of this robot's pictures."""
 
-    def __init__(self, places: Places) -> None:
+    def __init__(self, places: Places, *, has_video: Callable[[], bool] = lambda: True) -> None:
         self._places = places
+        self._has_video = has_video
         self._topics: Counter[str] = Counter()
 
     async def start(self) -> int:
@@ -62,7 +63,7 @@ class FramesService:
         for path in ("/snapshot", "/robotether/snapshot"):
             app.router.add_get(path, self._snapshot, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
-        app.router.add_get("/", _list)
+        app.router.add_get("/", self._list)
         # Cancellation ends an answer whose asker is gone also while it waits for a picture.
         self._runner = web.AppRunner(
             app, access_log=None, handler_cancellation=True, shutdown_timeout=SHUTDOWN_S
@@ -92,8 +93,7 @@ class FramesService:
             await answer.prepare(request)
             await self._serve(answer, topic)
         finally:
-            self._topics[topic] -= 1
-            self._topics += Counter()
+            self._leave(topic)
         return answer
 
     async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
@@ -112,12 +112,16 @@ class FramesService:
         if self._topics.total() >= RECEIVERS_MAX or (is_new and len(self._topics) >= FEEDS_MAX):
             raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
 
+    async def _list(self, request: web.Request) -> web.Response:
+        """Answer whoever looks whether video works; without any as if nothing listened, which the server asks for."""
+        if not self._has_video() and request.transport is not None:
+            request.transport.abort()
+        return web.Response(text="the agent's own pictures: /stream?topic=, /snapshot?topic=\n")
+
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         newest = _Newest(self._feeds, _asked(request))
         try:
-            picture = await within(STILL_WITHIN_S, newest.next())
-        except asyncio.TimeoutError as error:
-            raise web.HTTPServiceUnavailable(text=f"{newest.why_none()}\n") from error
+            picture = await newest.first()
         finally:
             newest.leave()
         return web.Response(body=picture.jpeg, content_type="image/jpeg")
@@ -125,23 +129,20 @@ class FramesService:
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wish = _asked(request)
         self._check_room(wish.topic)
-        kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
-        answer = web.StreamResponse(headers={"Content-Type": kind})
-        answer.force_close()
-        _keep_little_unsent(request)
-        await answer.prepare(request)
         self._topics[wish.topic] += 1
         newest = _Newest(self._feeds, wish)
         try:
-            with suppress(ConnectionError):
-                await answer.write(f"--{BOUNDARY}\r\n".encode())
-                while True:
-                    await answer.write(_part(await newest.next()))
+            # A camera that gives nothing is an error, which a stream that has begun cannot tell.
+            first = await newest.first()
+            return await _pour(request, first, newest)
         finally:
             newest.leave()
-            self._topics[wish.topic] -= 1
-            self._topics += Counter()
-        return answer
+            self._leave(wish.topic)
+
+    def _leave(self, topic: str) -> None:
+        self._topics[topic] -= 1
+        if not self._topics[topic]:
+            del self._topics[topic]
 
 
 class _Newest:
@@ -161,9 +162,13 @@ class _Newest:
         picture, self._picture = self._picture, None
         return picture
 
-    def why_none(self) -> str:
-        """Say why there is no picture."""
-        return self._feed.condition().detail or "there is no picture yet"
+    async def first(self) -> Picture:
+        """Return the first one, or answer why there is none."""
+        try:
+            return await within(STILL_WITHIN_S, self.next())
+        except asyncio.TimeoutError as error:
+            reason = self._feed.condition().detail or "there is no picture yet"
+            raise web.HTTPServiceUnavailable(text=f"{reason}\n") from error
 
     def leave(self) -> None:
         """Want no more."""
@@ -187,11 +192,6 @@ async def _one_answer(request: web.Request, handler: Handler) -> web.StreamRespo
     return answer
 
 
-async def _list(_: web.Request) -> web.Response:
-    """Answer whoever looks whether video works."""
-    return web.Response(text="the agent's own pictures: /stream?topic= and /snapshot?topic=\n")
-
-
 def _topic(request: web.Request) -> str:
     topic = request.query.get("topic", "")
     if not 0 < len(topic) <= TOPIC_MAX or not topic.isprintable():
@@ -209,6 +209,19 @@ def _asked(request: web.Request) -> Wish:
         raise web.HTTPBadRequest(text="quality, width and height are whole numbers\n") from error
     width, height = sizes if len(sizes) == 2 else (None, None)  # noqa: PLR2004
     return Wish(_topic(request), max(1, min(quality, 100)), width, height, Want.fps)
+
+
+async def _pour(request: web.Request, first: Picture, newest: _Newest) -> web.StreamResponse:
+    kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+    answer = web.StreamResponse(headers={"Content-Type": kind})
+    answer.force_close()
+    _keep_little_unsent(request)
+    await answer.prepare(request)
+    with suppress(ConnectionError):
+        await answer.write(f"--{BOUNDARY}\r\n".encode() + _part(first))
+        while True:
+            await answer.write(_part(await newest.next()))
+    return answer
 
 
 def _part(picture: Picture) -> bytes:

@@ -33,7 +33,7 @@ from robotether_agent.media.picture import (
     Wish,
 )
 from robotether_agent.reasons import why
-from robotether_agent.rosbridge import Rosbridge, connected
+from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
 from robotether_agent.tasks import first_of, within
 
 CONNECT_WITHIN_S = 3.0
@@ -41,7 +41,6 @@ CONNECT_WITHIN_S = 3.0
 STALL_S = 10.0
 # Where both kinds may be, so often is looked whether web_video_server has come back.
 LOOK_AGAIN_S = 10.0
-IMAGE_TYPE = "sensor_msgs/CompressedImage"
 COMPRESSED = "/compressed"
 # As base64, and what stands around it.
 MESSAGE_BYTES_MAX = PICTURE_BYTES_MAX // 3 * 4 + 64 * 1024
@@ -83,7 +82,7 @@ class Sources:
             await run_mjpeg(self._http, url, take, f"camera {wish.topic}")
         elif self._places.source == "rosbridge":
             tell("rosbridge")
-            await run_rosbridge(self._http, self._places.rosbridge_url, wish, take)
+            await run_rosbridge(self._places.rosbridge_url, wish, take)
         elif self._places.source == "web_video_server":
             tell("web_video_server")
             await self._run_server(wish, take)
@@ -107,7 +106,7 @@ class Sources:
         tell("rosbridge")
         try:
             await first_of(
-                run_rosbridge(self._http, self._places.rosbridge_url, wish, take),
+                run_rosbridge(self._places.rosbridge_url, wish, take),
                 self._until_server_answers(),
             )
         except SourceDownError as down:
@@ -165,10 +164,10 @@ def _take_part(part: Part, take: Take) -> None:
     take(Picture(part.body, moment_s, arrived.robot_s, is_stamped))
 
 
-async def run_rosbridge(http: aiohttp.ClientSession, url: str, wish: Wish, take: Take) -> NoReturn:
+async def run_rosbridge(url: str, wish: Wish, take: Take) -> NoReturn:
     """Give the pictures of a CompressedImage topic."""
     try:
-        async with connected(http, url, message_bytes_max=MESSAGE_BYTES_MAX) as rosbridge:
+        async with connected(url, message_bytes_max=MESSAGE_BYTES_MAX) as rosbridge:
             topic = await _image_topic(rosbridge, wish.topic)
             throttle_ms = int(1000 * THROTTLE / wish.fps)
             await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)

@@ -21,6 +21,7 @@ from robotether_agent.guard_keeper import GuardKeeper
 from robotether_agent.health import Health
 from robotether_agent.keys import KeyPair, ensure_key
 from robotether_agent.known_hosts import pin
+from robotether_agent.media.sources import Places
 from robotether_agent.problems import HostKeyChanged, PortTaken, Problem
 from robotether_agent.session import Config, Session
 from robotether_agent.setting_values import RUN_DIR_LIMIT
@@ -218,7 +219,7 @@ async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
     """First who the robot is, then how its services are, and again only when that changes."""
-    health = Health(services.ws_url, services.http_url, every_s=0.05)
+    health = Health(Places(services.http_url, services.ws_url), every_s=0.05)
     probing = asyncio.ensure_future(health.run())
     robot.started.append(probing)
     robot.connect(robot.trust(cloud.ssh), Up(), health)
@@ -269,7 +270,7 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
     """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
     keeper = GuardKeeper("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
     robot.started.append(asyncio.ensure_future(keeper.run()))
-    health = Health("ws://127.0.0.1:9", "http://127.0.0.1:9")
+    health = Health(Places("http://127.0.0.1:9", "ws://127.0.0.1:9"))
     connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=keeper)
     link = await cloud.link("session")
     link.send({"type": "lease", "fence": 13, "held": True})
@@ -294,7 +295,7 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
     """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
     monkeypatch.setattr("robotether_agent.connection.CHECK_PAUSE_S", 0.6)
-    health = Health("ws://127.0.0.1:9", "http://127.0.0.1:9")
+    health = Health(Places("http://127.0.0.1:9", "ws://127.0.0.1:9"))
     recheck = asyncio.Event()
     robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
     link = await cloud.link("session")

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable
 import pytest
 from local_network import free_port
 from robotether_agent.health import Health, HealthReport
+from robotether_agent.media.sources import Places
 
 EVERY_S = 0.1
 
@@ -19,7 +20,7 @@ async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
     tasks = []
 
     def start(rosbridge_url: str, video_url: str) -> Health:
-        health = Health(rosbridge_url, video_url, every_s=EVERY_S)
+        health = Health(Places(video_url, rosbridge_url), every_s=EVERY_S)
         tasks.append(asyncio.ensure_future(health.run()))
         return health
 
