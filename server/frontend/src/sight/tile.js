@@ -84,7 +84,7 @@ export class CameraTile {
     this.at = at;
     this.rate.hit(this.now());
     this.learn(size);
-    this.showState();
+    if (this.element.dataset.picture !== this.state) this.showState();
     this.onPainted(this.camera.topic);
   }
 
@@ -110,6 +110,7 @@ export class CameraTile {
     return this.ageMs > this.oldMs ? "old" : "live";
   }
 
+  // Called a few times a second: numbers that change with each picture cost a layout each, and nobody can read them.
   showState() {
     const { state } = this;
     this.element.dataset.picture = state;
@@ -124,17 +125,16 @@ export class CameraTile {
     return reason || texts.why.waiting();
   }
 
+  // A small picture has room for its age alone.
   facts(state) {
     if (state === "none") return "";
-    const { quality } = this.status;
+    const age = texts.age(this.ageMs);
+    return this.element.dataset.main === "true" ? [age, ...this.details()].join(" · ") : age;
+  }
+
+  details() {
     const rate = this.rate.perSecond(this.now());
-    return [
-      texts.age(this.ageMs),
-      rate === null ? "" : texts.rate(rate),
-      quality ? texts.quality(quality) : "",
-      texts.size(this.size),
-    ]
-      .filter(Boolean)
-      .join(" · ");
+    const { quality } = this.status;
+    return [rate === null ? "" : texts.rate(rate), quality ? texts.quality(quality) : "", texts.size(this.size)].filter(Boolean);
   }
 }
