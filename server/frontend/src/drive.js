@@ -182,7 +182,7 @@ function useNews(robotNews) {
 // All but this page, which the server counts as well.
 function showWatchers(observers) {
   const others = observers - (connection.live && !seat.driving ? 1 : 0);
-  setText(byTestId(root, "watchers"), others > 0 ? watchers(others) : "");
+  setText(byTestId(root, "watchers"), watchers(others));
 }
 
 function retryNow() {

@@ -13,34 +13,35 @@ export const states = {
   },
   guard_down: {
     title: "Guard not answering",
-    detail: () => "The robot takes no commands until its guard is back. Restart the agent there if this stays.",
+    detail: () => "No command reaches the wheels. Restart the agent on the robot if this stays.",
   },
   held: {
     title: "Driving held",
     detail: ({ sight }) =>
       sight === "old"
-        ? "The picture is too old to drive by. Goes on when a new one is here."
-        : "There is no picture to drive by. Goes on when one is here.",
+        ? "The picture is too old to drive by."
+        : "There is no picture to drive by.",
     action: "Drive without picture",
   },
   blind: {
     title: "Driving without picture",
-    detail: () => "You do not see what is in front of the robot. Held again once a picture was back.",
+    detail: () => "You cannot see what is in front of the robot.",
   },
 };
 
 export const ages = {
   none: "-",
   exact: (ms) => String(ms),
-  measured: (ms) => `${ms} ms ago`,
-  long: (seconds) => `${seconds} s ago`,
+  measured: (ms) => `speed ${ms} ms`,
+  long: (seconds) => `speed ${seconds} s`,
 };
 
 export const trip = {
-  parts: ({ server, robot, rosbridge }) => `${server} + ${robot} + ${rosbridge}`,
+  parts: ({ server, robot, rosbridge }) => `${server}+${robot}+${rosbridge}`,
   words: ({ server, robot, rosbridge }) =>
     `${server} ms to the server, ${robot} ms on to the robot, ${rosbridge} ms in its rosbridge`,
   unknown: "?",
 };
 
-export const watchers = (count) => (count === 1 ? "1 other watches." : `${count} others watch.`);
+// Not counting this page.
+export const watchers = (count) => (count > 0 ? `${count} watching.` : "");
