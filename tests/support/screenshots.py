@@ -84,7 +84,7 @@ def shoot_driving(camera: Camera) -> None:
     camera.shoot("fleet")
     camera.open("/robots/sim1")
     expect_live(page, seconds=30)
-    page.wait_for_function("document.querySelector('[data-testid=video]').naturalWidth > 0")
+    page.wait_for_function("document.querySelector('[data-testid=tile][data-picture=live]')")
     drive_a_little(page)
     camera.shoot("drive")
 

@@ -64,7 +64,7 @@ const rtt = new RttMeter({
   call: (service, request) => connection.call(service, request),
   onReading: (reading) => readings.rtt(reading, { server: beats.roundTripMs, robot: facts.rttMs }),
 });
-const readback = new Readback({ subscribe, onSpeed: useSpeed });
+const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
 const controls = seat.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 const wheel = new Wheel(root, { robot, seat });
 const stopBar = new StopBar(root, {

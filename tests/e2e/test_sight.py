@@ -1,0 +1,311 @@
+"""What a person sees of a robot on the drive page: its cameras in their places, how old they are, the map, and stills.
+
+The simulated robot has two cameras, each with another ground and a moment drawn into each picture; its pixels are
+read from the page's own canvases.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+from pages import expect_no_sideways_scroll, open_robot
+from playwright.sync_api import Locator, Page, expect
+from sim_service import call_sim, frozen_cameras
+from sim_watch import SimWatch
+from stack import Stack
+from stamped_picture import READ_STAMP, read_stamp
+
+ROBOT = "sim1"
+FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"
+PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+# As in mapdraw.js and grid.js.
+SCAN, PATH, WALL = (255, 107, 107), (90, 169, 255), (236, 240, 246)
+
+HIDE = (
+    "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+    "document.dispatchEvent(new Event('visibilitychange'))"
+)
+COUNT_PIXELS = """(canvas, [red, green, blue]) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4)
+    if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24) count += 1;
+  return count;
+}"""
+
+
+@pytest.fixture
+def robot(page: Page, stack: Stack) -> Page:
+    """The robot's page, with all that it can show found."""
+    open_robot(page, stack, ROBOT)
+    expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
+    _expect_picture(_tile(page, FRONT), "live")
+    return page
+
+
+def _tile(page: Page, topic: str) -> Locator:
+    if topic == MAP:
+        return page.get_by_test_id("map-tile")
+    return page.locator(f"[data-testid=tile][data-topic='{topic}']")
+
+
+def _expect_picture(tile: Locator, state: str, seconds: float = 10) -> None:
+    expect(tile).to_have_attribute("data-picture", state, timeout=seconds * 1000)
+
+
+def _expect_main(page: Page, topic: str) -> None:
+    expect(_tile(page, topic)).to_have_attribute("data-main", "true")
+
+
+def _wait_pixels(canvas: Locator, colour: tuple[int, int, int], least: int) -> None:
+    """Wait until the canvas has so many pixels of about this colour."""
+    canvas.page.wait_for_function(
+        f"([canvas, colour, least]) => ({COUNT_PIXELS})(canvas, colour) >= least",
+        arg=[canvas.element_handle(), list(colour), least],
+        timeout=10_000,
+    )
+
+
+def _size(canvas: Locator) -> tuple[int, int]:
+    width, height = canvas.evaluate("canvas => [canvas.width, canvas.height]")
+    return width, height
+
+
+def test_the_picture_says_how_old_it_is(robot: Page) -> None:
+    """The age that the page shows is that of the stamp in the picture, and the rate is the camera's."""
+    facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
+    expect(facts).to_contain_text(re.compile("640.480"))
+    expect(facts).to_contain_text("/s")
+    told, real = robot.evaluate(
+        f"""() => {{
+          const text = document.querySelector("[data-main=true] [data-testid=tile-facts]").textContent;
+          const stamp = {READ_STAMP}(document.querySelector("[data-testid=video]"));
+          return [parseFloat(text), Date.now() - stamp];
+        }}"""
+    )
+    assert 0 <= told < 1000
+    # The text may be a quarter of a second older than the picture, or newer.
+    assert abs(told - real) < 500
+
+
+def test_an_inset_shows_the_second_camera_and_keys_swap_them(robot: Page) -> None:
+    """With the layout inset both cameras play; C, a number or a click makes one the main picture, and it goes on."""
+    robot.get_by_test_id("layout").select_option("inset")
+    _expect_picture(_tile(robot, REAR), "live")
+    _expect_main(robot, FRONT)
+    robot.keyboard.press("c")
+    _expect_main(robot, REAR)
+    expect(_tile(robot, FRONT)).to_have_attribute("data-main", "false")
+    _expect_picture(_tile(robot, FRONT), "live")
+    robot.keyboard.press("1")
+    _expect_main(robot, FRONT)
+    _tile(robot, REAR).get_by_test_id("enlarge").click()
+    _expect_main(robot, REAR)
+    expect(robot.get_by_test_id("camera")).to_have_value(REAR)
+
+
+def test_a_small_picture_is_asked_for_small(robot: Page) -> None:
+    """The camera in the inset sends fewer pixels than the one that is looked at."""
+    robot.get_by_test_id("layout").select_option("inset")
+    small = _tile(robot, REAR).get_by_test_id("side-video")
+    robot.wait_for_function(
+        "canvas => canvas.width > 0 && canvas.width <= 320",
+        arg=small.element_handle(),
+        timeout=10_000,
+    )
+    assert _size(robot.get_by_test_id("video")) == (640, 480)
+
+
+def test_only_what_is_shown_has_a_stream(robot: Page) -> None:
+    """One picture is one stream; a grid has one for each camera, and a hidden page none."""
+    sockets: list[str] = []
+    closed: list[str] = []
+
+    def note(socket: object) -> None:
+        url = socket.url  # type: ignore[attr-defined]
+        if "/video/frames" in url:
+            sockets.append(url)
+            socket.on("close", lambda _: closed.append(url))  # type: ignore[attr-defined]
+
+    robot.on("websocket", note)
+    robot.reload()
+    _expect_picture(_tile(robot, FRONT), "live")
+    robot.get_by_test_id("layout").select_option("grid")
+    _expect_picture(_tile(robot, REAR), "live")
+    assert ["rear" in url for url in sockets] == [False, True]
+    robot.get_by_test_id("layout").select_option("one")
+    _wait(robot, lambda: closed == sockets[1:])
+    expect(_tile(robot, REAR)).to_have_count(0)
+    robot.evaluate(HIDE)
+    _wait(robot, lambda: len(closed) == 2)
+    assert len(sockets) == 2, sockets
+
+
+def _wait(page: Page, condition: Callable[[], bool], seconds: float = 5) -> None:
+    for _ in range(int(seconds * 20)):
+        if condition():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"not within {seconds} s")
+
+
+def test_a_picture_is_turned_and_stays_so(robot: Page, stack: Stack) -> None:
+    """Turning by a quarter swaps width and height at once, and the next visit begins that way."""
+    video = robot.get_by_test_id("video")
+    assert _size(video) == (640, 480)
+    robot.get_by_test_id("view-more").locator("summary").click()
+    robot.get_by_test_id("turn").click()
+    robot.wait_for_function(
+        "canvas => canvas.width === 480 && canvas.height === 640", arg=video.element_handle()
+    )
+    robot.goto(f"{stack.url}/robots/{ROBOT}")
+    _expect_picture(_tile(robot, FRONT), "live")
+    assert _size(robot.get_by_test_id("video")) == (480, 640)
+
+
+def test_fullscreen_keeps_stick_and_stop(robot: Page, stack: Stack) -> None:
+    """F makes the whole page full: Stop and stick are on the screen and work; F again ends it."""
+    robot.keyboard.press("f")
+    robot.wait_for_function("() => document.fullscreenElement?.classList.contains('drive')")
+    for name in ("stop", "joystick", "stage"):
+        expect(robot.get_by_test_id(name)).to_be_in_viewport(ratio=0.9)
+    with SimWatch(stack, ROBOT) as watch:
+        robot.keyboard.down("w")
+        watch.wait_pose("moving in fullscreen", lambda pose: pose["linear_velocity"] > 0)
+        robot.keyboard.up("w")
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+    robot.get_by_test_id("full").click()
+    robot.wait_for_function("() => !document.fullscreenElement")
+
+
+def test_fullscreen_lets_go_of_the_stick(robot: Page, stack: Stack) -> None:
+    """Going to fullscreen while a key is held stops the robot, and the repeats of the key start nothing."""
+    with SimWatch(stack, ROBOT) as watch:
+        robot.keyboard.down("w")
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        robot.keyboard.press("f")
+        robot.wait_for_function("() => document.fullscreenElement")
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0, seconds=2)
+        robot.keyboard.up("w")
+
+
+def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None:
+    """The map's tile draws the map, the scan and, after a drive, the path; what is switched off goes."""
+    robot.get_by_test_id("camera").select_option(MAP)
+    canvas = robot.get_by_test_id("video")
+    robot.get_by_test_id("zoom-out").click()
+    _wait_pixels(canvas, SCAN, 50)
+    _wait_pixels(canvas, WALL, 50)
+    robot.get_by_test_id("map-map").uncheck()
+    robot.get_by_test_id("map-scan").uncheck()
+    robot.wait_for_function(
+        f"([canvas, colour]) => ({COUNT_PIXELS})(canvas, colour) === 0",
+        arg=[canvas.element_handle(), list(SCAN)],
+        timeout=5000,
+    )
+    before = canvas.evaluate(COUNT_PIXELS, list(PATH))
+    robot.get_by_test_id("camera").select_option(FRONT)
+    _expect_picture(_tile(robot, FRONT), "live")
+    with SimWatch(stack, ROBOT) as watch:
+        start = dict(watch.pose)
+        robot.keyboard.down("w")
+        watch.wait_pose(
+            "on its way", lambda pose: abs(pose["x"] - start["x"]) + abs(pose["y"] - start["y"]) > 1
+        )
+        robot.keyboard.up("w")
+    robot.get_by_test_id("camera").select_option(MAP)
+    _wait_pixels(robot.get_by_test_id("video"), PATH, before + 20)
+    call_sim(stack, ROBOT, "/reset")
+
+
+def test_what_is_not_seen_is_not_subscribed_to(robot: Page) -> None:
+    """Scan and map come through the connection only while the map is shown."""
+    sent = _sent_to_ros(robot)
+    robot.reload()
+    _expect_picture(_tile(robot, FRONT), "live")
+    expect(robot.get_by_test_id("camera").locator("option")).to_have_count(3)
+    assert not any('"/scan"' in text for text in sent)
+    robot.keyboard.press("3")
+    _wait(robot, lambda: any('"subscribe"' in text and '"/scan"' in text for text in sent))
+    robot.keyboard.press("1")
+    _wait(robot, lambda: any('"unsubscribe"' in text and '"/scan"' in text for text in sent))
+    scan = next(text for text in sent if '"subscribe"' in text and '"/scan"' in text)
+    assert '"throttle_rate":150' in scan
+    assert '"queue_length":1' in scan
+
+
+def _sent_to_ros(page: Page) -> list[str]:
+    sent: list[str] = []
+
+    def note(socket: object) -> None:
+        if "/ros" in socket.url:  # type: ignore[attr-defined]
+            socket.on("framesent", lambda payload: sent.append(str(payload)))  # type: ignore[attr-defined]
+
+    page.on("websocket", note)
+    return sent
+
+
+def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
+    """Save picture downloads a JPEG of the camera's own size, named after robot, camera and time."""
+    robot.get_by_test_id("view-more").locator("summary").click()
+    with robot.expect_download() as download:
+        robot.get_by_test_id("still").click()
+    name = download.value.suggested_filename
+    assert name.startswith("sim1-camera-image-raw-20")
+    assert name.endswith("Z.jpg")
+    jpeg = download.value.path().read_bytes()
+    assert jpeg[:2] == b"\xff\xd8"
+    assert read_stamp(jpeg) > 1_700_000_000
+    expect(robot.get_by_test_id("sight-note")).to_have_text("Picture saved.")
+
+
+def test_a_frozen_camera_is_grey_and_says_so(robot: Page, stack: Stack) -> None:
+    """A second without a new picture greys the last one with words, its age goes on, and a new picture ends it."""
+    tile = _tile(robot, FRONT)
+    with frozen_cameras(stack, ROBOT):
+        _expect_picture(tile, "old", seconds=5)
+        expect(tile.get_by_test_id("tile-words")).to_contain_text("This picture is old.")
+        assert "grayscale" in robot.get_by_test_id("video").evaluate(
+            "canvas => getComputedStyle(canvas).filter"
+        )
+        expect(tile.get_by_test_id("tile-facts")).to_contain_text("s old", timeout=15_000)
+    _expect_picture(tile, "live")
+    expect(tile.get_by_test_id("tile-words")).to_be_empty()
+
+
+def test_a_fixed_quality_is_what_the_robot_sends(robot: Page) -> None:
+    """Whoever chooses 30 % gets that from the robot, and the next visit begins with it."""
+    robot.get_by_test_id("quality").select_option("30")
+    facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
+    expect(facts).to_contain_text("30 %", timeout=10_000)
+    robot.reload()
+    expect(robot.get_by_test_id("quality")).to_have_value("30")
+    expect(facts).to_contain_text("30 %", timeout=10_000)
+
+
+def test_battery_and_diagnostics_are_beside_the_picture(robot: Page, stack: Stack) -> None:
+    """The battery is told in percent; a camera that freezes is a warning in the diagnostics, which a list explains."""
+    expect(robot.get_by_test_id("battery")).to_contain_text(" %", timeout=10_000)
+    diagnostics = robot.get_by_test_id("diagnostics")
+    with frozen_cameras(stack, ROBOT):
+        expect(diagnostics).to_have_attribute("data-level", "warn", timeout=10_000)
+        diagnostics.locator("summary").click()
+        expect(diagnostics.locator("li[data-level=warn]")).to_have_count(1)
+    expect(diagnostics).to_have_attribute("data-level", "ok", timeout=10_000)
+
+
+@pytest.mark.parametrize("context", [PHONE], indirect=True)
+def test_nothing_of_the_view_moves_the_stick_on_a_phone(robot: Page, stack: Stack) -> None:
+    """Layouts, menus and an old picture change nothing outside the picture's place."""
+    stick = robot.get_by_test_id("joystick")
+    place = stick.bounding_box()
+    robot.get_by_test_id("layout").select_option("grid")
+    _expect_picture(_tile(robot, REAR), "live")
+    robot.get_by_test_id("view-more").locator("summary").click()
+    assert stick.bounding_box() == place
+    with frozen_cameras(stack, ROBOT):
+        _expect_picture(_tile(robot, FRONT), "old", seconds=5)
+        assert stick.bounding_box() == place
+    expect_no_sideways_scroll(robot)
