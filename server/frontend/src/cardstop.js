@@ -1,4 +1,5 @@
-// The Stop button of one card of the fleet page, and what is known of that robot's stop.
+// The Stop button of one robot on the fleet page, and what is known of that robot's stop. A robot has one, in the card or
+// in the row of the table, whichever is shown.
 
 import { stop } from "./calls.js";
 import { localTime, part, setText } from "./page.js";
@@ -6,28 +7,41 @@ import { Stopping } from "./stopping.js";
 import { stop as texts } from "./texts.js";
 
 export class CardStop {
-  constructor(card, robot) {
-    this.card = card;
+  constructor(robot) {
+    this.robot = robot;
+    this.cards = new Set();
+    this.state = "";
     this.stopping = new Stopping({
       tell: () => {}, // this page has no connection to the robot
       post: () => stop(robot),
       onChange: () => this.show(),
     });
-    this.button = part(card, "stop");
-    setText(part(this.button, "stop-name"), ` ${robot}`);
-    this.button.addEventListener("click", () => this.stopping.press());
+  }
+
+  join(card) {
+    this.cards.add(card);
+    const button = part(card, "stop");
+    setText(part(button, "stop-name"), ` ${this.robot}`);
+    button.addEventListener("click", () => this.stopping.press());
+    this.show();
   }
 
   // `robot` as of the events. One that waits for approval, or is disabled, has no connection to stop.
   hear({ state, control }) {
-    this.button.hidden = state !== "active";
+    this.state = state;
     this.stopping.hear(control?.stopped);
   }
 
   show() {
     const { kind, by, at, detail } = this.stopping.shown;
-    this.card.dataset.stop = kind;
-    setText(part(this.card, "stopped"), texts[kind]({ by, at: localTime(at), detail }));
-    part(this.card, "stopped-row").hidden = kind === "none";
+    const words = texts[kind]({ by, at: localTime(at), detail });
+    for (const card of this.cards) {
+      const button = part(card, "stop");
+      if (button.hidden !== (this.state !== "active")) button.hidden = this.state !== "active";
+      if (card.dataset.stop !== kind) card.dataset.stop = kind;
+      setText(part(card, "stopped"), words);
+      const row = part(card, "stopped-row");
+      if (row.hidden !== (kind === "none")) row.hidden = kind === "none";
+    }
   }
 }

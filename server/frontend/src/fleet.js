@@ -1,77 +1,140 @@
-// The fleet page: keeps the cards as the feed tells. Loaded by fleet.html.
+// The fleet page: keeps the robots as the feed tells, as cards or as a table. Loaded by fleet.html.
+// What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
-import { fillCard, inOrder, newCard } from "./cards.js";
 import { CardStop } from "./cardstop.js";
 import { Feed } from "./feed.js";
+import { Batch, Seldom } from "./fleet/batch.js";
+import { filterOf, inNameOrder, inOrder } from "./fleet/filters.js";
+import { RobotList } from "./fleet/list.js";
+import { Pictures, Queue } from "./fleet/pictures.js";
+import { Rest } from "./fleet/rest.js";
+import { Thumbs } from "./fleet/thumb.js";
+import { Toolbar } from "./fleet/toolbar.js";
 import { FleetStops } from "./fleetstops.js";
 import { byTestId, part, setText } from "./page.js";
-import { feed as feedTexts, fleet as texts } from "./texts.js";
+import { feed as feedTexts } from "./texts.js";
 
-const list = part(document, "cards");
-const template = document.getElementById("robot-card");
-const feedState = byTestId(document, "fleet-feed");
+const ARRANGE_EVERY_MS = 1000;
+
 const main = document.querySelector("main");
+const feedState = byTestId(document, "fleet-feed");
 const fleetStops = new FleetStops(main, { manages: main.dataset.manages === "yes" });
-const robots = new Map();
 const stops = new Map();
-const cards = new Map([...list.children].map((card) => [card.dataset.robot, card]));
+const thumbs = new Thumbs({ queue: new Queue(), pictures: new Pictures() });
 
-function showFleet(all) {
-  const names = new Set(all.map(({ name }) => name));
-  for (const name of [...cards.keys()]) if (!names.has(name)) remove(name);
-  for (const robot of all) update(robot);
-  arrange();
+const containers = { cards: part(main, "cards"), table: part(main, "rows") };
+const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
+// What the server wrote into the page and the events do not tell; "" for a robot that came since.
+const known = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
+const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
+
+const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
+const batch = new Batch({ apply: update });
+const arranging = new Seldom({ act: arrangeIfStill, everyMs: ARRANGE_EVERY_MS });
+const rest = new Rest({ onRest: () => waits && arranging.ask() });
+let inOrderOfNames = inNameOrder(robots.keys());
+let waits = false;
+for (const container of Object.values(containers)) rest.listen(container);
+showView();
+
+function atFirst({ robot, state, online, since, site }) {
+  return { name: robot, state, online: online === "true", since, site: site || null };
 }
 
-function update(robot) {
-  if (!cards.has(robot.name)) cards.set(robot.name, newCard(template, robot));
-  robots.set(robot.name, robot);
-  fillCard(cards.get(robot.name), robot);
-  stopOf(robot.name).hear(robot);
+function listIn(container, template) {
+  return new RobotList({ container, template: document.getElementById(template), onNew: prepare });
+}
+
+function prepare(element, name) {
+  element.dataset.camera ||= known.get(name)?.camera ?? "";
+  stopOf(name).join(element);
+  thumbs.add(element, name);
 }
 
 function stopOf(name) {
-  if (!stops.has(name)) stops.set(name, new CardStop(cards.get(name), name));
+  if (!stops.has(name)) {
+    stops.set(name, new CardStop(name));
+    stops.get(name).hear(robots.get(name));
+  }
   return stops.get(name);
 }
 
-function remove(name) {
-  cards.get(name)?.remove();
-  cards.delete(name);
-  stops.delete(name);
-  robots.delete(name);
+const shownList = () => lists[toolbar.view];
+
+// A list that is not shown is not kept up to date either; it is filled when it is.
+function showView() {
+  for (const [view, container] of Object.entries(containers)) {
+    container.closest("[data-list]").hidden = view !== toolbar.view;
+  }
+  for (const robot of robots.values()) shownList().fill(robot, false);
+  arrangeNow();
 }
 
-for (const [name, card] of cards) stopOf(name).hear({ state: card.dataset.state });
+function showFleet(all) {
+  const names = new Set(all.map(({ name }) => name));
+  for (const name of robots.keys()) if (!names.has(name)) remove(name);
+  for (const robot of all) hear(robot);
+}
 
-// Moves only what is out of place: a card that moves loses the keyboard focus.
+function hear(robot) {
+  if (!robots.has(robot.name)) inOrderOfNames = null;
+  robots.set(robot.name, robot);
+  batch.add(robot.name);
+}
+
+function update(names) {
+  const fits = filterOf(toolbar.filter);
+  for (const name of names) {
+    const robot = robots.get(name);
+    if (!robot) continue;
+    shownList().fill(robot, fits(robot));
+    stopOf(name).hear(robot);
+  }
+  if (fleetStops.told.length) showStops();
+  arranging.ask();
+}
+
+function remove(name) {
+  robots.delete(name);
+  stops.delete(name);
+  inOrderOfNames = null;
+  for (const list of Object.values(lists)) list.remove(name, rest.disturbed);
+  arranging.ask();
+}
+
+// What a person chose is done at once.
+function arrangeNow() {
+  batch.flush();
+  arrange();
+}
+
+function arrangeIfStill() {
+  batch.flush();
+  if (rest.disturbed) waits = true;
+  else arrange();
+}
+
 function arrange() {
-  const focused = document.activeElement;
-  inOrder(robots.values()).forEach(({ name }, place) => {
-    const card = cards.get(name);
-    if (list.children[place] !== card) list.insertBefore(card, list.children[place] ?? null);
-  });
-  if (focused !== document.activeElement) focused.focus();
-  const online = [...robots.values()].filter((robot) => robot.online).length;
-  setText(part(document, "count"), robots.size ? texts.count(online, robots.size) : "");
-  part(document, "empty").hidden = robots.size > 0;
-  const withLevels = [...robots.values()].map((robot) => ({
-    ...robot,
-    level: cards.get(robot.name).dataset.level,
-  }));
-  fleetStops.show(withLevels);
+  waits = false;
+  inOrderOfNames ??= inNameOrder(robots.keys());
+  const listed = inOrderOfNames.map((name) => robots.get(name));
+  const fits = filterOf(toolbar.filter);
+  const shown = new Set(listed.filter(fits).map(({ name }) => name));
+  shownList().arrange(inOrder(listed, toolbar.filter).map(({ name }) => name), shown);
+  toolbar.offerSites(listed);
+  toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
+  part(main, "empty").hidden = listed.length > 0;
+  showStops();
+}
+
+function showStops() {
+  fleetStops.show([...robots.values()].map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
 }
 
 const feed = new Feed({
   onFleet: showFleet,
-  onRobot: (robot) => {
-    update(robot);
-    arrange();
-  },
-  onRemoved: ({ name }) => {
-    remove(name);
-    arrange();
-  },
+  onRobot: hear,
+  onRemoved: ({ name }) => remove(name),
   onState: (state) => {
     feedState.dataset.feed = state;
     setText(feedState, feedTexts[state]);

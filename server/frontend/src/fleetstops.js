@@ -2,7 +2,7 @@
 
 import { stopAll } from "./calls.js";
 import { part, setText } from "./page.js";
-import { fleet as texts } from "./texts.js";
+import { fleet as texts } from "./texts/fleet.js";
 
 // The sites that a manager can stop as a whole, in order. `robots` are {site, level}; the level is "" for a robot
 // that came while the page was open. Pure.

@@ -139,27 +139,6 @@ export const limits = {
   angular: (value) => `${value} rad/s`,
 };
 
-export const fleet = {
-  online: (since) => (since ? `Online since ${since}` : "Online"),
-  offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
-  pending: "Waiting for approval",
-  disabled: "Disabled",
-  rtt: (ms) => `${ms} ms`,
-  ros: "rosbridge does not answer",
-  video: "video does not answer",
-  driverAsked: (driver, asking) => `${driver}; ${asking} asks for the control`,
-  stopAll: "Stop all robots",
-  stopSite: (site) => `Stop site ${site}`,
-  stopResult: ({ name, stopped, confirmed }) => {
-    if (!stopped) return `${name}: not stopped`;
-    return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
-  },
-  stopNone: "There was no robot to stop.",
-  stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
-  stoppingAll: "Stopping.",
-  count: (online, all) => `${online} of ${all} online`,
-};
-
 export const feed = {
   connecting: "Connecting",
   live: "Live",

@@ -1,16 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driverText, healthText, inOrder, presenceText } from "../src/cards.js";
-
-test("online robots come first, then names as a person counts them", () => {
-  const robots = [
-    { name: "sim10", online: false },
-    { name: "sim2", online: false },
-    { name: "zoe", online: true },
-  ];
-  assert.deepEqual(inOrder(robots).map(({ name }) => name), ["zoe", "sim2", "sim10"]);
-});
+import { batteryText, driverText, healthText, presenceText } from "../src/cards.js";
 
 test("a card says since when, and what keeps a robot from being used", () => {
   const since = "2026-01-01T12:03:00Z";
@@ -36,4 +27,20 @@ test("a card tells who drives, who gets the control and who asks for it", () => 
   assert.equal(driverText({ control: { driver: ann } }), "ann");
   assert.equal(driverText({ control: { driver: null, reserved: ben } }), "ben");
   assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for the control");
+});
+
+test("a card tells the battery, and one that is low calls for attention unless it is charged", () => {
+  const robot = (percent, charging) => ({ online: true, battery: { percent, charging } });
+  assert.equal(batteryText(robot(81.4, false)), "81 %");
+  assert.equal(batteryText(robot(12, true)), "12 %, charging");
+  assert.equal(batteryText(robot(12, false)), "12 %, low");
+  assert.equal(batteryText({ online: true, battery: null }), "");
+  assert.equal(batteryText({ ...robot(12, false), online: false }), "");
+  assert.equal(healthText(robot(12, false)), "battery low");
+  assert.equal(healthText(robot(12, true)), "");
+});
+
+test("a guard that does not answer calls for attention", () => {
+  assert.equal(healthText({ online: true, control: { guard: "down" } }), "its guard does not answer");
+  assert.equal(healthText({ online: true, control: { guard: "off" } }), "");
 });

@@ -129,7 +129,18 @@ def _card(seen: SeenRobot) -> dict[str, object]:
         "online": seen.online,
         "since": rfc3339(seen.since),
         "level": seen.level,
+        "site": seen.robot.site,
+        "camera": _first_camera(seen),
     }
+
+
+def _first_camera(seen: SeenRobot) -> str:
+    """Return the topic of the camera that the robot's settings name first; empty: the page asks the robot."""
+    try:
+        cameras = robot_settings.parse(seen.robot.settings).page.cameras
+    except FieldInvalid:
+        return ""
+    return cameras[0].topic if cameras else ""
 
 
 def _next_page() -> str:

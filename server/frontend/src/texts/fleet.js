@@ -1,1 +1,41 @@
 // Sentences of the pages: the fleet page. No logic beyond filling in.
+
+export const fleet = {
+  online: (since) => (since ? `Online since ${since}` : "Online"),
+  offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
+  pending: "Waiting for approval",
+  disabled: "Disabled",
+  rtt: (ms) => `${ms} ms`,
+  battery: (percent) => `${percent} %`,
+  charging: (text) => `${text}, charging`,
+  low: (text) => `${text}, low`,
+  ros: "rosbridge does not answer",
+  video: "video does not answer",
+  guard: "its guard does not answer",
+  batteryLow: "battery low",
+  driverAsked: (driver, asking) => `${driver}; ${asking} asks for the control`,
+  stopAll: "Stop all robots",
+  stopSite: (site) => `Stop site ${site}`,
+  stopResult: ({ name, stopped, confirmed }) => {
+    if (!stopped) return `${name}: not stopped`;
+    return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
+  },
+  stopNone: "There was no robot to stop.",
+  stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
+  stoppingAll: "Stopping.",
+  count: (online, all) => `${online} of ${all} online`,
+  shown: (count, shown) => `${count}, ${shown} shown`,
+  allSites: "All sites",
+  noSite: "No site",
+};
+
+export const thumb = {
+  empty: "Picture",
+  label: (robot) => `Picture of ${robot}`,
+  taken: (robot, time) => `Picture of ${robot}, taken at ${time}`,
+  waiting: "Loading",
+  offline: "Robot is offline",
+  no_camera: "No camera",
+  video_down: "No video",
+  failed: "No picture",
+};

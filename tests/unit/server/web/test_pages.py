@@ -113,6 +113,20 @@ def test_fleet_page_shows_what_the_user_may_see(browser: Browser) -> None:
     assert "sim2" not in page
 
 
+def test_fleet_page_names_each_robots_first_camera(browser: Browser, database: Database) -> None:
+    """For a robot whose settings name none, or are broken, the page asks the robot itself."""
+    browser.log_in("ann")
+    cameras = '[{"topic": "/front", "name": "Front"}, {"topic": "/rear", "name": "Rear"}]'
+    for settings, camera in (
+        (f'{{"page": {{"cameras": {cameras}}}}}', "/front"),
+        ("{}", ""),
+        ('{"page": 1}', ""),
+    ):
+        with database.transaction() as tx:
+            tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
+        assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
+
+
 def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
     """And tells a user whom to ask."""
     browser.log_in("root")

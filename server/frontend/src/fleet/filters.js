@@ -1,0 +1,92 @@
+// Which robots the fleet page shows, and in which order: kept in the page's address, so that it can be passed on. Pure.
+
+import { attention } from "../cards.js";
+
+const collator = new Intl.Collator("en", { numeric: true });
+
+const IN_STATE = {
+  online: ({ online }) => online,
+  driven: ({ control }) => Boolean(control?.driver),
+  stopped: ({ control }) => Boolean(control?.stopped),
+  attention: (robot) => robot.state === "pending" || attention(robot).length > 0,
+};
+export const STATES = Object.keys(IN_STATE);
+
+// What a robot is sorted by; who has none comes last, whichever way it is sorted.
+const NUMBERS = {
+  battery: ({ battery }) => battery?.percent ?? null,
+  rtt: ({ online, rtt_ms }) => (online ? (rtt_ms ?? null) : null),
+};
+const TEXTS = {
+  name: ({ name }) => name,
+  driver: ({ control }) => control?.driver?.user || null,
+  site: ({ site }) => site || null,
+};
+export const SORTS = ["state", "name", ...Object.keys(NUMBERS), "driver", "site"];
+
+// {words, site, states, sort, down}; `site` null is every site and "" none.
+export function fromQuery(query) {
+  const given = new URLSearchParams(query);
+  const states = (given.get("show") ?? "").split(",").filter((state) => STATES.includes(state));
+  const sort = given.get("sort") ?? "";
+  const known = SORTS.includes(sort.replace(/^-/, ""));
+  return {
+    words: given.get("q") ?? "",
+    site: given.get("site"),
+    states: [...new Set(states)],
+    sort: known ? sort.replace(/^-/, "") : "state",
+    down: known && sort.startsWith("-"),
+  };
+}
+
+// What is usual is left out.
+export function toQuery({ words, site, states, sort, down }) {
+  const query = new URLSearchParams();
+  if (words.trim()) query.set("q", words.trim());
+  if (site !== null) query.set("site", site);
+  if (states.length) query.set("show", states.join(","));
+  if (sort !== "state" || down) query.set("sort", (down ? "-" : "") + sort);
+  const text = query.toString().replaceAll("%2C", ",");
+  return text && `?${text}`;
+}
+
+export const isFiltered = ({ words, site, states }) => Boolean(words.trim() || site !== null || states.length);
+
+// The function that says whether a robot fits all that is asked for.
+export function filterOf({ words, site, states }) {
+  const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
+  return (robot) =>
+    (site === null || (robot.site ?? "") === site) &&
+    states.every((state) => IN_STATE[state](robot)) &&
+    (wanted.length === 0 || hasAll(robot, wanted));
+}
+
+function hasAll({ name, site, control }, wanted) {
+  const text = `${name} ${site ?? ""} ${control?.driver?.user ?? ""}`.toLowerCase();
+  return wanted.every((word) => text.includes(word));
+}
+
+// Names as a person counts: sim2 before sim10.
+export const inNameOrder = (names) => [...names].sort(collator.compare);
+
+// Robots that come in the order of their names, in another order: equals stay as they came.
+export function inOrder(robots, { sort = "state", down = false } = {}) {
+  return [...robots].sort(comparison(sort, down ? -1 : 1));
+}
+
+function comparison(sort, way) {
+  if (sort === "state") return (a, b) => way * (Number(b.online) - Number(a.online));
+  const value = NUMBERS[sort] ?? TEXTS[sort];
+  const order = sort in NUMBERS ? (a, b) => a - b : collator.compare;
+  return (a, b) => {
+    const [one, other] = [value(a), value(b)];
+    if (one === null || other === null) return Number(one === null) - Number(other === null);
+    return way * order(one, other);
+  };
+}
+
+// The sites of these robots, in order; "" last, where one has none. Pure.
+export function sitesOf(robots) {
+  const sites = [...new Set(robots.map(({ site }) => site ?? ""))];
+  return sites.sort((a, b) => Number(a === "") - Number(b === "") || collator.compare(a, b));
+}
