@@ -135,12 +135,12 @@ def rosbridge_down(robot: str, why: str) -> Ending:
 
 def video_down(robot: str, why: str) -> Ending:
     """The tunnel is there, the robot's media service is not."""
-    return Ending(4506, "video_down", f"the video of robot {robot} does not answer: {why}")
+    return Ending(4506, "video_down", f"video of {robot} is down: {why}")
 
 
 def frames_unknown(robot: str) -> Ending:
     """The robot's agent is from before the frames protocol; clients look for the first word."""
-    why = f"frames_unknown: robot {robot} has no frames service; upgrade its agent"
+    why = f"frames_unknown: {robot} has no frames service; upgrade its agent"
     return Ending(4506, "video_down", why)
 
 

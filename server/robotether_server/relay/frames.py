@@ -12,12 +12,11 @@ import logging
 import time
 from collections import deque
 from collections.abc import Coroutine
-from contextlib import ExitStack
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from robotether_server.problems import HttpProblem, TooManyConnections
+from robotether_server.problems import HttpProblem
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.allowance import Allowance
@@ -38,7 +37,7 @@ from robotether_server.relay.pictures import (
 )
 from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.sockets import ViewerSocket
-from robotether_server.relay.viewers import Cursor, admitted, topic_of
+from robotether_server.relay.viewers import Cursor, connection_of, counted, topic_of
 
 log = logging.getLogger(__name__)
 
@@ -63,12 +62,11 @@ class FramesHandler:
         permit = await self._means.access.for_frames(asked, request.match_info["name"])
         socket = ViewerSocket(MAX_TEXT_BYTES)
         visit = FramesVisit(socket, permit, self._means, self._limits)
-        with ExitStack() as stack:
-            # Before anything waits: a right that ends in the meantime must end this connection.
-            try:
-                stack.enter_context(admitted(self._means, permit, visit.end))
-            except TooManyConnections as problem:
-                visit.end(endings.too_many_connections(problem.detail))
+        connection = connection_of(permit, visit.end)
+        if (why := self._means.connections.no_room(connection)) is not None:
+            visit.end(endings.too_many_connections(why))
+        # Before anything waits: a right that ends in the meantime must end this connection.
+        with counted(self._means, permit, connection):
             await socket.open(request)
             ending = await visit.run(topic)
         await socket.finish(ending)

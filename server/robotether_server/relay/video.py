@@ -16,7 +16,7 @@ from contextlib import asynccontextmanager
 from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
-from robotether_server.problems import HttpProblem, RobotOffline, VideoDown
+from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.endings import Ending
@@ -29,7 +29,7 @@ from robotether_server.relay.video_headers import (
     headers_for_robot,
     headers_for_viewer,
 )
-from robotether_server.relay.viewers import admitted
+from robotether_server.relay.viewers import connection_of, counted
 from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
@@ -63,7 +63,10 @@ class VideoHandler:
 
         # A ticket is what a page of another site asks with, which may then show the picture.
         embeddable = asked.ticket is not None
-        with admitted(self._means, permit, cut):
+        connection = connection_of(permit, cut)
+        if (why := self._means.connections.no_room(connection)) is not None:
+            raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
+        with counted(self._means, permit, connection):
             return await self._answer(request, permit, embeddable=embeddable)
 
     async def _answer(

@@ -11,7 +11,7 @@ from functools import partial
 
 from aiohttp import web
 
-from robotether_server.problems import FieldInvalid, TooManyConnections
+from robotether_server.problems import FieldInvalid
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit
 from robotether_server.relay.connections import Connection
@@ -23,14 +23,23 @@ from robotether_server.relay.pictures import Picture
 MAX_TOPIC = 255
 
 
+def connection_of(permit: Permit, end: Callable[[Ending], None]) -> Connection:
+    """Return the connection that a viewer counts as."""
+    return Connection(
+        permit.user.id,
+        permit.user.name,
+        permit.robot,
+        "video",
+        end,
+        level=permit.level,
+        reached=True,
+    )
+
+
 @contextmanager
-def admitted(means: Means, permit: Permit, end: Callable[[Ending], None]) -> Iterator[None]:
-    """Count a viewer inside the block, and have it ended when it may see no more; TooManyConnections."""
-    user, robot = permit.user, permit.robot
-    connection = Connection(user.id, user.name, robot, "video", end, reached=True)
-    if (why := means.connections.no_room(connection)) is not None:
-        raise TooManyConnections(f"cannot show video of robot {robot.name}: {why}")
-    gone = partial(end, endings.rights_ended(robot.name))
+def counted(means: Means, permit: Permit, connection: Connection) -> Iterator[None]:
+    """Count a viewer inside the block, and have it ended when it may see no more."""
+    gone = partial(connection.end, endings.rights_ended(permit.robot.name))
     with means.connections.joined(connection), means.credentials.held(permit.credential, gone):
         yield
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.relay.bridge import Traffic
+from robotether_server.relay.feeds import FeedTraffic
 from robotether_server.relay.metrics import Metrics
 
 
@@ -71,3 +72,17 @@ def test_two_relays_do_not_share_their_numbers(metrics, traffic):
     for each in (metrics, other):
         each.gauge("drivers", "Connections that drive", lambda: 0)
     assert not any("ticket_used" in line for line in lines(other))
+
+
+def test_pictures_are_read_when_somebody_asks(metrics):
+    """What feeds count shows up in the next answer."""
+    traffic = FeedTraffic()
+    metrics.collect_feeds(traffic)
+    traffic.pictures_in, traffic.pictures_out, traffic.skipped = 3, 7, 2
+    traffic.bytes_in, traffic.bytes_out = 300, 700
+    shown = lines(metrics)
+    assert 'robotether_relay_pictures_total{to="relay"} 3.0' in shown
+    assert 'robotether_relay_pictures_total{to="client"} 7.0' in shown
+    assert 'robotether_relay_picture_bytes_total{to="relay"} 300.0' in shown
+    assert 'robotether_relay_picture_bytes_total{to="client"} 700.0' in shown
+    assert "robotether_relay_pictures_skipped_total 2.0" in shown

@@ -6,6 +6,7 @@ import asyncio
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
 from typing import cast
 
 import aiohttp
@@ -16,7 +17,8 @@ from relay_clients import closing
 from relay_server import until
 from robotether_server.relay import sockets as module
 from robotether_server.relay.endings import Ending
-from robotether_server.relay.sockets import NEVER_SENT, OperatorSocket, RobotSocket
+from robotether_server.relay.pictures import WHOLE_BINARY, frame_header
+from robotether_server.relay.sockets import NEVER_SENT, OperatorSocket, RobotSocket, ViewerSocket
 
 OFFLINE = Ending(4503, "robot_offline", "robot sim1 is offline")
 CLOSE_FRAME = struct.pack("!H", 1000)
@@ -197,3 +199,34 @@ async def test_a_broken_socket_gives_its_connection_back():
             async with asyncio.timeout(2):
                 socket = cast(RobotSocket, await session.ws_connect(url))
             socket.drop()
+
+
+async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(http):
+    """A frame that is written already arrives as it is; what is not taken waits here, and little in the system."""
+    picture = b"x" * 8_000_000
+    frame = frame_header(WHOLE_BINARY, len(picture)) + picture
+    waited: list[int] = []
+
+    async def handle(request: web.Request) -> ViewerSocket:
+        socket = ViewerSocket(message_limit=1000)
+        await socket.open(request)
+        own = request.transport.get_extra_info("socket")
+        assert own.getsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT) == module.UNSENT_BYTES
+        socket.write_frame(frame)
+        waited.append(socket.waiting_bytes())
+        await socket.drained()
+        waited.append(socket.waiting_bytes())
+        await socket.finish(OFFLINE)
+        return socket
+
+    async with (
+        serving(handle) as url,
+        http.ws_connect(url, autoclose=False, max_msg_size=0) as client,
+    ):
+        transport_of(client).pause_reading()
+        await until(lambda: waited, "it is written")
+        transport_of(client).resume_reading()
+        assert (await client.receive(timeout=WAIT_S)).data == picture
+        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
+    assert waited[0] > 0
+    assert waited[1] == 0

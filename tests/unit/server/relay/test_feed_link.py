@@ -1,0 +1,92 @@
+"""The relay's WebSocket to a robot's frames service: what it asks, and what it does when that goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from relay_server import until
+
+JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
+
+
+async def test_the_robot_is_asked_for_its_clock_before_the_first_credit(camera, watch):
+    """A picture whose moment nobody can tell would be of no use."""
+    await watch()
+    await camera.heard("credit")
+    assert [text["op"] for text in camera.texts] == ["beat", "want", "credit"]
+
+
+async def test_the_robot_is_asked_for_its_clock_again_and_again(camera, watch, monkeypatch):
+    """Clocks drift, and a link that is quicker later is known later."""
+    monkeypatch.setattr("robotether_server.relay.feed_link.BEAT_EVERY_S", 0.05)
+    await watch()
+    await until(lambda: len(camera.of("beat")) > 3, "it is asked")
+
+
+async def test_no_viewers_wish_no_picture(camera, relay, sim1, http):
+    """As long as nobody has said what to see, the robot's cameras stay off."""
+    url = f"{relay.url}/robots/sim1/video/frames?topic=/a&ticket={relay.ticket(sim1)}"
+    async with http.ws_connect(url) as socket:
+        await camera.heard("beat")
+        assert camera.of("want") == camera.of("credit") == []
+        await socket.send_json({"op": "want"})
+        await camera.heard("credit", frames=2)
+
+
+async def test_wishes_that_come_together_are_told_once(camera, watch):
+    """A slider that is dragged does not make the robot's camera start for each step."""
+    viewer = await watch()
+    await camera.heard("want")
+    for quality in range(30, 80):
+        await viewer.want(quality_max=quality)
+    await camera.heard("want", quality_max=79)
+    assert len(camera.of("want")) <= 5
+
+
+async def test_the_topic_arrives_as_it_was_asked_for(camera, watch):
+    """Also with characters that mean something in a URL."""
+    topic = "/a b?c=d&e#f/é"
+    await watch(topic=topic)
+    await camera.heard("credit")
+    assert camera.topics == [topic]
+
+
+async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, monkeypatch):
+    """A media connection that died without a word is opened anew."""
+    monkeypatch.setattr("robotether_server.relay.feed_link.SILENT_AFTER_S", 0.2)
+    monkeypatch.setattr("robotether_server.relay.feed_link.BEAT_EVERY_S", 0.05)
+    camera.mode = "no_beats"
+    viewer = await watch()
+    await viewer.text("status", state="down")
+    await until(lambda: len(camera.topics) > 1, "it is opened anew")
+
+
+@pytest.mark.parametrize(
+    "data", [b"short", b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x"]
+)
+async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, watch, data, caplog):
+    """The log names the robot, and the viewers stay."""
+    viewer = await watch()
+    await camera.heard("credit")
+    await camera.send_bytes(data)
+    await viewer.text("status", state="down")
+    await camera.heard("credit", taken=None)
+    await until(lambda: len(camera.topics) > 1, "it is opened anew")
+    assert "robot sim1: broke the frames protocol" in caplog.text
+
+
+async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
+    camera, robot, watch, monkeypatch
+):
+    """After a while of trying, with the status down meanwhile."""
+    monkeypatch.setattr("robotether_server.relay.feed_link.AGAIN_WITHIN_S", 0.3)
+    viewer = await watch()
+    await camera.heard("credit")
+    await robot._close_ports()
+    async with asyncio.timeout(5):
+        message = await viewer.socket.receive()
+        while message.type.name == "TEXT":
+            message = await viewer.socket.receive()
+    assert message.data == 4506
+    assert "frames_unknown" not in message.extra

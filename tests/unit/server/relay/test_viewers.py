@@ -1,0 +1,84 @@
+"""Which picture of a feed one viewer gets next."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.relay.feeds import Feed, FeedTraffic
+from robotether_server.relay.pictures import HEADER, Picture
+from robotether_server.relay.viewers import Cursor
+
+
+class Books(Feed):
+    """A feed whose pictures a test sets, and that notes what was taken."""
+
+    def __init__(self, robot) -> None:
+        super().__init__(robot, "/a", FeedTraffic())
+        self.was_taken: list[int] = []
+
+    def taken(self, number: int) -> None:
+        self.was_taken.append(number)
+
+    def show(self, place: int, came_s: float = 0.0) -> Picture:
+        data = HEADER.pack(1, 0, 70, 0, 0) + b"jpeg"
+        self.newest = Picture(data, number=place, place=place, moment_s=0.0, came_s=came_s)
+        return self.newest
+
+    @property
+    def skipped(self) -> int:
+        return self._traffic.skipped
+
+
+@pytest.fixture
+async def feed(sim1) -> Books:
+    """A feed without a picture."""
+    return Books(sim1)
+
+
+async def test_the_newest_comes_next_and_once(feed):
+    """What was not taken in between is skipped."""
+    cursor = Cursor(feed, 0.0)
+    assert cursor.next() is None
+    first = feed.show(0)
+    assert cursor.next() is first
+    cursor.sent(first)
+    assert cursor.next() is None
+    feed.show(1)
+    feed.show(2)
+    last = feed.show(3)
+    assert cursor.next() is last
+    cursor.sent(last)
+    assert cursor.next() is None
+    assert feed.skipped == 2
+
+
+async def test_a_fresh_picture_is_shown_to_who_comes(feed):
+    """At once, and nothing was skipped."""
+    picture = feed.show(7, came_s=10.0)
+    cursor = Cursor(feed, 10.9)
+    assert cursor.next() is picture
+    cursor.sent(picture)
+    assert cursor.next() is None
+    assert (feed.was_taken, feed.skipped) == ([], 0)
+
+
+async def test_an_old_picture_is_given_back(feed):
+    """Who comes waits for the next, which the robot can only send when it has credit."""
+    feed.show(7, came_s=10.0)
+    cursor = Cursor(feed, 11.1)
+    assert cursor.next() is None
+    assert feed.was_taken == [7]
+    picture = feed.show(8)
+    assert cursor.next() is picture
+    cursor.sent(picture)
+    assert feed.skipped == 0
+
+
+async def test_who_comes_before_a_picture_skips_what_it_did_not_take(feed):
+    """Also before its first."""
+    feed.show(7, came_s=10.0)
+    cursor = Cursor(feed, 10.5)
+    feed.show(8)
+    last = feed.show(9)
+    assert cursor.next() is last
+    cursor.sent(last)
+    assert feed.skipped == 2
