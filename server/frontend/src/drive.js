@@ -18,6 +18,7 @@ import { driveSettings } from "./settings.js";
 import { StopBar } from "./stopbar.js";
 import { watchers } from "./texts/truth.js";
 import { requestTicket } from "./tickets.js";
+import { Arming } from "./truth/arming.js";
 import { SightHold } from "./truth/sighthold.js";
 import { View } from "./view.js";
 import { Wheel } from "./wheel.js";
@@ -74,24 +75,21 @@ const stopBar = new StopBar(root, {
   onReleased: () => seat.drive("released"),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
-let armed = false;
+const arming = new Arming({
+  controls: () => controls,
+  sight,
+  send: (twist, moment) => commands.publish(twist, moment),
+});
 
 function controlOptions() {
   return {
     kind,
     limits,
-    publish,
+    publish: (twist, moment) => arming.publish(twist, moment),
     mayQueue: () => session.mayQueue,
     onWanted: useWanted,
     onStop: () => stopBar.press(),
   };
-}
-
-// Each command asks anew whether the person can see: a timer may be late.
-function publish(twist, moment) {
-  sight.check();
-  const still = !twist.forward && !twist.left && !twist.turn;
-  if (still || !sight.held) commands.publish(twist, moment);
 }
 
 function useWanted(twist) {
@@ -114,7 +112,7 @@ function showState(state) {
   if (state.lost) seat.lose(state.lost, state.reason);
   const live = state.name === "live";
   commands.use(live && seat.driving);
-  disarm(); // each new link needs new presses
+  arming.disarm(); // each new link needs new presses
   sight.revoke();
   showSeat();
   if (live) {
@@ -128,31 +126,12 @@ function showState(state) {
   }
 }
 
-function disarm() {
-  armed = false;
-  controls.arm(false);
-}
-
 function showSeat() {
   const { live } = connection;
   showBanner();
   wheel.show(live);
   panels.use({ live, driving: seat.driving });
-  const mayMove = live && seat.driving && seat.armed;
-  if (mayMove && sight.held) hold();
-  else if (!mayMove) disarm();
-  else if (!armed) arm();
-}
-
-function arm() {
-  armed = true;
-  controls.arm(true);
-}
-
-// The link stands, so the robot is told to stand still.
-function hold() {
-  if (armed) controls.disarm();
-  armed = false;
+  arming.update(live && seat.driving && seat.armed);
 }
 
 function showBanner() {
@@ -198,7 +177,7 @@ const feed = new Feed({
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
-  disarm();
+  arming.disarm();
   connection.stop();
 });
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
