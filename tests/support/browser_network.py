@@ -58,4 +58,6 @@ def browser_network() -> BrowserNetwork:
     ip("link", "set", outside, "up")
     ip("-n", inside.name, "address", "add", f"{browser}/30", "dev", DEVICE)
     ip("-n", inside.name, "link", "set", DEVICE, "up")
+    # This machine has other addresses too, as that at which the demo is asked.
+    ip("-n", inside.name, "route", "add", "default", "via", machine)
     return BrowserNetwork(inside.name, machine)
