@@ -3,6 +3,7 @@
 Every deed takes the enrolment lock first: joins and other deeds wait for the end of its transaction.
 """
 
+import json
 from collections.abc import Callable
 
 from robotether_server import macs, robot_settings
@@ -171,7 +172,8 @@ def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str,
     """
     found = _get(tx, name)
     given = robot_settings.parse(settings).as_given()
-    if given != found.settings:
+    # As texts: to Python, true is 1.
+    if json.dumps(given, sort_keys=True) != json.dumps(found.settings, sort_keys=True):
         robots.set_settings(tx, found.id, given)
         details: dict[str, object] = {"was": found.settings, "settings": given}
         audit.record(tx, source, Event("robot_settings_set", name, details))

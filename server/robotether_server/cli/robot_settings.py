@@ -17,6 +17,8 @@ from robotether_server.store import robots as records
 
 # What is missing in the settings in force when there is none.
 SHELL_USER = "shell_user"
+# Where null is a value of its own, and not the default.
+MEANT_NULLS = ("page.hold_after_ms",)
 
 # A path such as guard.deadman_ms, and the value that is to stand there; None: its default.
 Change = tuple[str, object]
@@ -53,7 +55,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
     """Change a robot's settings, all that are given or none.
 
     A KEY is a path into what robot settings prints, a VALUE is JSON or else a plain text. null takes the setting
-    back to its default.
+    back to its default; but page.hold_after_ms=null never holds driving because of an old picture.
 
     robotether robot set sim1 guard.max_speed_m_s=0.5 guard.deadman_ms=400
 
@@ -102,7 +104,7 @@ def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
     """Return the settings with the changes, unchecked; raise FieldInvalid for a default of no setting."""
     settings = present
     for path, value in asked:
-        if value is None:
+        if value is None and path not in MEANT_NULLS:
             _check_known(present, path)
             settings = take_out(settings, path)
         else:

@@ -56,7 +56,7 @@ def everything(seen: SeenRobot) -> Fields:
         ("agent", seen.agent_version or "unknown"),
         ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
         ("site", robot.site or "none"),
-        ("guard and policy", _policy_words(robot.settings)),
+        ("settings", _policy_words(robot.settings)),
         ("shell", f"on, port {robot.shell_port}" if robot.shell else "off"),
         ("shell user", str(robot.settings.get("shell_user", "not set"))),
         ("new key", "asked for" if robot.rotate_requested_at else "not asked for"),
@@ -122,5 +122,7 @@ def as_dict(seen: SeenRobot) -> dict[str, object]:
 
 def _policy_words(settings: Mapping[str, object]) -> str:
     """Return what differs from the defaults, as JSON that the API takes."""
-    given = {name: settings[name] for name in ("guard", "policy") if name in settings}
+    given = {
+        name: settings[name] for name in ("guard", "policy", "page", "buttons") if name in settings
+    }
     return json.dumps(given) if given else "the defaults"

@@ -13,6 +13,7 @@ from robotether_server.web import (
     admin,
     api,
     cors,
+    drive_settings,
     drives_page,
     errors,
     headers,
@@ -66,4 +67,5 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives_page.blueprint)
+    app.register_blueprint(drive_settings.blueprint)
     return app

@@ -43,6 +43,8 @@ SENTENCES: Mapping[str, str] = {
     "robot_rekeyed": "forgot the key of {robot}",
     "robot_rotation_requested": "asked {robot} for a new key",
     "robot_settings_set": "changed the policy, guard or shell user of {robot}",
+    "robot_page_set": "changed the drive page of {robot}",
+    "robot_buttons_set": "changed the buttons of {robot}",
     "key_rejected": "turned a key away that said to be {robot}",
     "key_forgiven": "lets a rejected key ask again",
     "key_refused": "refused an unknown key",

@@ -7,6 +7,7 @@ write objects; what may be done and what it changes is decided in `administratio
 from robotether_server.web.api import (
     audit,
     description,
+    drive_pages,
     drives,
     grants,
     groups,
@@ -28,6 +29,7 @@ from robotether_server.web.api.blueprint import blueprint
 RESOURCES = (
     audit,
     description,
+    drive_pages,
     drives,
     grants,
     groups,

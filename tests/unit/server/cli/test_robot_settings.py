@@ -57,6 +57,17 @@ def test_null_is_the_default(run: Run, database: Database) -> None:
     assert kinds(database).count("robot_settings_set") == 3
 
 
+def test_null_is_meant_where_it_is_a_value(run: Run, database: Database) -> None:
+    """Driving is then never held because of an old picture; the whole page goes back to the default, which holds it."""
+    run("robot", "set", "sim1", "page.hold_after_ms=null", "page.kind=ackermann")
+    assert robot(database).settings == {"page": {"hold_after_ms": None, "kind": "ackermann"}}
+    done = run("robot", "set", "sim1", "page.hold_after_ms=null", "page.kind=null")
+    assert done.out == 'robot sim1 has page.hold_after_ms=null page.kind="differential"\n'
+    assert robot(database).settings == {"page": {"hold_after_ms": None}}
+    run("robot", "set", "sim1", "page=null")
+    assert robot(database).settings == {}
+
+
 def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
     """Only a name that an account may have; saying nothing is a mistake."""
     assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0

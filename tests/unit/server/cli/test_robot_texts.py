@@ -40,8 +40,8 @@ def test_presence_is_told_with_its_time() -> None:
 def test_site_guard_and_policy_are_told() -> None:
     """What differs from the defaults, as the API takes it."""
     fields = dict(robot_texts.everything(SeenRobot(ROBOT, False, None, "manage")))
-    assert (fields["site"], fields["guard and policy"]) == ("none", "the defaults")
+    assert (fields["site"], fields["settings"]) == ("none", "the defaults")
     settings = {"shell_user": "pi", "guard": {"deadman_ms": 300}}
     robot = dataclasses.replace(ROBOT, site="lab", settings=settings)
     fields = dict(robot_texts.everything(SeenRobot(robot, False, None, "manage")))
-    assert (fields["site"], fields["guard and policy"]) == ("lab", '{"guard": {"deadman_ms": 300}}')
+    assert (fields["site"], fields["settings"]) == ("lab", '{"guard": {"deadman_ms": 300}}')

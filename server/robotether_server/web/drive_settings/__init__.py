@@ -1,0 +1,14 @@
+"""/robots/NAME/settings: what a manager sets of a robot's drive page, in a form; and its buttons.
+
+For whoever manages the robot, admins included. docs/protocols.md describes `page` and `buttons`.
+"""
+
+from flask import Blueprint
+
+from robotether_server.web import visitors
+from robotether_server.web.drive_settings import button_forms, page_form
+
+blueprint = Blueprint("drive_settings", __name__, url_prefix="/robots/<name>/settings")
+blueprint.before_request(visitors.need_user)
+for part in (page_form, button_forms):
+    blueprint.register_blueprint(part.blueprint)

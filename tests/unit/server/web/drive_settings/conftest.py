@@ -1,0 +1,29 @@
+"""A manager who is no admin, and an admin, in browsers."""
+
+from __future__ import annotations
+
+import pytest
+from flask import Flask
+from granted import give
+from robotether_server.store import Database, robots, users
+from web_visitor import HASH, Browser
+
+
+@pytest.fixture
+def manager(app: Flask, database: Database) -> Browser:
+    """May, who manages sim1, logged in; drivers there may publish /lights and call /dock."""
+    policy = '{"policy": {"drive": {"publish": ["/lights"], "call": ["/dock"]}}}'
+    with database.transaction() as tx:
+        give(tx, users.add(tx, "may", HASH, "user"), robots.get(tx, "sim1").id, "manage")
+        tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (policy,))
+    browser = Browser(app.test_client())
+    browser.log_in("may")
+    return browser
+
+
+@pytest.fixture
+def admin(app: Flask) -> Browser:
+    """root, logged in."""
+    browser = Browser(app.test_client())
+    browser.log_in("root")
+    return browser

@@ -1,0 +1,154 @@
+"""The forms for a robot's buttons."""
+
+from __future__ import annotations
+
+import pytest
+from admin_visitor import send
+from drive_settings import (
+    DOCK,
+    DOCK_FORM,
+    LIGHTS,
+    LIGHTS_FORM,
+    SETTINGS,
+    audited,
+    kept,
+    names,
+    problem_of,
+)
+from robotether_server.store import Database, robots
+from web_visitor import Browser
+
+NEW = f"{SETTINGS}/buttons/new"
+
+
+@pytest.fixture
+def two(manager: Browser) -> None:
+    """Lights on and Dock, in this order."""
+    for form in (LIGHTS_FORM, DOCK_FORM):
+        assert send(manager, NEW, **form).status_code == 303
+
+
+@pytest.mark.usefixtures("two")
+def test_manager_adds_buttons(manager: Browser, database: Database) -> None:
+    """They stand in the order in which they came, in settings, audit log and list."""
+    assert kept(database, "buttons") == [LIGHTS, DOCK]
+    newest, first = audited(database, "robot_buttons_set")
+    assert first == ("may", {"was": None, "buttons": [LIGHTS]})
+    assert newest == ("may", {"was": [LIGHTS], "buttons": [LIGHTS, DOCK]})
+    page = manager.ask("GET", SETTINGS).text
+    assert page.index('data-testid="button-1"') < page.index('data-testid="button-2"')
+    assert "Publishes to <code>/lights</code>" in page
+    assert "<code>{&#34;data&#34;:true}</code>" in page
+
+
+@pytest.mark.usefixtures("two")
+def test_button_is_changed_where_it_stands(manager: Browser, database: Database) -> None:
+    """Its form has what it is; sent back unchanged it changes nothing."""
+    path = f"{SETTINGS}/buttons/1"
+    page = manager.ask("GET", path).text
+    assert 'value="Lights on"' in page
+    assert "&#34;data&#34;: true" in page
+    send(manager, path, was="Lights on", **LIGHTS_FORM)
+    assert len(audited(database, "robot_buttons_set")) == 2
+    changed = LIGHTS_FORM | {"name": "Lights off", "sends": '{"data": false}', "confirm": "yes"}
+    assert send(manager, path, was="Lights on", **changed).status_code == 303
+    off = LIGHTS | {"name": "Lights off", "msg": {"data": False}, "confirm": True}
+    assert kept(database, "buttons") == [off, DOCK]
+
+
+@pytest.mark.usefixtures("two")
+def test_true_is_another_message_than_one(manager: Browser, database: Database) -> None:
+    """To Python they are equal, to a robot they are not."""
+    form = LIGHTS_FORM | {"sends": '{"data": 1}'}
+    send(manager, f"{SETTINGS}/buttons/1", was="Lights on", **form)
+    assert kept(database, "buttons")[0]["msg"]["data"] is not True
+
+
+@pytest.mark.usefixtures("two")
+def test_buttons_change_places(manager: Browser, database: Database) -> None:
+    """One step at a time; the ends are ends."""
+    move = f"{SETTINGS}/buttons/2/move"
+    assert send(manager, move, was="Dock", to="up").status_code == 303
+    assert names(database) == ["Dock", "Lights on"]
+    assert send(manager, f"{SETTINGS}/buttons/1/move", was="Dock", to="up").status_code == 409
+    assert send(manager, f"{SETTINGS}/buttons/1/move", was="Dock", to="down").status_code == 303
+    assert names(database) == ["Lights on", "Dock"]
+    assert send(manager, move, was="Dock", to="sideways").status_code == 422
+    assert manager.ask("GET", move).location == SETTINGS
+
+
+@pytest.mark.usefixtures("two")
+def test_button_is_removed_after_a_question(manager: Browser, database: Database) -> None:
+    """The audit log keeps what it sent."""
+    path = f"{SETTINGS}/buttons/1/remove"
+    assert 'name="was" value="Lights on"' in manager.ask("GET", path).text
+    assert names(database) == ["Lights on", "Dock"]
+    assert send(manager, path, was="Lights on").status_code == 303
+    assert names(database) == ["Dock"]
+    assert audited(database, "robot_buttons_set")[0][1]["was"] == [LIGHTS, DOCK]
+
+
+@pytest.mark.usefixtures("two")
+def test_a_form_of_before_changes_no_other_button(manager: Browser, database: Database) -> None:
+    """Somebody moved them meanwhile: the place is another button's."""
+    send(manager, f"{SETTINGS}/buttons/1/move", was="Lights on", to="down")
+    for path, form in (("1", LIGHTS_FORM), ("1/remove", {}), ("1/move", {"to": "down"})):
+        sent = form | {"was": "Lights on"}
+        answer = send(manager, f"{SETTINGS}/buttons/{path}", **sent)
+        assert answer.status_code == 409
+        assert "have changed meanwhile" in answer.text
+    assert names(database) == ["Dock", "Lights on"]
+    assert manager.ask("GET", f"{SETTINGS}/buttons/3").status_code == 409
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"sends": "{data: true}"}, "at line 1, column 2"),
+        ({"sends": '{"a": 1,\n "a": 2}'}, "a member stands in it twice"),
+        ({"sends": "[]"}, "it must be a JSON object"),
+        ({"sends": '{"data": NaN}'}, "cannot use button.msg: NaN"),
+        ({"sends": "[" * 9000}, "cannot read what the button sends"),
+        ({"sends": '{"a": ' + "1" * 5000 + "}"}, "cannot "),
+        ({"name": ""}, "fill in Name"),
+        ({"kind": "push"}, "cannot use What it does"),
+        ({"target": "lights"}, "cannot use button.topic: it must be a full name"),
+        ({"type": "Bool"}, "cannot use button.type"),
+        ({"target": "/cmd_vel"}, "/cmd_vel is a drive topic of this robot"),
+        ({"target": "/arm"}, "an admin adds it to policy.drive.publish, or the button goes"),
+    ],
+)
+def test_what_is_wrong_is_named_and_kept_in_the_form(
+    manager: Browser, database: Database, changes: dict[str, str], sentence: str
+) -> None:
+    """Nothing is lost of what was typed."""
+    answer = send(manager, NEW, **LIGHTS_FORM | changes)
+    assert answer.status_code == 422
+    assert sentence in problem_of(answer.text)
+    assert 'value="std_msgs/Bool"' in answer.text or "type" in changes
+    assert names(database) == []
+
+
+def test_admin_lets_drivers_send_it_in_the_same_step(
+    *, admin: Browser, manager: Browser, database: Database
+) -> None:
+    """By a box that only admins have and only admins are heard with."""
+    form = LIGHTS_FORM | {"target": "/arm/wave", "allow": "yes"}
+    assert 'name="allow"' not in manager.ask("GET", NEW).text
+    assert send(manager, NEW, **form).status_code == 422
+    assert 'name="allow"' in admin.ask("GET", NEW).text
+    assert send(admin, NEW, **form).status_code == 303
+    assert names(database) == ["Lights on"]
+    with database.transaction() as tx:
+        policy = robots.get(tx, "sim1").settings["policy"]
+    assert policy["drive"]["publish"] == ["/lights", "/arm/wave"]
+    assert [actor for actor, _ in audited(database, "robot_settings_set")] == ["root"]
+    assert send(admin, NEW, **DOCK_FORM | {"allow": "yes"}).status_code == 303
+    assert len(audited(database, "robot_settings_set")) == 1
+
+
+def test_a_button_that_is_refused_widens_no_policy(admin: Browser, database: Database) -> None:
+    """Both or neither: on a drive topic there is no button, whatever is allowed."""
+    form = LIGHTS_FORM | {"target": "/cmd_vel", "allow": "yes"}
+    assert send(admin, NEW, **form).status_code == 422
+    assert audited(database, "robot_settings_set") == []
