@@ -1,0 +1,203 @@
+"""Doubles of where a robot's pictures come from: web_video_server, and rosbridge with topics.
+
+FakeVideoServer's modes: `streams`; `silent` sends headers and no picture; `ends` ends each stream at once; `refuses`
+answers 500; `lists` is another type than multipart. Its pictures are a JPEG's headers, with as many bytes as their quality
+would have.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import time
+from collections.abc import Callable
+from typing import Any, Literal, Self
+
+from aiohttp import WSMsgType, web
+
+Mode = Literal["streams", "silent", "ends", "refuses", "lists"]
+BYTES_A_QUALITY = 400
+TOPICS_SERVICE = "/rosapi/topics"
+
+
+def fake_jpeg(number: int, *, size: tuple[int, int] = (640, 480), length: int = 2000) -> bytes:
+    """What begins like a JPEG of that size: a comment with its number, the start of frame, and filling."""
+    comment = b"\xff\xfe" + struct.pack("!HI", 6, number)
+    frame = b"\xff\xc0" + struct.pack("!HBHHB", 8, 8, size[1], size[0], 0)
+    return (b"\xff\xd8" + comment + frame).ljust(length - 2, b"\x00") + b"\xff\xd9"
+
+
+def number_of(jpeg: bytes) -> int:
+    """Return the number in such a picture."""
+    number: int = struct.unpack_from("!I", jpeg, 6)[0]
+    return number
+
+
+class FakeVideoServer:
+    """web_video_server's /stream on a port of its own; `stop` and `start` are a crash and a restart on the same one."""
+
+    def __init__(self, mode: Mode = "streams", fps: float = 30.0) -> None:
+        self.mode = mode
+        self.fps = fps
+        self.size = (640, 480)
+        self.port = 0
+        # The pictures that were made, for all streams together: the same moment has the same number in each.
+        self.number = 0
+        self.stamp: Callable[[], float] | None = time.time
+        self.names_length = True
+        self.asked: list[dict[str, str]] = []
+        self.open = 0
+        self.open_most = 0
+
+    @property
+    def url(self) -> str:
+        """The server's own URL."""
+        return f"http://127.0.0.1:{self.port}"
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def start(self) -> None:
+        """Listen, the second time on the same port."""
+        app = web.Application()
+        app.router.add_get("/", self._list)
+        app.router.add_get("/stream", self._stream)
+        self._runner = web.AppRunner(
+            app, access_log=None, handler_cancellation=True, shutdown_timeout=0.1
+        )
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+        self.port = self._runner.addresses[0][1]
+        self._clock = asyncio.ensure_future(self._count())
+
+    async def stop(self) -> None:
+        """End all streams."""
+        self._clock.cancel()
+        await asyncio.gather(self._clock, return_exceptions=True)
+        await self._runner.cleanup()
+
+    async def _count(self) -> None:
+        self._made = asyncio.Condition()
+        while True:
+            async with self._made:
+                self.number += 1
+                self._made.notify_all()
+            await asyncio.sleep(1 / self.fps)
+
+    async def _list(self, _: web.Request) -> web.Response:
+        return web.Response(text="topics", status=500 if self.mode == "refuses" else 200)
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        self.asked.append(dict(request.query))
+        if self.mode == "refuses":
+            return web.Response(status=500)
+        kind = "text/html" if self.mode == "lists" else "multipart/x-mixed-replace;boundary=--b"
+        answer = web.StreamResponse(headers={"Content-Type": kind})
+        answer.force_close()
+        await answer.prepare(request)
+        self.open += 1
+        self.open_most = max(self.open_most, self.open)
+        try:
+            await answer.write(b"--b\r\n")
+            if self.mode == "silent":
+                await asyncio.Event().wait()
+            if self.mode == "streams":
+                await self._send(answer, request.query)
+        except ConnectionError:
+            pass
+        finally:
+            self.open -= 1
+        return answer
+
+    async def _send(self, answer: web.StreamResponse, query: Any) -> None:
+        length = BYTES_A_QUALITY * int(query.get("quality", 95))
+        size = self.size
+        if "width" in query:
+            size = int(query["width"]), int(query["height"])
+            length = length * size[0] * size[1] // (self.size[0] * self.size[1])
+        while self.mode == "streams":
+            async with self._made:
+                await self._made.wait()
+            head = "Content-type: image/jpeg\r\n"
+            if self.stamp is not None:
+                head += f"X-Timestamp: {self.stamp():.06f}\r\n"
+            jpeg = fake_jpeg(self.number, size=size, length=length)
+            if self.names_length:
+                head += f"Content-Length: {len(jpeg)}\r\n"
+            await answer.write(head.encode() + b"\r\n" + jpeg + b"\r\n--b\r\n")
+
+
+class TopicRosbridge:
+    """A rosbridge with `topics` by name and type; None is one without rosapi. Publishes what a test says."""
+
+    def __init__(self, topics: dict[str, str] | None = None) -> None:
+        self.topics = topics
+        self.port = 0
+        self.got: list[dict[str, Any]] = []
+        self._sockets: set[web.WebSocketResponse] = set()
+
+    @property
+    def url(self) -> str:
+        """The server's own URL."""
+        return f"ws://127.0.0.1:{self.port}"
+
+    @property
+    def open(self) -> int:
+        """How many connections there are."""
+        return len(self._sockets)
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def start(self) -> None:
+        """Listen, the second time on the same port."""
+        app = web.Application()
+        app.router.add_get("/", self._serve)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+        self.port = self._runner.addresses[0][1]
+
+    async def stop(self) -> None:
+        """End all connections."""
+        for socket in tuple(self._sockets):
+            await socket.close()
+        await self._runner.cleanup()
+
+    def subscribed(self, topic: str) -> list[dict[str, Any]]:
+        """The wishes for a topic, in order."""
+        return [m for m in self.got if m["op"] == "subscribe" and m["topic"] == topic]
+
+    async def publish(self, topic: str, message: dict[str, Any]) -> None:
+        """Send a message to everybody."""
+        for socket in tuple(self._sockets):
+            await socket.send_json({"op": "publish", "topic": topic, "msg": message})
+
+    async def _serve(self, request: web.Request) -> web.StreamResponse:
+        socket = web.WebSocketResponse(timeout=0.1)
+        await socket.prepare(request)
+        self._sockets.add(socket)
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    await self._take(socket, json.loads(message.data))
+        finally:
+            self._sockets.discard(socket)
+        return socket
+
+    async def _take(self, socket: web.WebSocketResponse, operation: dict[str, Any]) -> None:
+        self.got.append(operation)
+        if operation["op"] == "call_service" and self.topics is not None:
+            assert operation["service"] == TOPICS_SERVICE
+            values = {"topics": list(self.topics), "types": list(self.topics.values())}
+            answer = {"op": "service_response", "id": operation["id"], "result": True}
+            await socket.send_json({**answer, "service": TOPICS_SERVICE, "values": values})

@@ -1,0 +1,70 @@
+"""A door on the robot, reached over an emulated link as through ssh: for tests of what leaves the robot; needs root.
+
+async with SlowUplink(link, door_port) as uplink:
+    door.use(uplink.tunnel)
+    connect to uplink.port, the server's end
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from contextlib import suppress
+from typing import Self
+
+from link import Link
+
+# As ssh's own: what it takes before the other end has said that it could.
+CHUNK = 32 * 1024
+
+
+class SlowUplink:
+    """One connection at a time of the server, carried over the link to the door."""
+
+    def __init__(self, link: Link, door_port: int) -> None:
+        self._door_port = door_port
+        with link.robot.entered():
+            self._inner = socket.create_server((link.robot.address, 0))
+        with link.server.entered():
+            there = socket.socket()
+        there.connect(self._inner.getsockname())
+        self._there = there
+        self.tunnel, _ = self._inner.accept()
+        self._outer = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._outer.getsockname()[1]
+        for one in (self._there, self.tunnel, self._outer):
+            one.setblocking(False)
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.ensure_future(self._carry())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        for one in (self._outer, self._there, self.tunnel, self._inner):
+            one.close()
+
+    async def _carry(self) -> None:
+        loop = asyncio.get_running_loop()
+        client, _ = await loop.sock_accept(self._outer)
+        door = socket.socket()
+        with client, door:
+            for one in (client, door):
+                one.setblocking(False)
+            await loop.sock_connect(door, ("127.0.0.1", self._door_port))
+            pairs = [
+                (client, self._there),
+                (self._there, client),
+                (self.tunnel, door),
+                (door, self.tunnel),
+            ]
+            with suppress(OSError):
+                await asyncio.gather(*(pump(*pair) for pair in pairs))
+
+
+async def pump(source: socket.socket, sink: socket.socket) -> None:
+    """Pass on what comes, no sooner than it is taken."""
+    loop = asyncio.get_running_loop()
+    while data := await loop.sock_recv(source, CHUNK):
+        await loop.sock_sendall(sink, data)
