@@ -179,6 +179,7 @@ def test_stopping_ends_all(live, sim1, sim2):
         ({"guard": {"drive_topics": ["/steer"]}}, False),
         ({"guard": {"max_speed_m_s": 1.0}}, True),
         ({"shell_user": "turtle"}, True),
+        ({"page": {"kind": "holonomic", "hold_after_ms": None}}, True),
     ],
 )
 def test_another_policy_ends_what_was_opened_under_the_former(
@@ -189,6 +190,18 @@ def test_another_policy_ends_what_was_opened_under_the_former(
     records.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
     live.connections.end_unrighted(snapshot(records))
     assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
+
+
+def test_other_buttons_end_no_drive(live, records, sim1):
+    """They give nobody a right."""
+    policy = {"drive": {"call": ["/dock"]}}
+    button = {"name": "Dock", "kind": "call", "service": "/dock"}
+    sim1 = replace(sim1, settings=robot_settings.parse({"policy": policy}))
+    driving = live.add(1, sim1, "drive")
+    settings = robot_settings.parse({"policy": policy, "buttons": [button]})
+    records.robots = {sim1.id: replace(sim1, settings=settings)}
+    live.connections.end_unrighted(snapshot(records))
+    assert live.how(driving) == [[]]
 
 
 def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, records, sim1):
