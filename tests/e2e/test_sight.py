@@ -253,7 +253,7 @@ def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
     with robot.expect_download() as download:
         robot.get_by_test_id("still").click()
     name = download.value.suggested_filename
-    assert name.startswith("sim1-camera-image-raw-20")
+    assert name.startswith("sim1-camera-20")
     assert name.endswith("Z.jpg")
     jpeg = download.value.path().read_bytes()
     assert jpeg[:2] == b"\xff\xd8"

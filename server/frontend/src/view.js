@@ -2,7 +2,7 @@
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
 import { byTestId, part, setText } from "./page.js";
-import { FreshnessNews, MainMoment, freshness } from "./sight/freshness.js";
+import { FreshnessNews, MainMoment, Sleep, freshness } from "./sight/freshness.js";
 import { mayBeFull, toggleFull } from "./sight/fullscreen.js";
 import { Hud } from "./sight/hud.js";
 import { deedOf } from "./sight/keys.js";
@@ -34,6 +34,7 @@ export class View {
     this.layout = new Layout(this.memory.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
     this.moment = new MainMoment();
+    this.sleep = new Sleep();
     this.news = new FreshnessNews(onFreshness);
     this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
     this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
@@ -205,8 +206,14 @@ export class View {
   look() {
     const { watched } = this;
     const now = this.now();
+    if (this.sleep.isOver(now, Date.now())) this.forget();
     const at = this.moment.read(watched, this.tiles.get(watched)?.at ?? null);
     this.news.hear(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
+  }
+
+  forget() {
+    this.moment = new MainMoment();
+    this.tiles.each((tile) => tile.forget());
   }
 
   tick() {

@@ -1,6 +1,7 @@
 // How old what the driver looks at is. Driving is held by it, so that it never says less than it was. Pure.
 
 const TELL_MS = 100;
+const SLEPT_MS = 500; // more than clocks drift between two looks
 
 // `offered`: the robot has a camera at all. `at`: the moment of the main picture, null for none.
 // Gives {state: "fresh"|"old"|"none"|"off", ageMs}.
@@ -43,5 +44,20 @@ export class MainMoment {
     }
     this.newest = at ?? this.before;
     return this.newest;
+  }
+}
+
+// performance.now() may stand still while the machine sleeps, and what was seen before would look new after it.
+export class Sleep {
+  constructor() {
+    this.apart = Infinity;
+  }
+
+  // Says whether the machine slept since the last look; `wall` is the time of day, which goes on.
+  isOver(now, wall) {
+    const apart = wall - now;
+    const slept = apart - this.apart > SLEPT_MS;
+    this.apart = apart;
+    return slept;
   }
 }

@@ -56,9 +56,12 @@ export class MapTile {
     this.element.remove();
   }
 
+  // What only a camera does.
   retryNow() {}
 
   turn() {}
+
+  forget() {}
 
   ask() {
     this.draw();

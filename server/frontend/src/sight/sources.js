@@ -45,5 +45,13 @@ function cameraName({ name, type }) {
 export function offeredCameras({ configured = [], known = [] }) {
   if (configured.length) return configured;
   const topics = known.length ? known : [USUAL_CAMERA];
-  return topics.map((topic) => ({ topic, name: topic, turned_deg: 0 }));
+  return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
 }
+
+// What tells a camera from others, without what all of them end in: "front" of /front/image_raw.
+function nameOf(topic, topics) {
+  const name = shortened(topic);
+  return topics.some((other) => other !== topic && shortened(other) === name) ? topic : name;
+}
+
+const shortened = (topic) => topic.replace(/\/image(?:_[a-z]+)*$/, "").replace(/^\//, "") || topic;

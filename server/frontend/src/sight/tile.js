@@ -9,9 +9,8 @@ import { wantedSize } from "./wanted.js";
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
   // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a picture is grey.
-  constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now }) {
-    Object.assign(this, { element, camera, openFrames, wanted, set, oldMs, onPainted, now });
-    this.painter = new Painter(part(element, "picture"));
+  constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now, painter = new Painter(part(element, "picture")) }) {
+    Object.assign(this, { element, camera, openFrames, wanted, set, oldMs, onPainted, now, painter });
     this.rate = new Rate();
     this.at = null; // of the picture that is seen
     this.full = null; // the greatest size that the camera has shown
@@ -46,6 +45,12 @@ export class CameraTile {
     this.stream?.retryNow();
   }
 
+  // The picture may be older than its moment says.
+  forget() {
+    this.at = null;
+    this.showState();
+  }
+
   close() {
     this.stop();
     this.element.remove();
@@ -63,7 +68,7 @@ export class CameraTile {
 
   box() {
     const { clientWidth, clientHeight } = this.element;
-    const ratio = window.devicePixelRatio || 1;
+    const ratio = globalThis.devicePixelRatio || 1;
     return { width: clientWidth * ratio, height: clientHeight * ratio };
   }
 

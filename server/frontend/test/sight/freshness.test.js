@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { FreshnessNews, MainMoment, freshness } from "../../src/sight/freshness.js";
+import { FreshnessNews, MainMoment, Sleep, freshness } from "../../src/sight/freshness.js";
 
 const seen = { offered: true, hidden: false, at: 1000 };
 
@@ -40,4 +40,13 @@ test("a picture that stalled before it was made the main one is as old as it is"
   const moment = new MainMoment();
   moment.read("/a", 100);
   assert.equal(moment.read("/b", 20), 20);
+});
+
+test("a machine that slept is told from one that was busy or whose time of day was set back", () => {
+  const sleep = new Sleep();
+  assert.equal(sleep.isOver(0, 1_000_000), false);
+  assert.equal(sleep.isOver(5000, 1_005_010), false);
+  assert.equal(sleep.isOver(5100, 1_065_110), true);
+  assert.equal(sleep.isOver(5200, 1_065_210), false);
+  assert.equal(sleep.isOver(5300, 1_000_000), false);
 });

@@ -34,6 +34,12 @@ test("the aggregated diagnostics come before the raw ones", () => {
 test("configured cameras are all that are offered, and before anything is known the usual one", () => {
   const configured = [{ topic: "/x", name: "Front", turned_deg: 180 }];
   assert.equal(offeredCameras({ configured, known: ["/y"] }), configured);
-  assert.deepEqual(offeredCameras({ known: ["/y"] }), [{ topic: "/y", name: "/y", turned_deg: 0 }]);
+  assert.deepEqual(offeredCameras({ known: ["/y"] }), [{ topic: "/y", name: "y", turned_deg: 0 }]);
   assert.equal(offeredCameras({})[0].topic, "/camera/image_raw");
+});
+
+test("a camera is named by what tells it from the others", () => {
+  const names = (...known) => offeredCameras({ known }).map(({ name }) => name);
+  assert.deepEqual(names("/front/image_raw", "/arm/rear/image_rect_color", "/image_raw"), ["front", "arm/rear", "/image_raw"]);
+  assert.deepEqual(names("/front/image_raw", "/front/image_mono"), ["/front/image_raw", "/front/image_mono"]);
 });
