@@ -98,6 +98,7 @@ def _stays_until_pressed_anew(page: Page, gamepad: GamepadDouble, watch: SimWatc
     _stands(watch)
     _expect_gamepad(page, "stuck")
     gamepad.release(LB)
+    _expect_gamepad(page, "ready")
     gamepad.press(LB)
     watch.wait_pose("moving by a new press", _moving)
     gamepad.release(LB)
@@ -270,16 +271,16 @@ class Fingers:
         self._devtools = page.context.new_cdp_session(page)
         self._points: dict[str, tuple[float, float]] = {}
 
-    def put(self, stick: str, *, up: float = 0, left: float = 0) -> None:
-        """Press a stick there, or move the finger that does; 1 is at its rim."""
+    def put(self, stick: str, *, up: float, left: float) -> None:
+        """Press the middle of a stick, unless this finger is on it already, and move there; 1 is at the rim."""
         box = self._page.get_by_test_id(stick).bounding_box()
         assert box is not None
-        kind = "touchMove" if stick in self._points else "touchStart"
-        self._points[stick] = (
-            box["x"] + box["width"] / 2 * (1 - left),
-            box["y"] + box["height"] / 2 * (1 - up),
-        )
-        self._dispatch(kind)
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        if stick not in self._points:
+            self._points[stick] = (x, y)
+            self._dispatch("touchStart")
+        self._points[stick] = (x - left * box["width"] / 2, y - up * box["height"] / 2)
+        self._dispatch("touchMove")
 
     def lift(self, stick: str) -> None:
         """Take the finger from a stick."""
