@@ -8,12 +8,16 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import aiohttp
 import pytest
 from local_network import insecure_tls
 from programs import Program, echo, open_echo
+from sim_watch import SimWatch
 from stack import ROOT, Stack
+
+JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +32,24 @@ def program(stack: Stack, token: str) -> Program:
     return Program(stack, token)
 
 
-def test_roslibpy_publishes_and_hears_the_echo(stack: Stack, token: str) -> None:
+def test_roslibpy_hears_the_echo_drives_and_saves_a_picture(
+    stack: Stack, token: str, tmp_path: Path
+) -> None:
     """The documented roslibpy program runs as it stands in docs/."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "docs" / "roslibpy_client.py"), stack.url, "sim1", token],
-        env={**os.environ, "ROBOTETHER_INSECURE": "1"},
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+    with SimWatch(stack, "sim1") as watch:
+        done = subprocess.run(
+            [sys.executable, str(ROOT / "docs" / "roslibpy_client.py"), stack.url, "sim1", token],
+            env={**os.environ, "ROBOTETHER_INSECURE": "1"}, cwd=tmp_path,
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        commands = [seen.msg["linear"]["x"] for seen in watch.commands()]
     assert done.returncode == 0, done.stderr
     assert "hello from sim1" in done.stdout
+    assert commands.count(0.2) > 10
+    assert commands[-1] == 0
+    picture = (tmp_path / "sim1.jpg").read_bytes()
+    assert picture.startswith(JPEG_START)
+    assert picture.endswith(JPEG_END)
 
 
 async def test_messages_pass_unchanged(program: Program) -> None:

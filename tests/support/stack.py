@@ -26,6 +26,8 @@ from local_network import free_port, insecure_tls
 ROOT = Path(__file__).resolve().parents[2]
 # Two runs beside each other are two projects.
 PROJECT = f"robotether-test-{os.getpid()}"
+# The site whose pages may connect to this stack's robots, for tests of pages of others.
+LAB = "https://lab.example"
 T = TypeVar("T")
 
 
@@ -64,6 +66,7 @@ class Stack:
             "HTTPS_PORT": self.https_port,
             "SSH_PORT": self.ssh_port,
             "SECRETS_DIR": self.folder / "secrets",
+            "ALLOWED_ORIGINS": LAB,
         }
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]

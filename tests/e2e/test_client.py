@@ -1,0 +1,217 @@
+"""Pages of others: robotether-client on a page of another site, as docs/client.md tells, in a real browser.
+
+The lab's site is a double: the browser is given its pages by the test, under the name that ALLOWED_ORIGINS has. Its
+backend, which keeps the token, is the test itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from crew import release_all
+from playwright.sync_api import Browser, Page, expect
+from sim_watch import SimWatch
+from stack import LAB, ROOT, Stack
+
+ROBOT = "sim1"
+EXAMPLE = (ROOT / "docs" / "robotether_client.html").read_text()
+EMPTY = '<!doctype html><meta charset="utf-8"><title>Lab</title><img id="picture"><p>Lab'
+# Makes `robot` with tickets of the lab's backend, and connects it.
+CONNECT = """async ([server, name, mode]) => {
+  const { Robot } = await import(`${server}/static/dist/robotether-client.js`);
+  window.robot = new Robot({ server, robot: name, getTicket: (wish) => window.backendTicket(wish) });
+  window.states = [];
+  robot.on("state", ({ name, driving }) => states.push([name, driving]));
+  robot.on("control", (control) => (window.control = control));
+  await robot.connect({ mode });
+  return robot.driving;
+}"""
+LOOP = """(forward) => {
+  clearInterval(window.loop);
+  window.loop = setInterval(() => (window.counts = robot.drive({ forward })), 50);
+}"""
+
+
+@pytest.fixture(scope="module")
+def token(stack: Stack) -> str:
+    """An API token of the admin."""
+    return stack.token("client")
+
+
+@contextmanager
+def _at(browser: Browser, origin: str, html: str) -> Iterator[Page]:
+    """A page of another site, not yet opened."""
+    context = browser.new_context(ignore_https_errors=True)
+    errors: list[str] = []
+    try:
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.route(f"{origin}/**", lambda route: route.fulfill(body=html, content_type="text/html"))
+        yield page
+    finally:
+        context.close()
+    assert errors == [], f"the page raised {errors}"
+
+
+@pytest.fixture
+def lab(stack: Stack, browser: Browser, token: str) -> Iterator[Page]:
+    """An empty page of the lab, whose backend gives tickets."""
+    headers = {"Authorization": f"Bearer {token}"}
+
+    def ticket(wish: dict[str, Any]) -> str:
+        status, answer = stack.request("POST", "/api/v1/tickets", wish, headers)
+        assert status == 201, answer
+        return str(answer["ticket"])
+
+    with _at(browser, LAB, EMPTY) as page:
+        page.expose_function("backendTicket", ticket)
+        page.goto(f"{LAB}/")
+        yield page
+
+
+def _moving(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] > 0.1
+
+
+def _standing(pose: dict[str, float]) -> bool:
+    return pose["linear_velocity"] == 0
+
+
+def _expect_value(page: Page, expression: str, condition: Callable[[Any], bool]) -> None:
+    """Wait for a value in the page."""
+    end = time.monotonic() + 10
+    while not condition(value := page.evaluate(expression)):
+        assert time.monotonic() < end, f"{expression} is {value}"
+        time.sleep(0.05)
+
+
+def _colours(page: Page) -> int:
+    """How many colours the page's canvas has: 1 when nothing was drawn."""
+    found: int = page.evaluate(
+        "() => { const c = document.querySelector('canvas');"
+        " const d = new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer);"
+        " return new Set(d).size }"
+    )
+    return found
+
+
+def test_the_documented_page_drives_from_another_site(
+    stack: Stack, browser: Browser, token: str
+) -> None:
+    """It shows video and speed, drives while its button is held, stands when it is let go, and stops the robot."""
+    with _at(browser, LAB, EXAMPLE) as page, SimWatch(stack, ROBOT) as watch:
+        page.goto(f"{LAB}/#{stack.url} {ROBOT} {token}")
+        expect(page.locator("#state")).to_have_text("driving", timeout=15_000)
+        _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.00")
+        button = page.locator("#forward").bounding_box()
+        assert button is not None
+        page.mouse.move(button["x"] + 5, button["y"] + 5)
+        page.mouse.down()
+        watch.wait_pose("moving", _moving)
+        _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.30")
+        page.mouse.up()
+        watch.wait_pose("standing", _standing, seconds=2)
+        assert _colours(page) > 10
+        page.locator("#stop").click()
+        stack.wait("stopped", lambda: _stopped(stack, token), "relay")
+        expect(page.locator("#state")).to_have_text("live", timeout=10_000)
+    release_all(stack, [ROBOT], token)
+
+
+def _stopped(stack: Stack, token: str) -> bool:
+    headers = {"Authorization": f"Bearer {token}"}
+    _, control = stack.request("GET", f"/api/v1/robots/{ROBOT}/control", None, headers)
+    return bool(control["stopped"])
+
+
+def test_a_lab_page_gets_tickets_from_its_backend(lab: Page, stack: Stack) -> None:
+    """With tickets alone it watches: topics, services, news of the control, and video in an <img>."""
+    assert lab.evaluate(CONNECT, [stack.url, ROBOT, "observe"]) is False
+    topics = lab.evaluate("robot.call('/rosapi/topics').then(({ topics }) => topics)")
+    assert "/odom" in topics
+    lab.evaluate("robot.subscribe('/odom', ({ twist }) => (window.heard = twist.twist))")
+    _expect_value(lab, "Boolean(window.heard)", bool)
+    _expect_value(lab, "window.control?.guard", lambda guard: guard == "ready")
+    lab.evaluate("window.video = robot.showVideo(document.querySelector('#picture'))")
+    _expect_value(
+        lab, "document.querySelector('#picture').naturalWidth", lambda width: width >= 160
+    )
+    assert 0 <= lab.evaluate("video.ageMs") < 5000
+    assert lab.evaluate("robot.drive({ forward: 0.2 })") is False
+    with pytest.raises(Exception, match="cannot call /dock"):
+        lab.evaluate("robot.call('/dock')")
+
+
+def test_a_word_that_is_not_repeated_ends_in_zero(lab: Page, stack: Stack) -> None:
+    """One call drives for 0.3 s, and after it only a zero lets the next one count."""
+    lab.evaluate(CONNECT, [stack.url, ROBOT, "drive"])
+    with SimWatch(stack, ROBOT) as watch:
+        assert lab.evaluate("robot.drive({ forward: 0.3 })") is True
+        watch.wait_pose("moving", _moving)
+        watch.wait_pose("standing", _standing, seconds=2)
+        assert lab.evaluate("robot.drive({ forward: 0.3 })") is False
+        assert lab.evaluate("robot.drive({})") is True
+        assert lab.evaluate("robot.drive({ forward: 0.3 })") is True
+        watch.wait_pose("moving", _moving)
+        watch.wait_pose("standing", _standing, seconds=2)
+
+
+def test_a_loop_that_goes_on_through_a_cut_does_not_drive_on(lab: Page, stack: Stack) -> None:
+    """When the robot is back the page is connected again, and an old value moves nothing until it was zero."""
+    lab.evaluate(CONNECT, [stack.url, "sim2", "drive"])
+    with SimWatch(stack, "sim2") as watch:
+        lab.evaluate(LOOP, 0.3)
+        watch.wait_pose("moving", _moving)
+    stack.container("sim2").restart(timeout=5)
+    _expect_value(
+        lab, "states.filter(([name]) => name === 'live').length", lambda lives: lives == 1
+    )
+    stack.wait("live again", lambda: lab.evaluate("robot.driving"), "relay", seconds=40)
+    with SimWatch(stack, "sim2") as watch:
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            assert watch.commands() == []
+            assert lab.evaluate("window.counts") is False
+            time.sleep(0.05)
+        lab.evaluate("robot.drive({})")
+        watch.wait_pose("moving by a new word", _moving)
+        lab.evaluate(LOOP, 0)
+        watch.wait_pose("standing", _standing, seconds=2)
+
+
+def test_losing_the_focus_stops_the_robot(lab: Page, stack: Stack) -> None:
+    """A page that nobody may be looking at lets go, and its loop drives no more by itself."""
+    lab.evaluate(CONNECT, [stack.url, ROBOT, "drive"])
+    with SimWatch(stack, ROBOT) as watch:
+        lab.evaluate(LOOP, 0.3)
+        watch.wait_pose("moving", _moving)
+        lab.evaluate("window.dispatchEvent(new Event('blur'))")
+        watch.wait_pose("standing", _standing, seconds=2)
+        _expect_value(lab, "window.counts", lambda counts: counts is False)
+
+
+def test_a_site_that_is_not_allowed_gets_nothing(
+    stack: Stack, browser: Browser, token: str
+) -> None:
+    """A page of another site is refused, whatever token it has."""
+    other = "https://other.example"
+    with _at(browser, other, EMPTY) as page:
+        page.goto(f"{other}/")
+        ended = page.evaluate(
+            """async ([server, robot, token]) => {
+              const { Robot } = await import(`${server}/static/dist/robotether-client.js`);
+              const mine = new Robot({ server, robot, token });
+              const states = [];
+              mine.on("state", ({ name }) => states.push(name));
+              mine.connect();
+              while (states.length < 2) await new Promise((resolve) => setTimeout(resolve, 50));
+              mine.close();
+              return states;
+            }""",
+            [stack.url, ROBOT, token],
+        )
+    assert ended[:2] == ["connecting", "server_unreachable"]
