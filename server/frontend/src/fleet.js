@@ -59,7 +59,9 @@ function stopOf(name) {
   return stops.get(name);
 }
 
-const shownList = () => lists[toolbar.view];
+function shownList() {
+  return lists[toolbar.view];
+}
 
 // A list that is not shown is not kept up to date either; it is filled when it is.
 function showView() {
