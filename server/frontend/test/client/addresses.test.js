@@ -1,0 +1,22 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { framesUrl, rosUrl, streamUrl } from "../../src/client/addresses.js";
+
+const SERVER = "https://robots.example:8443";
+
+test("WebSockets are wss, and names and topics are written so that they stay what they are", () => {
+  assert.equal(rosUrl(SERVER, "sim 1", "a+b"), "wss://robots.example:8443/robots/sim%201/ros?ticket=a%2Bb");
+  assert.equal(
+    framesUrl(SERVER, "sim1", "/camera/image_raw"),
+    "wss://robots.example:8443/robots/sim1/video/frames?topic=%2Fcamera%2Fimage_raw",
+  );
+});
+
+test("of a page's own address only the host counts", () => {
+  assert.equal(framesUrl("http://localhost/robots/sim1?x#y", "sim1", "/c", "t"), "ws://localhost/robots/sim1/video/frames?topic=%2Fc&ticket=t");
+});
+
+test("a stream has what it is asked for", () => {
+  assert.equal(streamUrl(SERVER, "sim1", "/c", "t", { quality: 50 }), `${SERVER}/robots/sim1/video/stream?topic=%2Fc&quality=50&ticket=t`);
+});

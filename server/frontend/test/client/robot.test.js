@@ -1,0 +1,228 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { Robot } from "../../src/client/index.js";
+
+const GLOBALS = ["window", "location", "document", "WebSocket", "fetch"];
+
+let before, sockets, asked, answers, ticketsGiven;
+
+// A double of the server and a robot behind it, as far as one connection shows them.
+class FakeServer {
+  static CONNECTING = 0;
+  static OPEN = 1;
+  static CLOSING = 2;
+  static CLOSED = 3;
+
+  constructor(url) {
+    Object.assign(this, { url, readyState: 0, bufferedAmount: 0, sent: [] });
+    sockets.push(this);
+  }
+
+  open() {
+    this.readyState = 1;
+    this.onopen({});
+  }
+
+  send(text) {
+    const message = JSON.parse(text);
+    this.sent.push(message);
+    if (message.op === "robotether.beat") this.say({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
+    if (message.op === "call_service") this.answer(message);
+  }
+
+  answer({ id, service, args }) {
+    const values = service === "/rosapi/topic_type" ? { type: "geometry_msgs/TwistStamped" } : { got: args };
+    this.say({ op: "service_response", id, service, result: service !== "/broken", values });
+  }
+
+  say(message) {
+    this.onmessage({ data: JSON.stringify(message) });
+  }
+
+  said(op) {
+    return this.sent.filter((message) => message.op === op);
+  }
+
+  close(code = 1000, reason = "") {
+    if (this.readyState === 3) return;
+    this.readyState = 3;
+    this.onclose({ code, reason });
+  }
+}
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  before = Object.fromEntries(GLOBALS.map((name) => [name, globalThis[name]]));
+  sockets = [];
+  asked = [];
+  answers = { "/api/v1/tickets": [201, { ticket: "t1" }] };
+  ticketsGiven = [];
+  const quiet = { addEventListener() {} };
+  Object.assign(globalThis, { window: quiet, document: quiet, location: { origin: "https://lab.example" }, WebSocket: FakeServer });
+  globalThis.fetch = async (url, { headers, body }) => {
+    asked.push({ url, headers, body: JSON.parse(body) });
+    const [status, answer] = answers[new URL(url).pathname] ?? [404, {}];
+    return Response.json(answer, { status });
+  };
+});
+
+afterEach(() => {
+  Object.assign(globalThis, before);
+  mock.timers.reset();
+});
+
+async function settle() {
+  for (let i = 0; i < 50; i++) await Promise.resolve();
+  await new Promise((resolve) => setImmediate(resolve));
+}
+
+function make(options = {}) {
+  return new Robot({ server: "https://robots.example", robot: "sim 1", token: "rt_x", ...options });
+}
+
+async function goLive(robot, options) {
+  const connected = robot.connect(options);
+  await settle();
+  sockets.at(-1).open();
+  await settle();
+  return connected;
+}
+
+test("it gets a ticket with the token, connects, and drives with each command's moment", async () => {
+  const robot = make();
+  await goLive(robot);
+  assert.deepEqual(asked[0], {
+    url: "https://robots.example/api/v1/tickets",
+    headers: { "Content-Type": "application/json", Authorization: "Bearer rt_x" },
+    body: { robot: "sim 1", mode: "drive" },
+  });
+  assert.equal(sockets[0].url, "wss://robots.example/robots/sim%201/ros?ticket=t1");
+  assert.equal(robot.driving, true);
+  assert.equal(robot.drive({ forward: 0.3, turn: 0.1 }), true);
+  const [command] = sockets[0].said("publish");
+  assert.equal(command.topic, "/cmd_vel");
+  assert.equal(command.msg.twist.linear.x, 0.3);
+  assert.ok(Number.isFinite(command.robotether.t_ms));
+  robot.close();
+});
+
+test("the lab's backend gives the tickets, one a connection", async () => {
+  const robot = make({ token: null, getTicket: async (wish) => `t${ticketsGiven.push(wish)}` });
+  await goLive(robot, { mode: "observe" });
+  sockets[0].close(4505);
+  mock.timers.tick(500);
+  await settle();
+  assert.deepEqual(ticketsGiven, Array(2).fill({ robot: "sim 1", mode: "observe" }));
+  assert.match(sockets[1].url, /ticket=t2$/);
+  assert.deepEqual(asked, []);
+  robot.close();
+});
+
+test("a page that only watches drives nothing and advertises nothing", async () => {
+  const robot = make();
+  await goLive(robot, { mode: "observe" });
+  assert.equal(robot.driving, false);
+  assert.equal(robot.drive({ forward: 0.3 }), false);
+  assert.deepEqual([...sockets[0].said("publish"), ...sockets[0].said("advertise")], []);
+  robot.close();
+});
+
+test("when somebody else drives, it connects to watch, and says so", async () => {
+  const robot = make();
+  const states = [];
+  robot.on("state", ({ name, lost, driving }) => states.push([name, lost, driving]));
+  const connected = robot.connect();
+  await settle();
+  sockets[0].open();
+  sockets[0].close(4009, "ann drives sim1");
+  mock.timers.tick(1);
+  await settle();
+  assert.equal(asked.at(-1).body.mode, "observe");
+  sockets[1].open();
+  await settle();
+  await connected;
+  assert.equal(robot.driving, false);
+  assert.deepEqual(states.at(1), ["connecting", "lease_held", false]);
+  robot.close();
+});
+
+test("what can never work rejects, and no answer of a backend is tried again", async () => {
+  answers["/api/v1/tickets"] = [404, { code: "robot_unknown" }];
+  await assert.rejects(make().connect(), /cannot connect to sim 1/);
+  const robot = make({ token: null, getTicket: async () => ticketsGiven.push(1) && Promise.reject(new TypeError("no network")) });
+  robot.connect();
+  await settle();
+  mock.timers.tick(500);
+  await settle();
+  assert.equal(ticketsGiven.length, 2);
+  robot.close();
+});
+
+test("a stop is said on the connection and to the API at once", async () => {
+  answers["/api/v1/robots/sim%201/stop"] = [200, {}];
+  const robot = make();
+  await goLive(robot);
+  robot.drive({ forward: 0.3 });
+  assert.equal(await robot.stop(), true);
+  assert.equal(sockets[0].said("robotether.stop").length, 1);
+  assert.match(asked.at(-1).url, /\/stop$/);
+  assert.equal(sockets[0].said("publish").at(-1).msg.twist.linear.x, 0);
+  robot.close();
+});
+
+test("with tickets alone a stop goes over the connection, and a release needs more", async () => {
+  const robot = make({ token: null, getTicket: async () => "t" });
+  await goLive(robot);
+  assert.equal(await robot.stop(), true);
+  await assert.rejects(robot.release(), /needs a token or a login/);
+  assert.deepEqual(asked, []);
+  robot.close();
+});
+
+test("a release names the stop that this page was told of", async () => {
+  answers["/api/v1/robots/sim%201/release"] = [409, { code: "not_possible", detail: "ben stopped it again" }];
+  const robot = make();
+  await goLive(robot, { mode: "observe" });
+  sockets[0].say({ op: "robotether.control", control: { stopped: { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true } } });
+  await assert.rejects(robot.release(), { message: "ben stopped it again", code: "not_possible" });
+  assert.deepEqual(asked.at(-1).body, { by: "ann", at: "2026-01-01T12:03:00Z" });
+  robot.close();
+});
+
+test("a call gives the values, and rejects when it failed", async () => {
+  const robot = make();
+  await goLive(robot);
+  assert.deepEqual(await robot.call("/dock", { fast: true }), { got: { fast: true } });
+  await assert.rejects(robot.call("/broken"), /cannot call \/broken/);
+  robot.close();
+});
+
+test("a topic is advertised once, and the drive topic is drive()'s", async () => {
+  const robot = make();
+  await goLive(robot);
+  robot.publish("/lights", "std_msgs/Bool", { data: true });
+  robot.publish("/lights", "std_msgs/Bool", { data: false });
+  const lights = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
+  assert.equal(lights.length, 1);
+  assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
+  robot.close();
+});
+
+test("a closed robot connects anew when it is asked to", async () => {
+  const robot = make();
+  await goLive(robot);
+  robot.close();
+  assert.equal(robot.driving, false);
+  const again = robot.connect();
+  let settled = false;
+  again.then(() => (settled = true));
+  await settle();
+  assert.equal(settled, false);
+  sockets[1].open();
+  await settle();
+  await again;
+  assert.equal(robot.driving, true);
+  robot.close();
+});
