@@ -21,7 +21,7 @@ OPENED = 8
 SECONDS = 10.0
 SETTLE_MS = 3000
 THROTTLE = 4
-FIRST_WITHIN_MS = 15_000
+FIRST_WITHIN_MS, LOOK_EVERY_MS = 15_000, 100
 BINARY = 2
 AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
 PICTURE = "[data-testid=stage] canvas.picture, [data-testid=view] img"
@@ -128,8 +128,13 @@ def open_by_click(page: Page, demo: Demo) -> None:
 def first_picture_ms(page: Page, demo: Demo) -> float:
     """Ms from the click to a picture."""
     open_by_click(page, demo)
-    page.wait_for_function("window.benchFirstMs !== undefined", timeout=FIRST_WITHIN_MS)
-    return float(page.evaluate("window.benchFirstMs"))
+    # Not by wait_for_function, whose eval the page's policy forbids.
+    for _ in range(FIRST_WITHIN_MS // LOOK_EVERY_MS):
+        first = page.evaluate("window.benchFirstMs")
+        if first is not None:
+            return float(first)
+        page.wait_for_timeout(LOOK_EVERY_MS)
+    raise RuntimeError(f"cannot measure: no picture in {FIRST_WITHIN_MS} ms")
 
 
 def weigh(browser: Browser, demo: Demo) -> Weight:
