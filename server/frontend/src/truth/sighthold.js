@@ -14,7 +14,7 @@ export class SightHold {
     this.allowed = false;
     this.sleptMs = wall() - now();
     this.wokeAt = -Infinity;
-    this.told = this.kind;
+    this.kind = this.found;
   }
 
   // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
@@ -38,10 +38,10 @@ export class SightHold {
 
   check() {
     this.noteSleep();
-    const { kind } = this;
-    if (kind === "seen") this.allowed = false;
-    if (kind === this.told) return;
-    this.told = kind;
+    const { found } = this;
+    if (found === "seen") this.allowed = false;
+    if (found === this.kind) return;
+    this.kind = found;
     this.onChange();
   }
 
@@ -57,7 +57,8 @@ export class SightHold {
   }
 
   // "seen": drive; "off": there is nothing to see; "missing", "old": held; "blind": allowed all the same.
-  get kind() {
+  // `kind` is what was found at the last check, so that all who read it between two read the same, and hear of each change.
+  get found() {
     if (this.afterMs === null || this.state === "off") return "off";
     const why = this.lack;
     return why && this.allowed ? "blind" : why || "seen";

@@ -107,3 +107,17 @@ test("a reading without an age is no picture", () => {
   hold.hear({ state: "fresh", ageMs: NaN });
   assert.equal(hold.held, true);
 });
+
+test("between two checks all read the same, so that none misses a change", () => {
+  see(990);
+  clock += 20;
+  wall += 20;
+  assert.equal(hold.kind, "seen");
+  see(5);
+  assert.deepEqual(changes, ["seen"]);
+  clock += 1001;
+  wall += 1001;
+  hold.check();
+  assert.equal(hold.held, true);
+  assert.deepEqual(changes, ["seen", "old"]);
+});
