@@ -80,13 +80,12 @@ class Switch:
         self._hand_on(picture, self._feed.wish)
 
     def _came_anew(self, picture: Picture) -> None:
-        """Take the new source's first picture, unless the old one gave the same already."""
-        if self._next is None:
-            return
-        if self._last_s is not None and picture.moment_s - self._last_s < SAME * self._interval_s:
-            return
+        """Go over with the new source's first picture, which the old one may have given already."""
+        is_same = (
+            self._last_s is not None and picture.moment_s - self._last_s < SAME * self._interval_s
+        )
         self._go_over()
-        if self._feed is not None:
+        if self._feed is not None and not is_same:
             self._hand_on(picture, self._feed.wish)
 
     def _go_over(self) -> None:

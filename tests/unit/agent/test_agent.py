@@ -8,9 +8,11 @@ import logging
 import aiohttp
 import pytest
 from aiohttp import web
+from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import echo, eventually
 from openssh_server import listens
 from robotether_agent.keys import ensure_key
+from robotether_agent.media.header import unpacked
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged
 from robotether_agent.status import has_problem
 
@@ -29,6 +31,33 @@ async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent
         assert await page.text() == "the list of topics"
     assert cloud.joins[0]["mac"] == "00:1b:44:11:3a:b7"
     assert "token" not in cloud.joins[0]
+
+
+async def test_pictures_and_battery_reach_the_server(make_cloud, start_agent):
+    """A camera by credit at the video port, all else there unchanged, and the battery on the session alone."""
+    topics = {"/battery_state": "sensor_msgs/msg/BatteryState"}
+    async with FakeVideoServer() as camera, TopicRosbridge(topics) as rosbridge:
+        cloud = await make_cloud()
+        agent = start_agent(cloud, rosbridge_url=rosbridge.url, video_url=camera.url)
+        await agent.until_connected()
+        video = f"http://127.0.0.1:{cloud.ports[1]}"
+        async with aiohttp.ClientSession() as http:
+            async with http.ws_connect(f"{video}/robotether/frames?topic=/camera") as frames:
+                await frames.send_json({"op": "want"})
+                await frames.send_json({"op": "credit"})
+                while (message := await frames.receive(10)).type is not aiohttp.WSMsgType.BINARY:
+                    pass
+            assert unpacked(message.data).quality == 80
+            async with http.get(f"{video}/") as page:
+                assert await page.text() == "topics"
+        await eventually(
+            lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got)
+        )
+        await rosbridge.publish("/battery_state", {"percentage": 0.81, "power_supply_status": 1})
+        session, media = await cloud.link("session"), await cloud.link("media")
+        await eventually(lambda: bool(session.of_type("vitals")), lambda: str(session.received))
+        assert session.of_type("vitals")[0]["battery"] == {"percent": 81, "charging": True}
+        assert not media.of_type("vitals")
 
 
 async def test_tells_who_it_is_how_it_is_and_the_round_trip(make_cloud, start_agent):

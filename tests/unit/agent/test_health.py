@@ -7,7 +7,9 @@ import socket
 from collections.abc import AsyncIterator, Callable
 
 import pytest
+from fake_cameras import TopicRosbridge
 from local_network import free_port
+from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
 from robotether_agent.media.sources import Places
 
@@ -19,8 +21,8 @@ async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
     """Starts probes, and ends them."""
     tasks = []
 
-    def start(rosbridge_url: str, video_url: str) -> Health:
-        health = Health(Places(video_url, rosbridge_url), every_s=EVERY_S)
+    def start(rosbridge_url: str, video_url: str, *more: object) -> Health:
+        health = Health(Places(video_url, rosbridge_url, *more), every_s=EVERY_S)
         tasks.append(asyncio.ensure_future(health.run()))
         return health
 
@@ -82,3 +84,57 @@ async def test_a_frozen_service_times_out(watch):
         health = watch(f"ws://127.0.0.1:{port}", f"http://127.0.0.1:{port}")
         report = await until(health, lambda report: report.ros == report.video == "down")
     assert "no answer in 2 s" in report.ros_detail
+
+
+IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
+
+
+@pytest.fixture
+def nowhere() -> str:
+    """A URL where nothing answers."""
+    return f"http://127.0.0.1:{free_port()}"
+
+
+async def test_video_comes_from_rosbridge_while_no_server_answers(watch, nowhere, monkeypatch):
+    """Only when rosbridge has pictures, and only where the settings allow it."""
+    monkeypatch.setattr(health_module, "SELDOM", 2)
+    async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as robot:
+        health = watch(robot.url, nowhere)
+        only_server = watch(robot.url, nowhere, "web_video_server")
+        for one in (health, only_server):
+            report = await until(one, lambda report: report.video == "down" and report.ros == "ok")
+            assert "web_video_server at" in report.video_detail
+        robot.topics = IMAGES
+        await until(health, lambda report: report.video == "ok")
+        assert only_server.report.video == "down"
+
+
+async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
+    """A web_video_server that runs counts for nothing there; rosbridge's end ends video too."""
+    monkeypatch.setattr(health_module, "SELDOM", 2)
+    async with TopicRosbridge({}) as robot:
+        health = watch(robot.url, services.http_url, "rosbridge")
+        report = await until(health, lambda report: "has no topic" in report.video_detail)
+        assert report.video == "down"
+        robot.topics = IMAGES
+        await until(health, lambda report: report.video == "ok")
+        await robot.stop()
+        report = await until(health, lambda report: report.video == "down")
+        assert "rosbridge, where its pictures come from, does not answer" in report.video_detail
+
+
+async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):
+    """Whoever chose it knows that there are pictures."""
+    monkeypatch.setattr(health_module, "TIMEOUT_S", 0.2)
+    async with TopicRosbridge(None) as robot:
+        health = watch(robot.url, nowhere, "rosbridge")
+        await until(health, lambda report: report.video == "ok")
+
+
+async def test_video_of_cameras_of_the_settings(watch, nowhere):
+    """One that answers is video enough."""
+    with socket.create_server(("127.0.0.1", 0)) as camera:
+        url = f"http://127.0.0.1:{camera.getsockname()[1]}/video"
+        cameras = {"rear": f"{nowhere}/video", "front": url}
+        health = watch(nowhere.replace("http", "ws"), nowhere, "auto", cameras)
+        await until(health, lambda report: report.video == "ok")

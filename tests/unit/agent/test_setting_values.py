@@ -64,6 +64,14 @@ def test_what_was_parsed_parses_to_itself(key, value):
         ("log_level", "INFO", "info"),
         ("guard", "OFF", "off"),
         ("guard", True, "on"),
+        ("video_source", "rosbridge", "rosbridge"),
+        ("cameras", [], ()),
+        ("cameras", ["rear=http://a/v?x=1&y=a=b"], ("rear=http://a/v?x=1&y=a=b",)),
+        (
+            "cameras",
+            "a=http://h b/c=https://[::1]:8443/v",
+            ("a=http://h", "b/c=https://[::1]:8443/v"),
+        ),
         ("http_proxy", "http://proxy:3128/", "http://proxy:3128"),
         ("http_proxy", "http://ann:a%40b@[::1]:80", "http://ann:a%40b@[::1]:80"),
     ],
@@ -112,6 +120,17 @@ def test_takes_every_usual_spelling(key, value, parsed):
         ("http_proxy", "http://ann:x y@proxy:3128", "http://HOST:PORT"),
         ("http_proxy", "http://ann@proxy:3128", "USER:PASSWORD"),
         ("http_proxy", "http://-oProxyCommand=x:80", "a host name or an address"),
+        ("video_source", "ros", "web_video_server"),
+        ("cameras", "rear", "NAME=URL"),
+        ("cameras", ["rear=http://a", "rear=http://b"], "different names"),
+        ("cameras", ["rear=rtsp://a/b"], "http://"),
+        ("cameras", ["=http://a"], "NAME=URL"),
+        ("cameras", ["a b=http://a"], "NAME=URL"),
+        ("cameras", ["rear=http:///x"], "NAME=URL"),
+        ("cameras", ["rear=http://a:70000/"], "NAME=URL"),
+        ("cameras", ["rear=http://a/\n"], "NAME=URL"),
+        ("cameras", [f"c{n}=http://a" for n in range(9)], "up to 8"),
+        ("cameras", [5], "NAME=URL"),
         ("guard", 1, "a text that is not empty"),
         ("state_dir", "~/state", "an absolute path"),
         ("state_dir", "/state/%h", "an absolute path"),
@@ -122,6 +141,12 @@ def test_refuses_with_what_is_allowed(key, value, allowed):
     """Mistakes, and whatever ssh would read in another way, are refused with what is right."""
     with pytest.raises(RefusedValueError, match=allowed):
         PARSERS[key](value)
+
+
+def test_cameras_by_name():
+    """A URL has = of its own."""
+    given = setting_values.cameras(["rear=http://a/v?x=1", "front=http://b"])
+    assert setting_values.camera_urls(given) == {"rear": "http://a/v?x=1", "front": "http://b"}
 
 
 def test_run_dir_keeps_room_for_the_control_sockets():

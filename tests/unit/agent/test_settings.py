@@ -158,6 +158,18 @@ def test_secrets_are_hidden(tmp_path):
     assert "s3cret" not in str(error.value)
 
 
+def test_a_cameras_password_is_hidden():
+    """As a proxy's; what each camera is called may be seen."""
+    urls = "rear=http://ann:s3cret@10.0.0.7/video front=http://b"
+    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_CAMERAS": urls}
+    settings = load(None, environ)
+    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
+    assert "cameras = rear=http://(hidden)@10.0.0.7/video, front=http://b" in shown(settings)
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {**environ, "ROBOTETHER_CAMERAS": urls + " bad"})
+    assert "s3cret" not in str(error.value)
+
+
 def test_a_proxys_password_is_hidden():
     """Where the proxy is may be seen, who asks it and with what may not, not even in an error."""
     environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_HTTP_PROXY": "http://ann:s3cret@proxy:3128"}

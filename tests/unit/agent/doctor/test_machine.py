@@ -114,6 +114,8 @@ async def test_the_robots_services(settings, services):
     assert "ros2 launch" in rosbridge.advice
     assert (rosbridge.state, video.state) == (FAIL, SKIPPED)
     assert "a robot without a camera needs none" in video.detail
+    elsewhere = await machine.check_video(replace(away, video_source="rosbridge"))
+    assert (elsewhere.state, "rosbridge" in elsewhere.detail) == (SKIPPED, True)
 
 
 async def test_the_robots_own_ssh_server(settings):

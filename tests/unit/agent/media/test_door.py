@@ -105,6 +105,115 @@ async def test_an_answer_is_whole_when_the_service_closes_after_it(
     writer.close()
 
 
+class Own:
+    """What answers for the agent itself: it says that it is asked, and what."""
+
+    async def __aenter__(self) -> Own:
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.port = self._server.sockets[0].getsockname()[1]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"own:" + await reader.readuntil(b"\r\n\r\n"))
+        await writer.drain()
+        writer.close()
+
+
+async def asked(port: int, *pieces: bytes) -> bytes:
+    """The answer to a request that comes in pieces, and then ends."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    for piece in pieces:
+        writer.write(piece)
+        await writer.drain()
+        # A segment of its own each: the door is to see halves.
+        await asyncio.sleep(0.02)
+    try:
+        writer.write_eof()
+        return await asyncio.wait_for(reader.read(-1), WITHIN_S)
+    except ConnectionError:
+        # Ended without an answer, and before all was read.
+        return b""
+    finally:
+        writer.close()
+
+
+OWN_REQUEST = b"GET /robotether/frames?topic=/camera HTTP/1.1\r\nHost: x\r\n\r\n"
+
+
+@pytest.mark.parametrize("pieces", [1, len(OWN_REQUEST)])
+async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int) -> None:
+    """Also when they come byte by byte; nothing of the request is lost."""
+    async with Own() as own:
+        door = MediaDoor(f"http://127.0.0.1:{camera.port}", door_module.Own(own.port))
+        length = len(OWN_REQUEST) // pieces
+        parts = [OWN_REQUEST[at : at + length] for at in range(0, len(OWN_REQUEST), length)]
+        assert await asked(await door.start(), *parts) == b"own:" + OWN_REQUEST
+        await door.close()
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        b"GET /stream?topic=/camera HTTP/1.1\r\n\r\n",
+        b"GET /robotethe",
+        b"GET /robotetherX/ HTTP/1.1\r\n\r\n",
+        b"POST /robotether/frames HTTP/1.1\r\n\r\n",
+        b"get /robotether/frames HTTP/1.1\r\n\r\n",
+        b"\x16\x03\x01",
+        b"",
+    ],
+)
+async def test_all_else_passes_unchanged(camera: Camera, request_bytes: bytes) -> None:
+    """Whatever it is, half requests and what is no HTTP included."""
+    async with Own() as own:
+        door = MediaDoor(f"http://127.0.0.1:{camera.port}", door_module.Own(own.port, "down"))
+        port = await door.start()
+        assert await asked(port, request_bytes[:7], request_bytes[7:]) == request_bytes
+        await door.close()
+
+
+async def test_a_request_that_stops_halfway_is_not_held_for_long(
+    camera: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What there is goes on after a while, and what comes then too."""
+    monkeypatch.setattr(door_module, "FIRST_WORDS_S", 0.2)
+    async with Own() as own:
+        door = MediaDoor(f"http://127.0.0.1:{camera.port}", door_module.Own(own.port))
+        reader, writer = await asyncio.open_connection("127.0.0.1", await door.start())
+        writer.write(b"GET /robo")
+        assert await asyncio.wait_for(reader.readexactly(9), WITHIN_S) == b"GET /robo"
+        writer.write(b"tether/frames")
+        assert await asyncio.wait_for(reader.readexactly(13), WITHIN_S) == b"tether/frames"
+        writer.close()
+        await door.close()
+
+
+@pytest.mark.parametrize(
+    ("when", "runs", "answers"),
+    [
+        ("never", True, b""),
+        ("never", False, None),
+        ("down", True, b""),
+        ("down", False, b"own:"),
+        ("always", True, b"own:"),
+    ],
+)
+async def test_who_answers_in_web_video_servers_place(
+    camera: Camera, when: str, runs: bool, answers: bytes | None
+) -> None:
+    """As the settings say: nobody, the agent while nothing answers there, or always the agent."""
+    request = b"GET /stream?topic=/camera HTTP/1.1\r\n\r\n"
+    async with Own() as own:
+        port = camera.port if runs else free_port()
+        door = MediaDoor(f"http://127.0.0.1:{port}", door_module.Own(own.port, when))
+        expected = b"" if answers is None else answers + request
+        assert await asked(await door.start(), request) == expected
+        await door.close()
+
+
 async def test_a_viewer_that_leaves_ends_the_stream(door: MediaDoor, camera: Camera) -> None:
     """The camera's side is closed too."""
 

@@ -76,12 +76,21 @@ def test_the_new_source_is_open_before_the_old_one_ends(feeds, switch, got):
     feeds.give(HIGH, 0.66)
     # The same picture at another quality, some ms later as the server's own stamp tells.
     feeds.give(LOW, 0.668)
-    assert switch.wish == HIGH
-    feeds.give(LOW, 0.726)
     assert (switch.wish, set(feeds.open)) == (LOW, {LOW})
+    feeds.give(LOW, 0.726)
     assert [quality for _, quality in got] == [80] * 11 + [40]
     moments = [moment for moment, _ in got]
     assert moments == sorted(set(moments))
+
+
+def test_a_new_source_that_is_first_with_a_picture(feeds, switch, got):
+    """That one goes on at once."""
+    switch.follow(HIGH)
+    feeds.give(HIGH, 1.0)
+    switch.follow(LOW)
+    feeds.give(LOW, 1.066)
+    assert got == [(1.0, 80), (1.066, 40)]
+    assert set(feeds.open) == {LOW}
 
 
 def test_an_older_picture_does_not_go_on(feeds, switch, got):
