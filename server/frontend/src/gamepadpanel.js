@@ -116,18 +116,17 @@ export class GamepadPanel {
     this.teleop.letGo();
     this.gamepad.release();
     this.tell("learning");
+    this.part("pad-learning").hidden = false; // first: what is hidden is not read out when it changes
     this.learner = new Learner({
       steps: stepsOf(this.kind),
       onAsk: (step, phase) => this.ask(step, phase),
       onDone: (learnt) => this.learnt(learnt),
     });
-    this.part("pad-learning").hidden = false;
-    this.part("pad-pass").hidden = true;
   }
 
   ask(step, phase) {
     setText(this.part("pad-ask"), texts.learning[phase](step));
-    this.part("pad-pass").hidden = phase !== "move" || !this.learner?.mayPass;
+    this.hide("pad-pass", phase !== "move" || !this.learner?.mayPass, "pad-cancel");
   }
 
   learnt(learnt) {
@@ -138,8 +137,16 @@ export class GamepadPanel {
 
   endLearning() {
     this.learner = null;
-    this.part("pad-learning").hidden = true;
+    this.hide("pad-learning", true, "pad-learn");
     setText(this.part("pad-ask"), "");
+  }
+
+  // The focus of who goes by keyboard moves on from what is no longer there.
+  hide(name, hidden, next) {
+    const element = this.part(name);
+    const focused = element.contains(document.activeElement);
+    element.hidden = hidden;
+    if (hidden && focused) this.part(next).focus({ preventScroll: true });
   }
 
   offer(all) {
