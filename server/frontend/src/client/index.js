@@ -3,6 +3,7 @@
 
 import { csrfToken } from "../page.js";
 import { twistType } from "../messages.js";
+import { RttMeter } from "../rtt.js";
 import { TicketRefused, requestTicket } from "../tickets.js";
 import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
 import { Api } from "./api.js";
@@ -44,6 +45,11 @@ export class Robot {
       publish: (twist, moment) => this.session.commands.publish(twist, moment),
       mayQueue: () => this.session.mayQueue,
     });
+    // Also what keeps a quiet link from looking like a dead one: the robot answers each second.
+    this.rtt = new RttMeter({
+      call: (service, args) => this.session.connection.call(service, args),
+      onReading: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
+    });
     if (letGoOnBlur) this.letGoWhenUnseen();
     window.addEventListener("offline", () => this.session.connection.cut());
     window.addEventListener("online", () => this.session.connection.retryNow());
@@ -69,6 +75,7 @@ export class Robot {
   }
 
   close() {
+    this.rtt.stop();
     this.driver.arm(false);
     this.session.connection.stop();
     this.begun = false;
@@ -92,12 +99,12 @@ export class Robot {
     return this.driver.drive(twist);
   }
 
-  // Ends all motion that this page asked for, and latches the robot's Stop. Settles when the server has it.
+  // Ends all motion that this page asked for, and latches the robot's Stop. Gives whether the server was told.
   async stop() {
     this.driver.halt();
     const told = this.session.stop();
     const answer = await this.api?.stop(this.name);
-    return answer?.ok ?? told;
+    return Boolean(answer?.ok) || told;
   }
 
   // Lets the stopped robot be driven again. Its wheels stay still until the next connect and drive.
@@ -179,6 +186,8 @@ export class Robot {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
     this.session.commands.use(this.driving);
     this.driver.arm(this.driving);
+    if (state.name === "live") this.rtt.start();
+    else this.rtt.stop();
     for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
   }
 

@@ -210,6 +210,30 @@ test("a topic is advertised once, and the drive topic is drive()'s", async () =>
   robot.close();
 });
 
+test("a link on which nothing was asked for stays, as the robot answers each second", async () => {
+  let clock = 0;
+  mock.method(performance, "now", () => clock);
+  const robot = make();
+  await goLive(robot);
+  for (let seconds = 0; seconds < 20; seconds++) {
+    clock += 1000;
+    mock.timers.tick(1000);
+    await settle();
+  }
+  assert.equal(sockets.length, 1);
+  assert.equal(robot.driving, true);
+  assert.equal(robot.roundTripMs, 0);
+  sockets[0].answer = () => {};
+  for (let seconds = 0; seconds < 8; seconds++) {
+    clock += 1000;
+    mock.timers.tick(1000);
+    await settle();
+  }
+  assert.equal(robot.driving, false);
+  robot.close();
+  mock.restoreAll();
+});
+
 test("a closed robot connects anew when it is asked to", async () => {
   const robot = make();
   await goLive(robot);
