@@ -97,8 +97,10 @@ def test_a_driver_may_go_on_without_the_picture_until_it_is_back(page: Page, sta
     with SimWatch(stack, ROBOT) as watch:
         with frozen_cameras(stack, ROBOT):
             _expect_shown(page, "held", "Driving held", seconds=5)
-            page.get_by_test_id("state-action").click()
+            page.get_by_test_id("state-action").focus()
+            page.keyboard.press("Enter")
             _expect_shown(page, "blind", "You cannot see")
+            expect(page.get_by_test_id("state")).to_be_focused()
             page.keyboard.down("w")
             watch.wait_pose("moving without a picture", _moving)
             page.keyboard.up("w")

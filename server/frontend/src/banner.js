@@ -25,9 +25,15 @@ export class Banner {
     this.element.dataset.shown = this.shown;
     setText(part(this.element, "state-title"), text.title);
     setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
-    const action = state.login ? logIn : text.action;
+    this.offer(state.login ? logIn : text.action);
+  }
+
+  // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
+  offer(action) {
+    const focused = this.button === document.activeElement;
     this.button.hidden = !action;
     setText(this.button, action ?? "");
+    if (focused && !action) this.element.focus();
   }
 
   act() {
