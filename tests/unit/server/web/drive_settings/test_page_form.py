@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
 from robotether_server.page_settings import MOST_CAMERAS
 from robotether_server.store import Database
+from robotether_server.web.drive_settings.page_fields import FIELDS
 from web_visitor import Browser
 
 
@@ -60,6 +63,16 @@ def test_holding_is_switched_off_only_by_its_box(manager: Browser, database: Dat
     assert "hold" not in filled(manager)
     assert send(manager, SETTINGS, **filled(manager) | {"hold": "yes"}).status_code == 303
     assert kept(database, "page") is None
+
+
+def test_browser_asks_only_for_what_may_not_be_empty(manager: Browser) -> None:
+    """Else nobody could leave a topic to the page."""
+    inputs = re.findall(r'<input id="page-(\w+)"[^>]*>', manager.ask("GET", SETTINGS).text)
+    required = re.findall(
+        r'<input id="page-(\w+)"[^>]* required[^>]*>', manager.ask("GET", SETTINGS).text
+    )
+    assert {field.name for field in FIELDS} < set(inputs)
+    assert set(required) == {field.name for field in FIELDS if not field.empty}
 
 
 @pytest.mark.parametrize(

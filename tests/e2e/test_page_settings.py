@@ -1,0 +1,177 @@
+"""A manager who is no admin sets a robot's drive page in a real browser, by keys alone where it counts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from typing import Any
+
+import pytest
+from pages import expect_no_sideways_scroll, log_in, open_live
+from playwright.sync_api import Browser, Page, expect
+from stack import Stack
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+ROBOT = "sim3"
+SETTINGS = f"/robots/{ROBOT}/settings"
+
+
+@pytest.fixture
+def people(stack: Stack) -> Iterator[dict[str, str]]:
+    """Passwords of mia, who manages sim3, and dan, who drives it; drivers may switch its lights."""
+    found = {name: stack.robotether("user", "add", name).split()[-1] for name in ("mia", "dan")}
+    stack.robotether("grant", "mia", ROBOT, "manage")
+    stack.robotether("grant", "dan", ROBOT, "drive")
+    stack.robotether("robot", "set", ROBOT, 'policy.drive.publish=["/lights"]')
+    yield found
+    stack.robotether("robot", "set", ROBOT, "page=null", "buttons=null", "policy=null")
+    for name in found:
+        stack.robotether("user", "remove", name, "--yes")
+
+
+@contextmanager
+def _opened(
+    browser: Browser, stack: Stack, name: str, password: str, **options: Any
+) -> Iterator[Page]:
+    """A browser of this person's own, logged in; no page of it may raise an error."""
+    context = browser.new_context(ignore_https_errors=True, **options)
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    log_in(page, stack, name, password)
+    yield page
+    context.close()
+    assert errors == []
+
+
+def _settings(page: Page) -> dict[str, Any]:
+    """What the drive page is told."""
+    return dict(json.loads(page.locator("main").get_attribute("data-settings") or ""))
+
+
+def _type_button(page: Page, *texts: str) -> None:
+    """Fill in the form of a button from its name on, by keys alone; a text of one letter chooses the kind."""
+    page.get_by_label("Name", exact=True).focus()
+    for text in texts:
+        page.keyboard.press("Control+a")
+        page.keyboard.type(text)
+        page.keyboard.press("Tab")
+
+
+def _control(stack: Stack, robot: str, token: str) -> dict[str, Any] | None:
+    """What the relay says of a robot; None: it may not say it."""
+    bearer = {"Authorization": f"Bearer {token}"}
+    status, control = stack.request("GET", f"/api/v1/robots/{robot}/control", headers=bearer)
+    return control if status == HTTPStatus.OK else None
+
+
+def _wait_until_relay_has_read(stack: Stack) -> None:
+    """Wait until the relay knows what the database holds now: a right that is given last shows it."""
+    token = stack.token("news", user="dan")
+    assert _control(stack, "sim1", token) is None
+    stack.robotether("grant", "dan", "sim1", "observe")
+    stack.wait("the relay knows a new grant", lambda: _control(stack, "sim1", token), "relay")
+
+
+def test_a_manager_makes_a_button_and_a_driver_gets_it(
+    browser: Browser, stack: Stack, people: dict[str, str]
+) -> None:
+    """By keys alone; what is wrong in it is named first, and nothing that was typed is lost."""
+    with _opened(browser, stack, "mia", people["mia"]) as mia:
+        open_live(mia, stack, ROBOT)
+        mia.get_by_test_id("page-settings").focus()
+        mia.keyboard.press("Enter")
+        mia.wait_for_url(f"**{SETTINGS}")
+        mia.get_by_test_id("button-add").focus()
+        mia.keyboard.press("Enter")
+        _type_button(mia, "Lights on", "P", "/lamp", "std_msgs/Bool", "{data: true}")
+        mia.get_by_label("Type", exact=True).press("Enter")
+        expect(mia.get_by_test_id("form-problem")).to_contain_text("at line 1, column 2")
+        expect(mia.get_by_label("Sends", exact=True)).to_have_value("{data: true}")
+        _type_button(mia, "Lights on", "P", "/lamp", "std_msgs/Bool", '{"data": true}')
+        mia.get_by_label("Type", exact=True).press("Enter")
+        expect(mia.get_by_test_id("form-problem")).to_contain_text(
+            "an admin adds it to policy.drive.publish"
+        )
+        expect(mia.get_by_label("Let drivers send it")).to_have_count(0)
+        mia.get_by_label("Topic or service").fill("/lights")
+        mia.get_by_label("Ask before it sends").focus()
+        mia.keyboard.press("Space")
+        mia.get_by_test_id("button-save").press("Enter")
+        expect(mia.get_by_test_id("done")).to_have_text("Button Lights on is saved.")
+        expect(mia.get_by_test_id("button-1")).to_contain_text("Publishes to /lights")
+        assert mia.request.get(f"{stack.url}/admin/robots/{ROBOT}").status == 403
+    with _opened(browser, stack, "dan", people["dan"]) as dan:
+        dan.goto(f"{stack.url}/robots/{ROBOT}")
+        assert _settings(dan)["buttons"] == [
+            {
+                "name": "Lights on",
+                "kind": "publish",
+                "topic": "/lights",
+                "type": "std_msgs/Bool",
+                "msg": {"data": True},
+                "confirm": True,
+            }
+        ]
+        expect(dan.get_by_test_id("page-settings")).to_have_count(0)
+        assert dan.request.get(f"{stack.url}{SETTINGS}").status == 403
+
+
+def test_buttons_are_put_in_order_and_removed(
+    browser: Browser, stack: Stack, people: dict[str, str]
+) -> None:
+    """On a phone; nothing of it is wider than the screen."""
+    buttons = [
+        {"name": name, "kind": "publish", "topic": "/lights", "type": "std_msgs/Bool"}
+        for name in ("One", "Two")
+    ]
+    stack.robotether("robot", "set", ROBOT, f"buttons={json.dumps(buttons)}")
+    with _opened(browser, stack, "mia", people["mia"], **PHONE) as mia:
+        mia.goto(f"{stack.url}{SETTINGS}")
+        expect_no_sideways_scroll(mia)
+        mia.get_by_role("button", name="Move Two up").tap()
+        expect(mia.get_by_test_id("button-1")).to_contain_text("Two")
+        mia.get_by_role("link", name="Remove One").tap()
+        expect(mia.get_by_test_id("effects")).to_be_visible()
+        expect_no_sideways_scroll(mia)
+        mia.get_by_test_id("deed-do").tap()
+        expect(mia.get_by_test_id("done")).to_have_text("Button One is removed.")
+        expect(mia.get_by_test_id("button-2")).to_have_count(0)
+        mia.get_by_role("link", name="Change Two").tap()
+        expect(mia.get_by_label("Name", exact=True)).to_have_value("Two")
+        expect_no_sideways_scroll(mia)
+
+
+def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
+    browser: Browser, stack: Stack, people: dict[str, str]
+) -> None:
+    """The drive goes on with the page that is open; whoever opens it then gets the new one."""
+    with (
+        _opened(browser, stack, "dan", people["dan"]) as dan,
+        _opened(browser, stack, "mia", people["mia"]) as mia,
+    ):
+        open_live(dan, stack, ROBOT)
+        mia.goto(f"{stack.url}{SETTINGS}")
+        mia.get_by_label("The robot").select_option("holonomic")
+        mia.get_by_label("Hold driving while the picture is old").uncheck()
+        mia.get_by_label("Topic of camera 1").fill("/rear/image_raw")
+        mia.get_by_label("Its name").first.fill("Rear")
+        mia.get_by_label("Turned by").first.select_option("180")
+        mia.get_by_label("Highest quality").fill("10")
+        mia.get_by_test_id("page-save").click()
+        expect(mia.get_by_test_id("form-problem")).to_contain_text("is over page.quality_max, 10")
+        mia.get_by_label("Highest quality").fill("60")
+        mia.get_by_test_id("page-save").click()
+        expect(mia.get_by_test_id("done")).to_contain_text(f"The page of robot {ROBOT} is saved.")
+        expect(mia.get_by_label("Hold driving while the picture is old")).not_to_be_checked()
+        _wait_until_relay_has_read(stack)
+        assert _control(stack, ROBOT, stack.token("page"))["driver"]["user"] == "dan"
+        expect(dan.get_by_test_id("state")).to_have_attribute("data-state", "live")
+        assert _settings(dan)["page"]["kind"] == "differential"
+        dan.reload()
+        page = _settings(dan)["page"]
+    camera = {"topic": "/rear/image_raw", "name": "Rear", "turned_deg": 180}
+    assert (page["kind"], page["cameras"]) == ("holonomic", [camera])
+    assert (page["hold_after_ms"], page["quality_max"]) == (None, 60)
