@@ -40,7 +40,7 @@ export class Buttons {
     const cell = this.cells?.get(deed);
     if (!cell) return;
     const asking = deed.state === "asking";
-    const focused = [cell.press, cell.yes, cell.no].includes(document.activeElement);
+    const focused = [cell.press, cell.yes, cell.no].find((button) => button === document.activeElement);
     cell.press.hidden = asking;
     cell.question.hidden = !asking;
     cell.press.dataset.state = deed.state;
@@ -48,9 +48,7 @@ export class Buttons {
     cell.press.setAttribute("aria-disabled", String(!this.deeds.usable || deed.state === "pending"));
     setText(cell.state, texts[deed.state]);
     // Without a scroll, which would move the stick.
-    if (focused && document.activeElement.closest("[hidden]")) {
-      (asking ? cell.no : cell.press).focus({ preventScroll: true });
-    }
+    if (focused?.closest("[hidden]")) (asking ? cell.no : cell.press).focus({ preventScroll: true });
     this.tell(deed);
   }
 
