@@ -168,14 +168,14 @@ class Agent:
         await self._session_up.wait()
         frames = FramesService(self._places, has_video=lambda: self._health.report.video == "ok")
         door = MediaDoor(self._settings.video_url, Own(await frames.start(), self._own_answers()))
-        port = await door.start()
-        role = Role(
-            kind="media",
-            forward=lambda config: Forward(config.video_port, LOCALHOST, port),
-            on_up=partial(self._media_is_up, uptime),
-            door=door,
-        )
         try:
+            port = await door.start()
+            role = Role(
+                kind="media",
+                forward=lambda config: Forward(config.video_port, LOCALHOST, port),
+                on_up=partial(self._media_is_up, uptime),
+                door=door,
+            )
             await self._connect(role)
         finally:
             await door.close()
