@@ -5,7 +5,8 @@ import { Path } from "./path.js";
 import { compose, inverse, poseReader } from "./poses.js";
 import { scanPoints } from "./scan.js";
 
-const THROTTLE_MS = { scan: 150, map: 2000, located: 200 };
+// A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
+const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
 const OLD_MS = 1000;
 const ORIGIN = { x: 0, y: 0, theta: 0 };
 
