@@ -1,7 +1,7 @@
 // What became of the drive of this page that ended last: in words, and as a file.
 
 import { api } from "../calls.js";
-import { make, part, setText } from "../page.js";
+import { byTestId, make, part, setText } from "../page.js";
 import { summary as texts } from "../texts/panels.js";
 import { driveRows, headline } from "./drivewords.js";
 import { recordOf } from "./record.js";
@@ -22,8 +22,14 @@ export class Summary {
   // Who drives again needs the room.
   use({ live, driving }) {
     const drives = live && driving;
-    if (drives && !this.driving) this.root.open = false;
+    if (drives && !this.driving) this.fold();
     this.driving = drives;
+  }
+
+  fold() {
+    this.root.open = false;
+    if (this.scrolledTo) byTestId(document, "controls").scrollIntoView({ block: "nearest" });
+    this.scrolledTo = false;
   }
 
   async driveEnded({ fence }) {
@@ -37,7 +43,9 @@ export class Summary {
     this.show(headline(found), driveRows(found));
     if (this.driving) return;
     this.root.open = true;
-    this.root.scrollIntoView({ block: "nearest" });
+    // Who lost the control, or the link, may be about to drive on: the stick stays where it is.
+    this.scrolledTo = found.end_code === "client_left";
+    if (this.scrolledTo) this.root.scrollIntoView({ block: "nearest" });
   }
 
   // What comes while somebody drives must not move the stick, nor a button below.
