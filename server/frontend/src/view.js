@@ -3,7 +3,7 @@
 
 import { byTestId, part, setText } from "./page.js";
 import { FreshnessNews, MainMoment, Sleep, freshness } from "./sight/freshness.js";
-import { mayBeFull, toggleFull } from "./sight/fullscreen.js";
+import { markFull, mayBeFull, toggleFull } from "./sight/fullscreen.js";
 import { Hud } from "./sight/hud.js";
 import { deedOf } from "./sight/keys.js";
 import { Layout } from "./sight/layout.js";
@@ -148,6 +148,7 @@ export class View {
     });
     turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
     still.addEventListener("click", () => this.saveStill());
+    markFull(this.root);
     full.addEventListener("click", () => toggleFull(this.root));
     window.addEventListener("keydown", (event) => this.press(event));
     document.addEventListener("visibilitychange", () => this.arrange());
