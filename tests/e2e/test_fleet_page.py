@@ -173,7 +173,6 @@ def test_a_table_shows_the_same_and_is_remembered(fleet: Page) -> None:
 
 def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack) -> None:
     """A robot comes into the list when it is stopped, and says by whom in words."""
-    stack.container("relay")  # the stop of the test before may be there still
     fleet.get_by_test_id("show-stopped").click()
     bearer = {"Authorization": f"Bearer {stack.token('fleet page')}"}
     stack.request("POST", "/api/v1/robots/sim2/stop", {}, bearer)
@@ -193,27 +192,27 @@ def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack) -> 
 
 def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
     """While the mouse is over a card, a robot that goes leaves its place empty, and one that comes is last."""
-    fleet.get_by_test_id("fleet-search").fill("crowd-00")
-    card = _card(fleet, "crowd-005")
-    card.get_by_test_id("card-stop").hover()
-    before = card.bounding_box()
-    stack.sql("DELETE FROM robots WHERE name = 'crowd-003'")
-    stack.sql(
-        "INSERT INTO robots (mac, name, state) VALUES ('00:00:5e:00:53:ff', 'crowd-0000', 'active')"
-    )
+    going, coming = "crowd-00-going", "crowd-00-new"  # both stand between crowd-000 and crowd-001
+    add = "INSERT INTO robots (mac, name, state) VALUES ('00:00:5e:00:53:{}', '{}', 'active')"
+    stack.sql(add.format("fe", going))
     try:
-        expect(_card(fleet, "crowd-003")).to_have_count(0, timeout=10_000)
-        expect(_card(fleet, "crowd-0000")).to_be_visible(timeout=10_000)
+        fleet.get_by_test_id("fleet-search").fill("crowd-00")
+        expect(_card(fleet, going)).to_be_visible(timeout=10_000)
+        card = _card(fleet, "crowd-005")
+        card.get_by_test_id("card-stop").hover()
+        before = card.bounding_box()
+        stack.sql(f"DELETE FROM robots WHERE name = '{going}'")
+        stack.sql(add.format("ff", coming))
+        expect(_card(fleet, going)).to_have_count(0, timeout=10_000)
+        expect(_card(fleet, coming)).to_be_visible(timeout=10_000)
         assert card.bounding_box() == before
-        assert _shown(fleet)[-1] == "crowd-0000"
+        assert _shown(fleet)[-1] == coming
         fleet.mouse.move(2, 2)
-        fleet.wait_for_function(
-            "document.querySelector('[data-robot=crowd-0000]').compareDocumentPosition("
-            "document.querySelector('[data-robot=crowd-001]')) & Node.DOCUMENT_POSITION_FOLLOWING",
-            timeout=5_000,
+        stack.wait(
+            "the order is right", lambda: _shown(fleet)[:2] == ["crowd-000", coming], seconds=5
         )
     finally:
-        stack.sql("DELETE FROM robots WHERE name = 'crowd-0000'")
+        stack.sql(f"DELETE FROM robots WHERE name IN ('{going}', '{coming}')")
 
 
 def test_a_picture_comes_when_it_is_pointed_at(fleet: Page) -> None:

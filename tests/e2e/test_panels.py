@@ -45,15 +45,21 @@ def _buttons(stack: Stack) -> Iterator[None]:
     _set(stack, buttons=None, policy__drive=None)
 
 
+@pytest.fixture(scope="module")
+def token(stack: Stack) -> str:
+    """An API token of the admin."""
+    return stack.token("panel tests")
+
+
 @pytest.fixture
-def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
+def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
     """Dora, who may drive, and Olga, who may watch; afterwards the robot is not stopped."""
     people = Crew(stack, browser)
     people.let("dora", "drive", ROBOT)
     people.let("olga", "observe", ROBOT)
     yield people
     people.close()
-    release_all(stack, [ROBOT], stack.token("panel tests"))
+    release_all(stack, [ROBOT], token)
 
 
 @pytest.fixture
@@ -172,7 +178,7 @@ def test_what_the_policy_refuses_is_said(dora: Page, stack: Stack) -> None:
     try:
         # The connection ends with the policy, and the page drives again.
         dora.wait_for_function(
-            "document.querySelector('[data-testid=state]').dataset.state !== 'live'"
+            "() => document.querySelector('[data-testid=state]').dataset.state !== 'live'"
         )
         expect_mode(dora, "drive", seconds=10)
         outcome = dora.get_by_test_id("button-outcome")
@@ -263,7 +269,9 @@ def test_an_observer_looks_at_topics(crew: Crew) -> None:
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)
 
 
-def test_a_drive_that_ends_is_told_and_saved(dora: Page, stack: Stack, tmp_path: Path) -> None:
+def test_a_drive_that_ends_is_told_and_saved(
+    dora: Page, stack: Stack, token: str, tmp_path: Path
+) -> None:
     """In words on the page, and as the record that the server keeps."""
     with SimWatch(stack, ROBOT) as watch:
         dora.keyboard.down("w")
@@ -288,7 +296,7 @@ def test_a_drive_that_ends_is_told_and_saved(dora: Page, stack: Stack, tmp_path:
     file = tmp_path / "drive.json"
     download.value.save_as(file)
     saved = json.loads(file.read_text())
-    bearer = {"Authorization": f"Bearer {stack.token('summary')}"}
+    bearer = {"Authorization": f"Bearer {token}"}
     status, kept = stack.request("GET", f"/api/v1/drives/{saved['id']}", headers=bearer)
     assert status == 200
     assert {name: kept[name] for name in ("robot", "user", "fence", "distance_m")} == {
