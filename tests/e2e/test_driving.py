@@ -278,20 +278,17 @@ class Fingers:
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         if stick not in self._points:
             self._points[stick] = (x, y)
-            self._dispatch("touchStart")
+            self._send("touchStart", self._points)
         self._points[stick] = (x - left * box["width"] / 2, y - up * box["height"] / 2)
-        self._dispatch("touchMove")
+        self._send("touchMove", self._points)
 
     def lift(self, stick: str) -> None:
-        """Take the finger from a stick."""
-        del self._points[stick]
-        self._dispatch("touchEnd")
+        """Take the finger from a stick; the others stay."""
+        self._send("touchEnd", {stick: self._points.pop(stick)})
 
-    def _dispatch(self, kind: str) -> None:
-        points = [
-            {"x": x, "y": y, "id": sum(map(ord, stick))} for stick, (x, y) in self._points.items()
-        ]
-        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    def _send(self, kind: str, points: dict[str, tuple[float, float]]) -> None:
+        touches = [{"x": x, "y": y, "id": sum(map(ord, stick))} for stick, (x, y) in points.items()]
+        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
 
 
 def _choose_two_sticks(page: Page) -> None:
