@@ -34,7 +34,7 @@ const arranging = new Seldom({ act: arrangeIfStill, everyMs: ARRANGE_EVERY_MS })
 const rest = new Rest({ onRest: () => waits && arranging.ask() });
 let inOrderOfNames = inNameOrder(robots.keys());
 let waits = false;
-for (const container of Object.values(containers)) rest.listen(container);
+for (const listed of [...Object.values(containers), part(main, "stops")]) rest.listen(listed);
 showView();
 
 function atFirst({ robot, state, online, since, site }) {
@@ -92,7 +92,7 @@ function update(names) {
     shownList().fill(robot, fits(robot));
     stopOf(name).hear(robot);
   }
-  if (fleetStops.told.length) showStops();
+  if (fleetStops.told.length) fleetStops.hear([...robots.values()]);
   arranging.ask();
 }
 
@@ -126,11 +126,7 @@ function arrange() {
   toolbar.offerSites(listed);
   toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
   part(main, "empty").hidden = listed.length > 0;
-  showStops();
-}
-
-function showStops() {
-  fleetStops.show([...robots.values()].map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
+  fleetStops.show(listed.map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
 }
 
 const feed = new Feed({

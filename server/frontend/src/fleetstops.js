@@ -30,9 +30,14 @@ export class FleetStops {
 
   // `robots` are {name, site, level, control}.
   show(robots) {
-    this.controls = new Map(robots.map(({ name, control }) => [name, control]));
+    this.hear(robots);
     this.bar.hidden = !this.manages || robots.length === 0;
     this.offer(managedSites(robots));
+  }
+
+  // What became of a stop, without a change of the buttons, which would move under a finger.
+  hear(robots) {
+    this.controls = new Map(robots.map(({ name, control }) => [name, control]));
     if (this.told.length) this.list();
   }
 

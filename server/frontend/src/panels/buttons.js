@@ -29,9 +29,9 @@ export class Buttons {
     const yes = make("button", { type: "button", class: "main", "data-testid": `button-${place}-yes` }, texts.yes(name));
     const no = make("button", { type: "button", "data-testid": `button-${place}-no` }, texts.no);
     const question = make("span", { class: "button-sure", role: "group", "aria-label": texts.yes(name) }, yes, no);
-    press.addEventListener("click", () => this.deeds.press(deed));
-    yes.addEventListener("click", () => this.deeds.confirm(deed));
-    no.addEventListener("click", () => this.deeds.cancel(deed));
+    onPress(press, () => this.deeds.press(deed));
+    onPress(yes, () => this.deeds.confirm(deed));
+    onPress(no, () => this.deeds.cancel(deed));
     return { item: make("li", {}, press, question), press, question, yes, no, state };
   }
 
@@ -58,4 +58,10 @@ export class Buttons {
     deed.told = told;
     setText(part(this.root, "button-outcome"), deed.words);
   }
+}
+
+// A finger beside the one that holds the stick makes no click.
+function onPress(button, act) {
+  button.addEventListener("click", act);
+  button.addEventListener("pointerup", ({ isPrimary, pointerType }) => !isPrimary && pointerType === "touch" && act());
 }
