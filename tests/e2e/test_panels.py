@@ -26,6 +26,7 @@ BUTTONS = [
 ]  # fmt: skip
 ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock", "/nowhere"]}
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+TABLET = {"viewport": {"width": 800, "height": 1280}, "has_touch": True}
 HIDE = (
     "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
     "document.dispatchEvent(new Event('visibilitychange'))"
@@ -136,6 +137,31 @@ def test_a_button_that_asks_waits_for_yes_and_moves_nothing(dora: Page) -> None:
         "Dock: done. The robot says: docked, the battery charges", timeout=5_000
     )
     assert stick.bounding_box() == before
+
+
+@pytest.mark.parametrize("context", [TABLET], indirect=True, ids=["tablet"])
+def test_a_second_finger_presses_a_button(page: Page, stack: Stack) -> None:
+    """The first one drives on meanwhile."""
+    open_live(page, stack, ROBOT)
+    _button(page, SET_LIGHTS).scroll_into_view_if_needed()
+    devtools = page.context.new_cdp_session(page)
+
+    # Of a touchEnd, the points are those that lift.
+    def touch(kind: str, points: dict[int, tuple[float, float]]) -> None:
+        touches = [{"x": x, "y": y, "id": finger} for finger, (x, y) in points.items()]
+        devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
+
+    (x, y), button = _centre(page, "joystick"), _centre(page, f"button-{SET_LIGHTS}")
+    with SimWatch(stack, ROBOT) as watch:
+        touch("touchStart", {0: (x, y)})
+        touch("touchMove", {0: (x, y - 40)})
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+        touch("touchStart", {0: (x, y - 40), 1: button})
+        touch("touchEnd", {1: button})
+        expect(page.get_by_test_id("button-outcome")).to_contain_text("lights off", timeout=5_000)
+        assert watch.pose["linear_velocity"] > 0.1
+        touch("touchEnd", {0: (x, y - 40)})
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
 
 
 def test_a_service_that_is_not_there_is_said(dora: Page) -> None:
@@ -327,12 +353,15 @@ def test_panels_fit_a_phone(page: Page, stack: Stack) -> None:
     expect(page.get_by_test_id("stop")).to_be_in_viewport()
 
 
-def _is_on_top(page: Page, test_id: str) -> bool:
+def _centre(page: Page, test_id: str) -> tuple[float, float]:
     box = page.get_by_test_id(test_id).bounding_box()
     assert box is not None
-    centre = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def _is_on_top(page: Page, test_id: str) -> bool:
     found = page.evaluate(
         "([x, y]) => document.elementFromPoint(x, y)?.closest('[data-testid]')?.dataset.testid",
-        centre,
+        list(_centre(page, test_id)),
     )
     return bool(found == test_id)
