@@ -31,6 +31,11 @@ HIDE = (
     "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
     "document.dispatchEvent(new Event('visibilitychange'))"
 )
+# Whether the connection has ended since.
+NOTE_LEAVING = """() => {
+  const state = document.querySelector("[data-testid=state]");
+  new MutationObserver(() => (window.leftLive ||= state.dataset.state !== "live")).observe(state, {attributes: true});
+}"""
 
 
 def _set(stack: Stack, **settings: Any) -> None:
@@ -200,12 +205,11 @@ def test_who_watches_presses_no_button(crew: Crew, dora: Page, stack: Stack) -> 
 
 def test_what_the_policy_refuses_is_said(dora: Page, stack: Stack) -> None:
     """An open page still shows buttons that an admin has taken away; the server lets none of them through."""
+    dora.evaluate(NOTE_LEAVING)
     _set(stack, buttons=None, policy__drive=None)
     try:
         # The connection ends with the policy, and the page drives again.
-        dora.wait_for_function(
-            "() => document.querySelector('[data-testid=state]').dataset.state !== 'live'"
-        )
+        dora.wait_for_function("() => window.leftLive")
         expect_mode(dora, "drive", seconds=10)
         outcome = dora.get_by_test_id("button-outcome")
         _button(dora, SET_LIGHTS).click()
