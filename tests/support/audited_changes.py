@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from api_visitor import Program, new_public_key
+from drive_settings import DOCK
 from robotether_server.ssh_keys import parse
 from robotether_server.store import Database
 
@@ -82,8 +83,16 @@ STEPS: tuple[tuple[str, str, Path, Body, str], ...] = (
         "PATCH",
         "/robots/{robot}",
         "/robots/sim9",
-        {"settings": {"guard": {"deadman_ms": 300}}},
+        {"settings": {"policy": {"drive": {"call": ["/dock"]}}}},
         "robot_settings_set",
+    ),
+    ("PUT", "/robots/{robot}/page", "/robots/sim9/page", {"fps": 10}, "robot_page_set"),
+    (
+        "PUT",
+        "/robots/{robot}/buttons",
+        "/robots/sim9/buttons",
+        {"buttons": [DOCK]},
+        "robot_buttons_set",
     ),
     (
         "POST",
