@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import http.client
 import socket
 import ssl
@@ -51,6 +52,27 @@ def test_ssh_answers_on_443(stack: Stack) -> None:
     with socket.create_connection(("localhost", stack.https_port), timeout=5) as plain:
         plain.sendall(b"SSH-2.0-test\r\n")
         assert plain.recv(64).startswith(b"SSH-2.0-OpenSSH")
+
+
+@pytest.mark.parametrize(
+    ("path", "encoding"),
+    [("/static/dist/drive.js", "gzip"), ("/static/drive.css", "gzip"), ("/login", None)],
+)
+def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: str | None) -> None:
+    """They travel as gzip and are whole; a page, which holds secrets, does not."""
+    connection = http.client.HTTPSConnection(
+        "localhost", stack.https_port, timeout=5, context=insecure_tls()
+    )
+    connection.request("GET", path, headers={"Accept-Encoding": "gzip"})
+    answer = connection.getresponse()
+    sent = answer.read()
+    connection.request("GET", path, headers={"Accept-Encoding": "identity"})
+    plain = connection.getresponse().read()
+    connection.close()
+    assert answer.getheader("Content-Encoding") == encoding
+    if encoding:
+        assert gzip.decompress(sent) == plain
+        assert len(sent) < len(plain) / 2
 
 
 def test_log_keeps_no_tickets(stack: Stack) -> None:
