@@ -61,8 +61,8 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
 }  # fmt: skip
 
 
-def measured_on() -> str:
-    """When, at which commit and on what it was measured."""
+def circumstances() -> str:
+    """When, at which commit, on what, and beside how much other work; to be asked before it is measured."""
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
         cwd=ROOT,
@@ -75,7 +75,8 @@ def measured_on() -> str:
     cpu = names[0] if names else platform.machine()
     return (
         f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores, "
-        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}."
+        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}; "
+        f"the load was {os.getloadavg()[0]:.1f} when it began."
     )
 
 
@@ -89,10 +90,10 @@ def names_of(text: str) -> list[str]:
     return [name for name in EXPERIMENTS if name in chosen]
 
 
-def keep(name: str, section: Section) -> None:
+def keep(name: str, section: Section, measured: str) -> None:
     """Put a part into the page at once, so that a later experiment that fails takes nothing along."""
     known = parts(PAGE.read_text()) if PAGE.exists() else {}
-    known[name] = f"{section.markdown}\n{measured_on()}"
+    known[name] = f"{section.markdown}\n{measured}"
     PAGE.write_text(page(known, EXPERIMENTS))
 
 
@@ -108,11 +109,12 @@ def main() -> None:
     demo, effort = Demo(), Effort(chosen.quick, chosen.repeat)
     for name in chosen.only:
         sys.stderr.write(f"bench: {name}\n")
+        measured = circumstances()
         section = EXPERIMENTS[name](demo, effort)
         sys.stdout.write(section.markdown + "\n")
         sys.stdout.flush()
         if not chosen.quick:
-            keep(name, section)
+            keep(name, section, measured)
 
 
 if __name__ == "__main__":
