@@ -75,8 +75,8 @@ def circumstances() -> str:
     cpu = names[0] if names else platform.machine()
     return (
         f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores, "
-        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}; "
-        f"the load was {os.getloadavg()[0]:.1f} when it began."
+        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python "
+        f"{platform.python_version()}; the load was {os.getloadavg()[0]:.1f} when it began."
     )
 
 
