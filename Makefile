@@ -65,7 +65,7 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (so
 	@tools/ensure_test_hosts
 	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
 
-screenshots: venv ## pictures of all pages into tests/artifacts; needs make demo
+screenshots: venv ## pictures of all pages and states into docs/screenshots; needs make demo
 	@tools/ensure_test_hosts
 	@$(VENV)/bin/python tests/support/screenshots.py
 

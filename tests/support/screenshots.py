@@ -1,7 +1,7 @@
-"""`make screenshots`: pictures of the pages over the running demo, at desktop and phone size, for people to see.
+"""`make screenshots`: pictures of the pages over the running demo, for people to see, into docs/screenshots.
 
-A machine that waits, a join token and a second driver are made for the pictures, and removed again; sim1 is stopped and
-released.
+A machine that waits, a join token, a second driver, an observer and buttons are made for the pictures, and removed
+again; sim1's cameras freeze, it is stopped and released, and sim3 is switched off and on.
 """
 
 from __future__ import annotations
@@ -16,19 +16,30 @@ from dataclasses import dataclass
 from demo import ROOT, Demo
 from local_network import insecure_tls
 from pages import Site, chromium, expect_live, log_in, open_page
+from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from sim_service import frozen_cameras
 
-FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
+FOLDER = ROOT / "docs" / "screenshots"
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
+LOOKS = (("desktop", "light"), ("phone", "dark"))
+# Enough for the pages' few colours; the pictures are kept in the repository.
+COLOURS = 128
 # Of the range that is kept for documentation: no machine has it.
 STRANGERS_MAC, STRANGERS_NAME = "00:00:5e:00:53:01", "robot-005301"
-SECOND_DRIVER = "ben-of-pictures"
+SECOND_DRIVER, OBSERVER = "ben-of-pictures", "olga-of-pictures"
+BUTTONS = [
+    {"name": "Lights on", "kind": "publish", "topic": "/lights", "type": "std_msgs/Bool", "msg": {"data": True}},
+    {"name": "Dock", "kind": "call", "service": "/dock", "type": "std_srvs/Trigger", "args": {}, "confirm": True},
+]  # fmt: skip
+BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
 STRANGERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAB"
 ADMIN_PAGES = {
     "robots": "/admin/robots",
     "pending": "/admin/pending",
     "robot": "/admin/robots/sim1",
     "robot-settings": "/admin/robots/sim1/settings",
+    "robot-page": "/robots/sim1/settings",
     "remove": "/admin/robots/sim1/remove",
     "users": "/admin/users",
     "user": "/admin/users/admin",
@@ -60,7 +71,9 @@ class Camera:
 
     def shoot(self, name: str, *, whole: bool = False) -> None:
         """Take a picture of what is on the screen, or of the whole page."""
-        self.page.screenshot(path=FOLDER / f"{name}-{self.look}.png", full_page=whole)
+        path = FOLDER / f"{name}-{self.look}.png"
+        self.page.screenshot(path=path, full_page=whole)
+        Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
     def open(self, path: str) -> None:
         """Go to a page."""
@@ -73,20 +86,98 @@ class Camera:
         self.page.wait_for_selector("[data-testid=done]")
 
 
-def shoot_driving(camera: Camera) -> None:
-    """Login, fleet and drive page."""
+def shoot_fleet(camera: Camera) -> None:
+    """Login, and the fleet as cards and as a table."""
     page = camera.page
     camera.open("/login")
     camera.shoot("login")
     log_in(page, camera.site)
     page.wait_for_selector('[data-testid=robot-card-sim1][data-online="true"]')
     page.wait_for_timeout(1500)  # round trips arrive with the live feed
+    page.get_by_test_id("view-table").click()
+    camera.shoot("fleet-table")
+    page.get_by_test_id("view-cards").click()
     camera.shoot("fleet")
+
+
+def open_to_drive(camera: Camera) -> None:
+    """Open sim1 and wait until there is something to drive by."""
     camera.open("/robots/sim1")
-    expect_live(page, seconds=30)
-    page.wait_for_function("document.querySelector('[data-testid=tile][data-picture=live]')")
+    expect_live(camera.page, seconds=30)
+    camera.page.wait_for_selector('[data-testid=joystick][data-armed="true"]')
+
+
+def shoot_driving(camera: Camera) -> None:
+    """The drive page as it is driven by, and what unfolds on it."""
+    page = camera.page
+    open_to_drive(camera)
     drive_a_little(page)
     camera.shoot("drive")
+    page.keyboard.up("w")
+    page.keyboard.up("a")
+    for layout in ("inset", "grid"):
+        page.get_by_test_id("layout").select_option(layout)
+        page.wait_for_timeout(1000)  # the new stream's first pictures
+        camera.shoot(f"drive-{layout}")
+    page.get_by_test_id("layout").select_option("one")
+    page.get_by_test_id("two-sticks").click()
+    camera.shoot("drive-two-sticks")
+    page.get_by_test_id("two-sticks").click()
+    page.get_by_test_id("gamepad-open").click()
+    camera.shoot("drive-gamepad", whole=True)
+    page.get_by_test_id("gamepad-open").click()
+    page.get_by_test_id("topics").locator("summary").click()
+    page.get_by_test_id("topic-list").get_by_role("button", name="/odom").first.click()
+    page.wait_for_timeout(2500)  # for a rate and a line
+    page.get_by_test_id("topics").scroll_into_view_if_needed()
+    camera.shoot("drive-topics")
+    page.get_by_test_id("topics").locator("summary").click()
+
+
+def shoot_states(camera: Camera, demo: Demo, observer: Page) -> None:
+    """What the page says when it is not as it should be."""
+    page = camera.page
+    state = page.locator
+    open_to_drive(camera)
+    with frozen_cameras(demo, "sim1"):
+        state('[data-testid=state][data-shown="held"]').wait_for()
+        camera.shoot("drive-held")
+        page.get_by_test_id("state-action").click()
+        state('[data-testid=state][data-shown="blind"]').wait_for()
+        camera.shoot("drive-blind")
+    page.wait_for_selector('[data-testid=joystick][data-armed="true"]')
+    page.context.set_offline(True)
+    page.wait_for_selector('[data-testid=state]:not([data-shown="live"])')
+    camera.shoot("drive-offline")
+    page.context.set_offline(False)
+    expect_live(page, seconds=30)
+    other = Camera(observer, camera.site, camera.look)
+    other.open("/robots/sim1")
+    expect_live(observer, seconds=30)
+    observer.wait_for_timeout(1000)  # for a picture
+    other.shoot("drive-observing")
+    demo.container("sim3").stop(timeout=5)
+    try:
+        other.open("/robots/sim3")
+        observer.locator('[data-testid=state][data-shown="offline"]').wait_for()
+        other.shoot("drive-robot-offline")
+    finally:
+        demo.container("sim3").start()
+
+
+def shoot_summary(camera: Camera) -> None:
+    """What is told of a drive when it has ended."""
+    page = camera.page
+    open_to_drive(camera)
+    drive_a_little(page)
+    page.keyboard.up("w")
+    page.keyboard.up("a")
+    page.get_by_test_id("control-leave").click()
+    page.get_by_test_id("summary-save").wait_for()
+    page.get_by_test_id("summary").scroll_into_view_if_needed()
+    camera.shoot("drive-summary")
+    page.get_by_test_id("control-drive").click()
+    page.wait_for_selector('[data-testid=joystick][data-armed="true"]')
 
 
 def hold(page: Page, test_id: str, ms: float) -> None:
@@ -143,12 +234,14 @@ def shoot_admin_pages(camera: Camera) -> None:
     camera.open("/admin/join-tokens")
     page.get_by_label("Name").fill(token)
     page.get_by_test_id("token-make").click()
-    page.wait_for_selector("[data-testid=install-line]")
-    camera.shoot("install-line", whole=True)
-    camera.open("/admin/join-tokens")
-    page.get_by_role("link", name=f"Delete join token {token}").click()
-    page.get_by_test_id("deed-do").click()
-    page.wait_for_selector("[data-testid=done]")
+    try:
+        page.wait_for_selector("[data-testid=install-line]")
+        camera.shoot("install-line", whole=True)
+    finally:
+        camera.open("/admin/join-tokens")
+        page.get_by_role("link", name=f"Delete join token {token}").click()
+        page.get_by_test_id("deed-do").click()
+        page.wait_for_selector("[data-testid=done]")
 
 
 @contextmanager
@@ -176,15 +269,28 @@ def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
 
 
 @contextmanager
-def a_second_driver(demo: Demo) -> Iterator[str]:
-    """A user who may drive sim1, until the pictures are taken; gives the password."""
+def a_user(demo: Demo, name: str, level: str) -> Iterator[str]:
+    """A user with a grant for all robots' pictures, until they are taken; gives the password."""
     robotether = ("exec", "-T", "web", "robotether")
-    password = demo.compose(*robotether, "user", "add", SECOND_DRIVER).split()[-1]
+    password = demo.compose(*robotether, "user", "add", name).split()[-1]
     try:
-        demo.compose(*robotether, "grant", SECOND_DRIVER, "sim1", "drive")
+        for robot in ("sim1", "sim3"):
+            demo.compose(*robotether, "grant", name, robot, level)
         yield password
     finally:
-        demo.compose(*robotether, "user", "remove", SECOND_DRIVER, "--yes")
+        demo.compose(*robotether, "user", "remove", name, "--yes")
+
+
+@contextmanager
+def buttons(demo: Demo) -> Iterator[None]:
+    """Buttons on sim1's page, until the pictures are taken."""
+    before = demo.ask("GET", "/api/v1/robots/sim1")["settings"]
+    given = {**before, "policy": BUTTONS_POLICY, "buttons": BUTTONS}
+    demo.ask("PATCH", "/api/v1/robots/sim1", {"settings": given})
+    try:
+        yield
+    finally:
+        demo.ask("PATCH", "/api/v1/robots/sim1", {"settings": before})
 
 
 def new_context(browser: Browser, size: str, scheme: str) -> BrowserContext:
@@ -198,18 +304,26 @@ def new_context(browser: Browser, size: str, scheme: str) -> BrowserContext:
     )
 
 
-def shoot_all(browser: Browser, site: Site, look: tuple[str, str], password: str) -> None:
-    """Every page at one size and colour scheme; the second driver has the password."""
-    context, others = new_context(browser, *look), new_context(browser, *look)
-    camera = Camera(context.new_page(), site, "-".join(look))
-    second = others.new_page()
-    log_in(second, site, SECOND_DRIVER, password)
+def shoot_all(
+    browser: Browser, demo: Demo, look: tuple[str, str], passwords: tuple[str, str]
+) -> None:
+    """Every page at one size and colour scheme; the second driver and the observer have the passwords."""
+    contexts = [new_context(browser, *look) for _ in range(3)]
+    first, second, observer = (context.new_page() for context in contexts)
+    camera = Camera(first, demo, "-".join(look))
+    for page, name, password in zip(
+        (second, observer), (SECOND_DRIVER, OBSERVER), passwords, strict=True
+    ):
+        log_in(page, demo, name, password)
+    shoot_fleet(camera)
     shoot_driving(camera)
+    shoot_states(camera, demo, observer)
+    shoot_summary(camera)
     shoot_control(camera, second)
     shoot_stop(camera)
     shoot_admin_pages(camera)
-    others.close()
-    context.close()
+    for context in contexts:
+        context.close()
 
 
 def main() -> None:
@@ -218,10 +332,14 @@ def main() -> None:
     demo = Demo()
     with sync_playwright() as playwright:
         browser = chromium(playwright)
-        with a_stranger(demo, browser), a_second_driver(demo) as password:
-            for size in SIZES:
-                for scheme in ("light", "dark"):
-                    shoot_all(browser, demo, (size, scheme), password)
+        with (
+            a_stranger(demo, browser),
+            a_user(demo, SECOND_DRIVER, "drive") as driver,
+            a_user(demo, OBSERVER, "observe") as observer,
+            buttons(demo),
+        ):
+            for look in LOOKS:
+                shoot_all(browser, demo, look, (driver, observer))
         browser.close()
     sys.stdout.write(f"pictures are in {FOLDER.relative_to(ROOT)}\n")
 
