@@ -212,6 +212,7 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
         await socket.open(request)
         own = request.transport.get_extra_info("socket")
         assert own.getsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT) == module.UNSENT_BYTES
+        assert request.transport.get_write_buffer_limits() == (0, 0)
         socket.write_frame(frame)
         waited.append(socket.waiting_bytes())
         await socket.drained()

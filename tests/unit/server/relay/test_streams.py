@@ -179,17 +179,18 @@ async def test_who_takes_nothing_skips_and_is_cut(
 ):
     """Little waits for it, and another viewer sees each picture meanwhile."""
     monkeypatch.setattr("robotether_server.relay.streams.VIEWER_SLOW_AFTER_S", 0.5)
-    viewer, large = await watch(User(2, "bob")), b"x" * 1_000_000
+    # Under what aiohttp waits for by itself.
+    viewer, large = await watch(User(2, "bob")), b"x" * 60_000
     await camera.heard("credit")
     await camera.show(large)
     await viewer.credit()
     await viewer.picture()
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         answer.connection.transport.pause_reading()
-        for _ in range(30):
+        for _ in range(100):
             await viewer.credit()
             number = await camera.show(large)
             assert (await viewer.picture()).number == number
-        assert relay.relay.deliveries.of(7, ANN.id).pictures <= 8
+        assert relay.relay.deliveries.of(7, ANN.id).pictures <= 50
         await until(lambda: relay.relay.connections.count("video") == 1, "it is cut")
         answer.close()
