@@ -45,7 +45,8 @@ def token(stack: Stack) -> str:
 @contextmanager
 def _at(browser: Browser, origin: str, html: str) -> Iterator[Page]:
     """A page of another site, not yet opened."""
-    context = browser.new_context(ignore_https_errors=True)
+    # The stack is on this machine: there Chromium asks its user before a page of another site may reach it.
+    context = browser.new_context(ignore_https_errors=True, permissions=["local-network-access"])
     errors: list[str] = []
     try:
         page = context.new_page()
