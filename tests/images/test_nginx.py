@@ -96,3 +96,22 @@ def test_configuration_in_force_is_ours(stack: Stack) -> None:
     printed = stack.exec("nginx", "nginx", "-T")
     assert "sites-enabled" not in printed
     assert "ssl_protocols TLSv1.2 TLSv1.3;" in printed
+
+
+def test_kernel_keeps_little_for_slow_viewers(stack: Stack) -> None:
+    """What is not under way yet to who watches a stream is bounded where nginx runs."""
+    assert stack.exec("nginx", "cat", "/proc/sys/net/ipv4/tcp_notsent_lowat").strip() == "16384"
+
+
+def test_frames_are_asked_for_by_an_upgrade(stack: Stack) -> None:
+    """The upgrade for pictures reaches the relay, which wants to know who asks; on its neighbours it is none."""
+    handshake = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
+    path = "/robots/sim1/video/frames?topic=/a"
+    assert stack.request("GET", path, headers=handshake)[0] == 401
+    # The relay sees a plain GET.
+    assert stack.request("GET", path)[0] == 426

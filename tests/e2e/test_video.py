@@ -1,0 +1,208 @@
+"""Cameras through the running stack: one stream leaves the robot, each viewer sees the newest picture."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from urllib.parse import quote
+
+import aiohttp
+import pytest
+from frames_viewer import FramesViewer
+from local_network import insecure_tls
+from playwright.sync_api import BrowserContext
+from programs import Program
+from stack import Stack
+
+TOPIC = "/camera/image_raw"
+# Steady, so that bytes can be compared.
+STEADY = {"quality_min": 60, "quality_max": 60, "fps": 10, "latency_ms": 5000}
+
+HEAD = re.compile(rb"X-Timestamp: (\d+\.\d{6})\r\nX-Number: (\d+)\r\n")
+
+Watch = Callable[..., Awaitable[FramesViewer]]
+
+
+@pytest.fixture(scope="module")
+def program(stack: Stack) -> Program:
+    """A program with an API token of the admin's."""
+    return Program(stack, stack.token("video"))
+
+
+@asynccontextmanager
+async def viewing(program: Program) -> AsyncIterator[Watch]:
+    """Open viewers inside the block, with the program's token."""
+    async with AsyncExitStack() as opened:
+        connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
+        http = await opened.enter_async_context(aiohttp.ClientSession(connector=connector))
+
+        async def watch(robot: str = "sim1", **wanted: object) -> FramesViewer:
+            url = f"{program.stack.url}/robots/{robot}/video/frames?topic={quote(TOPIC)}"
+            viewer = FramesViewer(
+                await http.ws_connect(url, headers=program.headers, max_msg_size=0)
+            )
+            opened.push_async_callback(viewer.socket.close)
+            await viewer.want(**wanted)
+            return viewer
+
+        yield watch
+
+
+async def take(viewer: FramesViewer, seconds: float, numbers: set[int] | None = None) -> int:
+    """Take pictures for so long as they come, each when the last has come; return how many."""
+    count, end = 0, time.monotonic() + seconds
+    await viewer.credit(2)
+    while time.monotonic() < end:
+        seen = await viewer.picture()
+        count += 1
+        if numbers is not None:
+            numbers.add(seen.number)
+        await viewer.credit()
+    return count
+
+
+def sent_bytes(stack: Stack, service: str) -> int:
+    """What the service's machine has sent over its network so far."""
+    return int(stack.exec(service, "cat", "/sys/class/net/eth0/statistics/tx_bytes"))
+
+
+async def test_one_stream_leaves_the_robot_whoever_watches(stack: Stack, program: Program) -> None:
+    """With 1, 5 and 20 viewers a picture costs the robot's uplink the same, and each viewer gets them all."""
+    bytes_a_picture = {}
+    for count in (1, 5, 20):
+        async with viewing(program) as watch:
+            viewers = [await watch(**STEADY) for _ in range(count)]
+            # Until it runs evenly.
+            await asyncio.gather(*(take(viewer, 1) for viewer in viewers))
+            numbers: set[int] = set()
+            before = await asyncio.to_thread(sent_bytes, stack, "sim1")
+            taken = await asyncio.gather(*(take(viewer, 6, numbers) for viewer in viewers))
+            after = await asyncio.to_thread(sent_bytes, stack, "sim1")
+        assert min(taken) > 0.6 * max(taken)
+        bytes_a_picture[count] = (after - before) / len(numbers)
+    # The agent's and Docker's own traffic counts as well, and other pictures are larger.
+    assert max(bytes_a_picture.values()) < 1.05 * min(bytes_a_picture.values()), bytes_a_picture
+
+
+async def test_a_slow_viewer_slows_no_one_and_sees_the_newest(program: Program) -> None:
+    """Who takes nothing for three seconds finds no queue when it looks again, and the other missed nothing."""
+    async with viewing(program) as watch:
+        fast, slow = await watch(**STEADY), await watch(**STEADY)
+        alone = await take(fast, 3)
+        await slow.credit(2)
+        beside = await take(fast, 3)
+        assert beside > 0.7 * alone
+        # What was under way when it stopped to look.
+        old = [await slow.picture() for _ in range(2)]
+        fast_taking = asyncio.create_task(take(fast, 1))
+        await slow.credit()
+        new = await slow.picture()
+        await fast_taking
+        assert new.number - old[-1].number > alone / 2
+        await slow.socket.send_json({"op": "beat", "t_ms": 0})
+        now_ms = (await slow.text("beat"))["sender_ms"]
+        assert now_ms - new.moment_ms < 1500
+
+
+async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) -> None:
+    """An <img> on a narrow link falls behind by what the way holds, and no more: the rest is skipped."""
+    ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
+    path = f"/robots/sim1/video/stream?topic={quote(TOPIC)}&quality=90&ticket={ticket}"
+    seen = await asyncio.to_thread(_read_slowly, stack, path, 20.0)
+    ages = [age for age, _ in seen]
+    late, last = ages[len(ages) // 2 :], seen[-1][1] - seen[len(seen) // 2][1]
+    assert len(late) > 10, ages
+    # Twice as many came from the camera, and their age has stopped growing.
+    assert last > 1.5 * len(late), seen
+    assert max(late) < 8, ages
+
+
+def _read_slowly(stack: Stack, path: str, seconds: float) -> list[tuple[float, int]]:
+    """Read a stream at 100 KB/s, as a narrow link does; return the pictures' ages in s, and their numbers."""
+    # Not through the engine's proxy on this machine, which has buffers of its own.
+    networks = stack.container("nginx").attrs["NetworkSettings"]["Networks"]
+    address = next(iter(networks.values()))["IPAddress"]
+    plain = socket.socket()
+    # The link's own buffer is small as well.
+    plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 * 1024)
+    plain.settimeout(10)
+    plain.connect((address, 8443))
+    seen, data, read, begun = [], b"", 0, time.monotonic()
+    with plain, insecure_tls().wrap_socket(plain) as secured:
+        secured.sendall(
+            f"GET {path} HTTP/1.1\r\nHost: localhost:{stack.https_port}\r\n\r\n".encode()
+        )
+        while time.monotonic() < begun + seconds:
+            chunk = secured.recv(4096)
+            assert chunk, "the stream ended"
+            data, read = data + chunk, read + len(chunk)
+            # That is what makes it slow.
+            time.sleep(max(0.0, begun + read / 100_000 - time.monotonic()))
+            while head := HEAD.search(data):
+                seen.append((time.time() - float(head[1]), int(head[2])))
+                data = data[head.end() :]
+            data = data[-200:]
+    return seen
+
+
+async def test_a_robot_that_restarts_is_watched_again(stack: Stack, program: Program) -> None:
+    """Its viewers hear that the link is lost, and a new connection has pictures when it is back."""
+    async with viewing(program) as watch:
+        viewer = await watch("sim2", **STEADY)
+        await take(viewer, 1)
+        restart = asyncio.create_task(asyncio.to_thread(stack.container("sim2").restart, timeout=5))
+        async with asyncio.timeout(20):
+            while (message := await viewer.socket.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}
+        assert message.data == 4505
+        await restart
+        await asyncio.to_thread(stack.wait, "sim2 back", lambda: stack.online("sim2"))
+        deadline = time.monotonic() + 20
+        while True:
+            again = await watch("sim2", **STEADY)
+            await again.credit(2)
+            message = await again.socket.receive(timeout=10)
+            if message.type is not aiohttp.WSMsgType.CLOSE:
+                break
+            # The media connection comes a moment after the session.
+            assert message.data in {4503, 4505, 4506}
+            assert time.monotonic() < deadline, message
+        await take(again, 1)
+
+
+async def test_frames_refuse_who_has_nothing_to_show(stack: Stack) -> None:
+    """No ticket, no login, no token: 401 through the front door, and an upgrade on other paths is none."""
+    url = f"{stack.url}/robots/sim1/video/frames?topic={quote(TOPIC)}"
+    async with aiohttp.ClientSession() as http:
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(url, ssl=insecure_tls())
+    assert refused.value.status == 401
+
+
+def test_a_page_of_another_site_shows_a_stream(
+    stack: Stack, context: BrowserContext, program: Program
+) -> None:
+    """An <img> with a ticket shows moving pictures on a page that has no login here; without one it shows nothing."""
+    ticket = program.ticket("sim1", "observe")
+    source = f"{stack.url}/robots/sim1/video/stream?topic={quote(TOPIC)}"
+    html = f'<img id="good" src="{source}&ticket={ticket}"><img id="bad" src="{source}">'
+    # The tests' stack stands on this machine, and Chromium asks before a page from elsewhere looks there.
+    context.grant_permissions(["local-network-access"])
+    context.route(
+        "https://lab.example/**",
+        lambda route: route.fulfill(body=f"<!doctype html>{html}", content_type="text/html"),
+    )
+    page = context.new_page()
+    page.goto("https://lab.example/", wait_until="commit")
+    page.wait_for_function("document.getElementById('good').naturalWidth > 0", timeout=15_000)
+    assert page.evaluate("document.getElementById('bad').naturalWidth") == 0
+    good = page.locator("#good")
+    first = good.screenshot()
+    deadline = time.monotonic() + 10
+    while good.screenshot() == first:
+        assert time.monotonic() < deadline, "the picture stands still"
+    page.close()
