@@ -66,8 +66,9 @@ export class Keyboard {
     this.pressed.clear();
   }
 
-  meantForSlider(event) {
-    return event.code.startsWith("Arrow") && matches(event.target, "input[type=range]");
+  // Not the repeats of a key that drives, whose hand took the slider meanwhile: they would push the limit to its end.
+  meantForSlider({ code, target }) {
+    return code.startsWith("Arrow") && !this.pressed.has(code) && matches(target, "input[type=range]");
   }
 
   tell({ timeStamp }) {

@@ -6,8 +6,9 @@ export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
 
 export const byTestId = (root, name) => root.querySelector(`[data-testid="${name}"]`);
 
-// What takes keys for itself.
-export const TYPING = "input:not([type=range]), textarea, select, [contenteditable]";
+// Where text is typed, and all that takes letters for itself.
+export const TEXT = "input:not([type=range]):not([type=checkbox]), textarea, [contenteditable]";
+export const TYPING = `${TEXT}, select`;
 
 export const matches = (target, selector) => Boolean(target?.closest?.(selector));
 

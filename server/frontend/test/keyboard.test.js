@@ -10,7 +10,7 @@ const element = (...kinds) => ({
   closest: (selector) => kinds.some((kind) => selector.split(", ").includes(kind)) || null,
 });
 const BODY = element();
-const TEXT_FIELD = element("input:not([type=range])");
+const TEXT_FIELD = element("input:not([type=range]):not([type=checkbox])");
 const SLIDER = element("input[type=range]");
 
 function key(code, more = {}) {
@@ -74,6 +74,20 @@ test("arrow keys on a slider move the slider, letters still drive", () => {
   assert.equal(arrow.prevented, false);
   assert.deepEqual(told, []);
   keyboard.down(key("KeyW", { target: SLIDER }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("the repeats of an arrow key that drives do not push a slider that took the focus", () => {
+  keyboard.down(key("ArrowUp"));
+  const repeated = key("ArrowUp", { target: SLIDER, repeat: true });
+  keyboard.down(repeated);
+  assert.equal(repeated.prevented, true);
+  keyboard.up(key("ArrowUp", { target: SLIDER }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
+});
+
+test("letters drive also from a checkbox", () => {
+  keyboard.down(key("KeyW", { target: element("input[type=checkbox]") }));
   assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
 });
 

@@ -3,11 +3,12 @@ import { beforeEach, test } from "node:test";
 
 import { stopOnSpace } from "../src/stopkey.js";
 
-let stops, window;
+let stops, clicks, window;
 
 // An element that stands inside exactly the given kind of element.
 const inside = (kind) => ({
   closest: (selector) => selector.split(", ").includes(kind) || null,
+  click: () => (clicks += 1),
 });
 
 function press(kind, more = {}, name = "keydown") {
@@ -19,6 +20,7 @@ function press(kind, more = {}, name = "keydown") {
 
 beforeEach(() => {
   stops = 0;
+  clicks = 0;
   window = new EventTarget();
   stopOnSpace(window, () => (stops += 1));
 });
@@ -29,7 +31,7 @@ test("the space bar stops, once for each press, and does not scroll", () => {
   assert.equal(stops, 1);
 });
 
-for (const kind of ["button", "select", "a", "input[type=range]"]) {
+for (const kind of ["button", "select", "a", "input[type=range]", "input[type=checkbox]"]) {
   test(`on a ${kind} it stops and does not press it`, () => {
     assert.equal(press(kind), true);
     assert.equal(press(kind, {}, "keyup"), true);
@@ -37,7 +39,7 @@ for (const kind of ["button", "select", "a", "input[type=range]"]) {
   });
 }
 
-for (const kind of ["input:not([type=range])", "textarea", "[contenteditable]", "[data-hold]"]) {
+for (const kind of ["input:not([type=range]):not([type=checkbox])", "textarea", "[contenteditable]", "[data-hold]"]) {
   test(`in ${kind} it is what it always is`, () => {
     assert.equal(press(kind), false);
     assert.equal(stops, 0);
@@ -48,4 +50,11 @@ test("other keys and shortcuts do not stop", () => {
   press("body", { code: "KeyW" });
   press("body", { ctrlKey: true });
   assert.equal(stops, 0);
+});
+
+test("Enter checks a checkbox, once for each press, and nothing else", () => {
+  assert.equal(press("input[type=checkbox]", { code: "Enter" }), true);
+  press("input[type=checkbox]", { code: "Enter", repeat: true });
+  assert.equal(press("button", { code: "Enter" }), false);
+  assert.deepEqual([clicks, stops], [1, 0]);
 });
