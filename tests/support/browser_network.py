@@ -51,6 +51,9 @@ def browser_network() -> BrowserNetwork:
     machine, browser = (f"{NETWORK}.{first >> 8}.{(first & 255) + place}" for place in (1, 2))
     inside, outside = Namespace(f"{namespaces.PREFIX}-{pid}-0-browser", browser), f"rtweb{pid}"
     namespaces.make(inside)
+    # Else the interface gets a second address a moment after it is up, which is such a change again.
+    inside.sysctl("net.ipv6.conf.all.disable_ipv6", "1")
+    inside.sysctl("net.ipv6.conf.default.disable_ipv6", "1")
     atexit.register(namespaces.remove, inside.name)
     # With the namespace goes its end of the pair, and with that the other end.
     ip("link", "add", outside, "type", "veth", "peer", "name", DEVICE, "netns", inside.name)
