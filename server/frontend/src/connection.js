@@ -50,10 +50,12 @@ export class Connection {
     this.attempt = 0;
     this.link = null;
     this.yielded = false;
+    this.started = false;
     this.topics = new Set();
   }
 
   start() {
+    this.started = true;
     this.state = CONNECTING;
     this.watch = setInterval(() => this.checkSilence(), WATCH_MS);
     this.onState(this.state);
@@ -61,9 +63,9 @@ export class Connection {
   }
 
   stop() {
+    this.started = false;
     clearInterval(this.watch);
-    clearTimeout(this.timer);
-    this.dropLink();
+    this.leave();
   }
 
   get live() {
@@ -80,9 +82,9 @@ export class Connection {
   }
 
   // For news that an attempt may work now; `asked` when a person wants it, whatever the state.
-  // Without effect on a live link or during an attempt.
+  // Without effect on a live link, during an attempt, or once it was stopped.
   retryNow({ asked = false } = {}) {
-    if (this.live || this.connecting || !(asked || this.state.retry)) return;
+    if (!this.started || this.live || this.connecting || !(asked || this.state.retry)) return;
     this.delays = backoff();
     this.connect();
   }

@@ -87,6 +87,26 @@ test("it is live only when the robot itself has answered", async () => {
   assert.equal(prepared, 1);
 });
 
+test("news of the network connect nothing that was not started, or was stopped", async () => {
+  connection.retryNow();
+  connection.start();
+  await goLive();
+  connection.stop();
+  connection.retryNow();
+  await settle();
+  assert.equal(tickets, 1);
+});
+
+test("a stop is the last chance to say something on a live link", async () => {
+  const live = [];
+  connection.onLeaving = () => live.push(connection.live);
+  connection.start();
+  await goLive();
+  connection.stop();
+  connection.stop();
+  assert.deepEqual(live, [true]);
+});
+
 test("a robot that is offline is told by the close code, and each attempt has a fresh ticket", async () => {
   connection.start();
   await settle();

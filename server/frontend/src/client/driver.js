@@ -64,6 +64,7 @@ export class Driver {
 
 function check(twist) {
   for (const [name, value] of Object.entries(twist)) {
+    if (!(name in STILL)) throw new TypeError(`cannot drive: ${name} is none of forward, left and turn`);
     if (!Number.isFinite(value)) throw new TypeError(`cannot drive: ${name} is ${value}, and must be a number`);
   }
 }

@@ -14,6 +14,7 @@ import { showOn } from "./show.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
 const USUAL_CAMERA = "/camera/image_raw";
+const STOP_HEARD_MS = 3000;
 
 export class Robot {
   // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
@@ -26,6 +27,7 @@ export class Robot {
       server: location.origin,
       ...options,
     };
+    checkWheelbase(wheelbase);
     Object.assign(this, { name: robot, server, getTicket, driveTopic, driveType });
     this.api = getTicket && !token ? null : new Api({ server, headers: credentials(token) });
     this.handlers = { state: new Set(), control: new Set() };
@@ -76,8 +78,8 @@ export class Robot {
 
   close() {
     this.rtt.stop();
+    this.session.connection.stop(); // first: what moves gets its zero
     this.driver.arm(false);
-    this.session.connection.stop();
     this.begun = false;
   }
 
@@ -99,17 +101,39 @@ export class Robot {
     return this.driver.drive(twist);
   }
 
-  // Ends all motion that this page asked for, and latches the robot's Stop. Gives whether the server was told.
+  // Ends all motion that this page asked for, and latches the robot's Stop. Gives whether the server has it, by its answer
+  // or by its word on the connection: what was only sent may be on a dead link.
   async stop() {
     this.driver.halt();
-    const told = this.session.stop();
+    const heard = this.hearStop();
+    this.session.stop();
     const answer = await this.api?.stop(this.name);
-    return Boolean(answer?.ok) || told;
+    return Boolean(answer?.ok) || heard;
   }
 
-  // Lets the stopped robot be driven again. Its wheels stay still until the next connect and drive.
-  release() {
-    return this.ask("release", (api) => api.release(this.name, this.control?.stopped ?? {}));
+  hearStop() {
+    return new Promise((resolve) => {
+      const settle = (heard) => {
+        clearTimeout(timer);
+        ends.forEach((end) => end());
+        resolve(heard);
+      };
+      const timer = setTimeout(() => settle(false), STOP_HEARD_MS);
+      const ends = [
+        this.on("control", ({ stopped }) => stopped && settle(true)),
+        this.on("state", ({ lost }) => lost === "robot_stopped" && settle(true)),
+      ];
+    });
+  }
+
+  // Lets the stopped robot be driven again, if the stop is the one that this page was told of. Its wheels stay still until
+  // the next connect and drive.
+  async release() {
+    const stopped = this.control?.stopped;
+    await this.ask("release", (api) => {
+      if (!stopped) throw new Error(`cannot release ${this.name}: this page was told of no stop`);
+      return api.release(this.name, stopped);
+    });
   }
 
   // `action`: ask, withdraw, hand_over, refuse or take.
@@ -201,6 +225,12 @@ export class Robot {
     for (const name of ["blur", "pagehide"]) window.addEventListener(name, letGo);
     for (const name of ["visibilitychange", "freeze", "resume"]) document.addEventListener(name, letGo);
   }
+}
+
+// 0 would drive straight on, whatever turn is asked for, and less than 0 to the other side.
+function checkWheelbase(metres) {
+  if (metres === null || (Number.isFinite(metres) && metres > 0)) return;
+  throw new TypeError(`cannot steer: wheelbase is ${metres}, and must be a number of metres`);
 }
 
 function credentials(token) {

@@ -5,7 +5,7 @@ import { Robot } from "../../src/client/index.js";
 
 const GLOBALS = ["window", "location", "document", "WebSocket", "fetch"];
 
-let before, sockets, asked, answers, ticketsGiven;
+let before, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 
 // A double of the server and a robot behind it, as far as one connection shows them.
 class FakeServer {
@@ -29,6 +29,7 @@ class FakeServer {
     this.sent.push(message);
     if (message.op === "robotether.beat") this.say({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
     if (message.op === "call_service") this.answer(message);
+    if (message.op === "robotether.stop" && stopped) this.say({ op: "robotether.control", control: { stopped } });
   }
 
   answer({ id, service, args }) {
@@ -59,8 +60,10 @@ beforeEach(() => {
   asked = [];
   answers = { "/api/v1/tickets": [201, { ticket: "t1" }] };
   ticketsGiven = [];
+  stopped = { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true };
+  windowHears = new EventTarget();
   const quiet = { addEventListener() {} };
-  Object.assign(globalThis, { window: quiet, document: quiet, location: { origin: "https://lab.example" }, WebSocket: FakeServer });
+  Object.assign(globalThis, { window: windowHears, document: quiet, location: { origin: "https://lab.example" }, WebSocket: FakeServer });
   globalThis.fetch = async (url, { headers, body }) => {
     asked.push({ url, headers, body: JSON.parse(body) });
     const [status, answer] = answers[new URL(url).pathname] ?? [404, {}];
@@ -179,6 +182,63 @@ test("with tickets alone a stop goes over the connection, and a release needs mo
   await assert.rejects(robot.release(), /needs a token or a login/);
   assert.deepEqual(asked, []);
   robot.close();
+});
+
+test("a stop that nobody has heard of is not told as one that was", async () => {
+  stopped = null;
+  for (const options of [{}, { token: null, getTicket: async () => "t" }]) {
+    const robot = make(options);
+    await goLive(robot);
+    const told = robot.stop();
+    await settle();
+    mock.timers.tick(3000);
+    assert.equal(await told, false);
+    robot.close();
+  }
+});
+
+test("the end of the drive by a stop tells that the server has it", async () => {
+  stopped = null;
+  const robot = make({ token: null, getTicket: async () => "t" });
+  await goLive(robot);
+  const told = robot.stop();
+  sockets[0].close(4003, "stopped by ann");
+  assert.equal(await told, true);
+  robot.close();
+});
+
+test("a page that was told of no stop releases none", async () => {
+  const robot = make();
+  await goLive(robot, { mode: "observe" });
+  await assert.rejects(robot.release(), /cannot release sim 1: this page was told of no stop/);
+  assert.equal(asked.length, 1);
+  robot.close();
+});
+
+test("what moves gets its zero when the page closes the connection", async () => {
+  const robot = make();
+  await goLive(robot);
+  robot.drive({ forward: 0.3 });
+  robot.close();
+  assert.equal(sockets[0].said("publish").at(-1).msg.twist.linear.x, 0);
+  const { length } = sockets[0].sent;
+  assert.equal(robot.drive({ forward: 0.3 }), false);
+  mock.timers.tick(1000);
+  assert.equal(sockets[0].sent.length, length);
+});
+
+test("a network that comes back connects no robot that was closed, or never asked for", async () => {
+  const robot = make();
+  windowHears.dispatchEvent(new Event("online"));
+  await goLive(robot);
+  robot.close();
+  windowHears.dispatchEvent(new Event("online"));
+  await settle();
+  assert.equal(asked.length, 1);
+});
+
+test("a wheelbase that would steer wrong is refused", () => {
+  for (const wheelbase of [0, -0.3, NaN, "0.3"]) assert.throws(() => make({ wheelbase }), /wheelbase is/);
 });
 
 test("a release names the stop that this page was told of", async () => {
