@@ -207,7 +207,7 @@ def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
         expect(_card(fleet, coming)).to_be_visible(timeout=10_000)
         assert card.bounding_box() == before
         assert _shown(fleet)[-1] == coming
-        fleet.mouse.move(2, 2)
+        fleet.get_by_test_id("fleet-search").hover()
         stack.wait(
             "the order is right", lambda: _shown(fleet)[:2] == ["crowd-000", coming], seconds=5
         )
