@@ -110,14 +110,17 @@ export class FrameStream {
       : new FramesLink(this.openSocket(url), handlers);
   }
 
-  take(frame) {
+  // It counts when it is to be seen: until then, and for ever if it cannot be shown, the page has the one before.
+  async take(frame) {
+    const { round } = this;
+    this.bytes += frame.bytes;
+    await this.onFrame(frame);
+    if (round !== this.round) return;
     this.delays = backoff();
     this.at = frame.at;
     this.sender = { state: "live", detail: "" };
-    this.bytes += frame.bytes;
     this.details = { ...this.details, quality: frame.quality || this.details.quality };
     this.look();
-    return this.onFrame(frame);
   }
 
   hear({ state, detail = "", ...details }) {

@@ -25,6 +25,7 @@ export class MjpegLink {
   constructor(url, { onFrame, onStatus, onEnd, now }) {
     Object.assign(this, { onFrame, onStatus, onEnd, now });
     this.number = 0;
+    this.newest = null; // waits while the one before is being shown
     this.abort = new AbortController();
     this.heardAt = now();
     this.timer = setInterval(() => this.watch(), WATCH_MS);
@@ -54,17 +55,26 @@ export class MjpegLink {
     for (let read = await body.read(); !read.done; read = await body.read()) {
       this.heardAt = this.now();
       const jpeg = reader.push(read.value).at(-1);
-      if (jpeg) await this.hand(jpeg);
+      if (jpeg && this.onEnd) this.take(jpeg);
     }
   }
 
-  // A picture that cannot be decoded is one that is skipped.
-  async hand(jpeg) {
-    if (!this.onEnd) return;
+  // Reading goes on while a picture is shown: what waits in the network would look new when it comes.
+  take(jpeg) {
     this.number += 1;
-    const frame = { jpeg, number: this.number, at: this.now(), quality: 0, byCamera: false, bytes: jpeg.length };
+    this.newest = { jpeg, number: this.number, at: this.now(), quality: 0, byCamera: false, bytes: jpeg.length };
     this.onStatus({ state: "live", source: "mjpeg" });
-    await Promise.resolve(this.onFrame(frame)).catch(() => {});
+    this.showing ??= this.showAll();
+  }
+
+  // A picture that cannot be decoded is one that is skipped.
+  async showAll() {
+    while (this.newest && this.onEnd) {
+      const frame = this.newest;
+      this.newest = null;
+      await Promise.resolve(this.onFrame(frame)).catch(() => {});
+    }
+    this.showing = null;
   }
 
   close() {

@@ -84,6 +84,45 @@ test("a picture comes with its moment on this page's clock", async () => {
   assert.equal(stream.ageMs, 60);
 });
 
+test("a picture counts when it has been shown, and one that cannot be shown never does", async () => {
+  const socket = await goOpen();
+  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  await settle();
+  clock += 500;
+  hold = withResolvers();
+  socket.frame({ number: 2, momentMs: AHEAD + 1490 });
+  await settle();
+  assert.equal(stream.ageMs, 510);
+  hold.reject(new Error("broken JPEG"));
+  await settle();
+  assert.equal(stream.ageMs, 510);
+});
+
+test("a picture that is shown after the stream was stopped does not count", async () => {
+  const socket = await goOpen();
+  hold = withResolvers();
+  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  await settle();
+  stream.stop();
+  hold.resolve();
+  await settle();
+  assert.deepEqual([stream.ageMs, last().why], [null, "paused"]);
+});
+
+test("a handler that throws costs one picture and no more", async () => {
+  const socket = await goOpen();
+  const show = stream.onFrame;
+  stream.onFrame = () => {
+    throw new Error("no canvas");
+  };
+  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  await settle();
+  stream.onFrame = show;
+  socket.frame({ number: 2, momentMs: AHEAD + 990 });
+  await settle();
+  assert.deepEqual(frames.map(({ number }) => number), [2]);
+});
+
 test("the next picture is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();
@@ -245,4 +284,32 @@ test("of a robot without the protocol it reads the plain stream", async () => {
     "https://server/robots/sim1/video/stream?topic=%2Fcamera&type=mjpeg&quality=70",
   );
   assert.deepEqual(frames, [{ number: 1, at: 1000, jpeg: [111, 110, 101] }]);
+});
+
+test("a plain stream is read on while a picture is shown, and the newest one follows", async () => {
+  const picture = (text) => `--b\r\nContent-Length: ${text.length}\r\n\r\n${text}\r\n`;
+  let camera;
+  const body = new ReadableStream({ start: (controller) => (camera = controller) });
+  const turns = async () => {
+    for (let i = 0; i < 5; i++) await new Promise((resolve) => setImmediate(resolve));
+  };
+  const send = async (text) => {
+    camera.enqueue(new TextEncoder().encode(picture(text)));
+    await turns();
+  };
+  const headers = { "Content-Type": "multipart/x-mixed-replace;boundary=b" };
+  mock.method(globalThis, "fetch", async () => new Response(body, { headers }));
+  const socket = await goOpen();
+  socket.end(4506, "frames_unknown: the robot's agent is older");
+  const first = (hold = withResolvers());
+  await send("one");
+  clock += 100;
+  await send("two");
+  clock += 100;
+  await send("three");
+  clock += 700;
+  hold = null;
+  first.resolve();
+  await turns();
+  assert.deepEqual(frames.map(({ number, at }) => [number, at]), [[1, 1000], [3, 1200]]);
 });
