@@ -175,10 +175,14 @@ class Access:
         return asker
 
     async def asker(self, request: Request) -> Asker:
-        """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known."""
+        """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
+
+        A page of another site shows a token: a login that its browser adds is not its word.
+        """
         if request.authorization is not None:
             return await self._asker_by_token(request.authorization)
-        asker = await self._asker("login", request.login or "")
+        is_ours = request.origin is None or _same_host(request.origin, request.host)
+        asker = await self._asker("login", (request.login or "") if is_ours else "")
         if asker is None:
             raise LoginMissing("cannot tell who asks: log in first")
         return asker

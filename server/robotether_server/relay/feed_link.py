@@ -23,6 +23,7 @@ from aiohttp import (
 from yarl import URL
 
 from robotether_server.relay import endings
+from robotether_server.relay.allowance import Allowance
 from robotether_server.relay.endings import EndedError, Ending
 from robotether_server.relay.feeds import Feed
 from robotether_server.relay.pictures import (
@@ -39,6 +40,7 @@ from robotether_server.relay.pictures import (
     want_text,
 )
 from robotether_server.relay.reach import patience_s
+from robotether_server.relay.retry import delays
 from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.relay.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
 
@@ -48,11 +50,17 @@ log = logging.getLogger(__name__)
 FIRST_WITHIN_S = 2.0
 AGAIN_WITHIN_S = 10.0
 RETRY_S = 0.2
+# A connection that held for so long was none that breaks again and again.
+STEADY_S = 10.0
 BEAT_EVERY_S = 1.0
 # Beats go out all the time: nothing at all for so long is a connection that is dead.
 SILENT_AFTER_S = 8.0
 # Viewers come together, and one may change its wish with a slider.
 WANT_EVERY_S = 0.1
+# Beside pictures, which come for credits: an answer to each beat, a status at each change, and some. Reading
+# without a limit would starve everybody else.
+MESSAGES_PER_S = 50
+MESSAGES_AT_ONCE = 100
 TOO_MANY = 429
 SERVER_ERRORS = 500
 LINK_BROKE = {
@@ -91,19 +99,22 @@ class FeedLink:
 
     async def run(self) -> Ending:
         """Bring pictures until there is no way to the robot; return why."""
-        within_s = FIRST_WITHIN_S
+        within_s, pauses = FIRST_WITHIN_S, delays(RETRY_S)
         while True:
             try:
                 socket = await self._dial(within_s)
             except EndedError as exc:
                 return exc.ending
+            opened_s = time.monotonic()
             try:
                 await self._listen(socket)
             finally:
                 socket.drop()
             self._feed.told(dict(LINK_BROKE))
             within_s = AGAIN_WITHIN_S
-            await asyncio.sleep(RETRY_S)
+            if time.monotonic() - opened_s > STEADY_S:
+                pauses = delays(RETRY_S)
+            await pause(next(pauses))
 
     async def _listen(self, socket: RobotSocket) -> None:
         """Pass on what comes until the connection breaks."""
@@ -114,6 +125,8 @@ class FeedLink:
         try:
             await self._read(socket)
             log.info("robot %s: the connection of a feed broke", name)
+        except ConnectionError as exc:
+            log.info("robot %s: the connection of a feed broke: %r", name, exc)
         except BrokenFramesError as exc:
             log.warning("robot %s: broke the frames protocol: %s", name, exc)
         finally:
@@ -121,14 +134,21 @@ class FeedLink:
             await asyncio.gather(telling, return_exceptions=True)
 
     async def _read(self, socket: RobotSocket) -> None:
+        now_s = time.monotonic()
+        allowance = Allowance(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
         while True:
             message = await socket.receive()
             self._heard_s = now_s = time.monotonic()
             if message.type is WSMsgType.BINARY:
                 self._feed.came(message.data, now_s, self._clock)
-            elif message.type is WSMsgType.TEXT:
+                continue
+            if not allowance.take(now_s):
+                raise BrokenFramesError(f"more than {MESSAGES_PER_S} messages a second")
+            if message.type is WSMsgType.TEXT:
                 self._take(message.data, now_s)
-            else:
+            elif message.type is WSMsgType.PING:
+                await socket.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
                 return
 
     def _take(self, data: bytes, now_s: float) -> None:
@@ -210,12 +230,18 @@ class FeedLink:
             RobotSocket,
             await self._way.client.ws_connect(
                 url,
+                autoping=False,
                 compress=0,
                 decode_text=False,
                 max_msg_size=HEADER.size + MAX_PICTURE_BYTES + LIMIT_MARGIN,
                 timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
             ),
         )
+
+
+async def pause(pause_s: float) -> None:
+    """Wait before the next connection; tests look at how long."""
+    await asyncio.sleep(pause_s)
 
 
 async def _send(socket: RobotSocket, text: bytes) -> None:

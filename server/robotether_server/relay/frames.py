@@ -42,8 +42,8 @@ from robotether_server.relay.viewers import Cursor, connection_of, counted, topi
 log = logging.getLogger(__name__)
 
 # Two texts a picture at 60 pictures a second, and some.
-TEXTS_PER_S = 200
-TEXTS_AT_ONCE = 400
+MESSAGES_PER_S = 200
+MESSAGES_AT_ONCE = 400
 
 
 class FramesHandler:
@@ -85,7 +85,7 @@ class FramesVisit:
         loop = asyncio.get_running_loop()
         self._ended: asyncio.Future[Ending] = loop.create_future()
         self._heard_s = time.monotonic()
-        self._allowance = Allowance(self._heard_s, per_s=TEXTS_PER_S, at_once=TEXTS_AT_ONCE)
+        self._allowance = Allowance(self._heard_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
         self.want: Want | None = None
         self._credits = 0
         # Numbers of pictures that were sent and not yet taken.
@@ -149,6 +149,8 @@ class FramesVisit:
         while True:
             message = await self._socket.receive()
             self._heard_s = time.monotonic()
+            if not self._allowance.take(self._heard_s):
+                return endings.frames_broken(f"more than {MESSAGES_PER_S} messages a second")
             if message.type is WSMsgType.TEXT:
                 self._hear(message.data)
             elif message.type is WSMsgType.PING:
@@ -161,8 +163,6 @@ class FramesVisit:
                 return endings.client_vanished(self._name)
 
     def _hear(self, data: bytes) -> None:
-        if not self._allowance.take(self._heard_s):
-            raise EndedError(endings.frames_broken(f"more than {TEXTS_PER_S} texts a second"))
         try:
             self._take(parse_text(data))
         except BrokenFramesError as exc:

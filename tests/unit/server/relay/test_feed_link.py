@@ -93,3 +93,42 @@ async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
             message = await viewer.socket.receive()
     assert message.data == 4506
     assert "frames_unknown" not in message.extra
+
+
+async def test_a_flood_from_the_robot_is_cut_off(camera, watch, caplog):
+    """A robot cannot keep the relay busy with texts: whoever drives another robot would feel it."""
+    viewer = await watch()
+    await camera.heard("credit")
+    for turn in range(400):
+        await camera.tell(state="live", quality=turn % 100)
+    await viewer.text("status", state="down")
+    assert "messages a second" in caplog.text
+
+
+async def test_pings_of_the_robot_are_answered_and_counted(camera, watch, caplog):
+    """They are messages as others are."""
+    viewer = await watch()
+    await camera.heard("credit")
+    (socket,) = camera.connections
+    for _ in range(400):
+        await socket.ping()
+    await viewer.text("status", state="down")
+    assert "messages a second" in caplog.text
+
+
+async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
+    camera, watch, monkeypatch
+):
+    """Connections that hold for no time must not follow each other without a pause."""
+    pauses = []
+
+    async def paused(pause_s: float) -> None:
+        pauses.append(pause_s)
+
+    monkeypatch.setattr("robotether_server.relay.feed_link.pause", paused)
+    await watch()
+    for turn in range(1, 5):
+        await until(lambda turn=turn: len(camera.topics) == turn, "it is opened anew")
+        await camera.send_bytes(b"short")
+    await until(lambda: len(pauses) == 4, "it pauses")
+    assert pauses == sorted(set(pauses))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 
 import aiohttp
@@ -361,7 +362,19 @@ async def test_a_flood_of_texts_ends_it(camera, watch):
             break
         await viewer.socket.send_json({"op": "beat", "t_ms": turn})
     code, reason = await closing(viewer.socket)
-    assert (code, "texts a second" in reason) == (1002, True)
+    assert (code, "messages a second" in reason) == (1002, True)
+
+
+@pytest.mark.parametrize("message", ["ping", "binary"])
+async def test_a_flood_of_other_messages_ends_it(camera, watch, message):
+    """Neither with pings, which are answered, nor with what nobody reads."""
+    viewer = await watch()
+    send = viewer.socket.ping if message == "ping" else viewer.socket.send_bytes
+    with contextlib.suppress(ConnectionError):
+        for _ in range(1000):
+            await send(b"x")
+    code, reason = await closing(viewer.socket)
+    assert (code, "messages a second" in reason) == (1002, True)
 
 
 async def test_what_nobody_knows_is_skipped(camera, watch):
@@ -396,6 +409,18 @@ async def test_a_login_opens_a_connection(camera, relay, sim1, http, login):
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         await http.ws_connect(url, headers=login | {"Origin": "https://evil.example"})
     assert refused.value.status == 403
+
+
+async def test_a_login_is_no_word_of_another_sites_page(camera, relay, sim1, http, login):
+    """Pages in ALLOWED_ORIGINS show a ticket or token; a login that their browser adds is not theirs to use."""
+    lab = {"Origin": "https://lab.example"}
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(frames_url(relay, sim1, "topic=/a"), headers=login | lab)
+    assert refused.value.status == 401
+    url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
+    async with http.ws_connect(url, headers=login | lab) as socket:
+        await socket.send_json({"op": "beat", "t_ms": 5})
+        assert (await socket.receive_json())["t_ms"] == 5
 
 
 async def test_who_may_not_see_gets_a_status(camera, relay, sim1, http, records):
