@@ -10,6 +10,7 @@ export class Discovery {
   constructor({ driveTopic, odometryTopic = null, onFound }) {
     Object.assign(this, { driveTopic, odometryTopic, onFound });
     this.round = 0;
+    this.toldType = "";
   }
 
   // `call(service, request)` as of connection.js. Resolves when the robot has answered.
@@ -48,8 +49,11 @@ export class Discovery {
     return speedReader(named.type) ? named : undefined;
   }
 
+  // What the robot told once stands while it does not tell: another type in mid-drive would stop it.
   async driveType(call) {
-    return (await ask(call, "/rosapi/topic_type", { topic: this.driveTopic })).type || "";
+    const { type } = await ask(call, "/rosapi/topic_type", { topic: this.driveTopic });
+    this.toldType = type || this.toldType;
+    return this.toldType;
   }
 }
 

@@ -7,6 +7,7 @@ const STILL = 0.08;
 const PUSHED = 0.6;
 const BACK = 0.3;
 const OFF_CENTRE = 0.35; // triggers rest at an end of theirs, some crosses beyond it: neither is a stick
+const MARGIN = 0.05; // what a worn stick rests off its centre is dead, and as much more
 const CLEAR = 0.6; // the share of the strongest that no other axis may reach
 
 const STICKS = ["forward", "left", "turn"];
@@ -17,7 +18,7 @@ export const stepsOf = (kind) => ["forward", ...(kind === "holonomic" ? ["left"]
 
 export class Learner {
   // `onAsk(step, phase)` comes whenever the person has something else to do: "rest" (let go of everything), "move"
-  // (the step's stick or button), "back" (let go of it). `onDone(learnt)` as of `madeOf`.
+  // (the step's stick or button), "back" (let go of it). `onDone(learnt)` as of `madeOf`, with the least dead zone, `rest`.
   constructor({ steps, onAsk, onDone }) {
     Object.assign(this, { onAsk, onDone, steps: [...steps] });
     this.learnt = {};
@@ -70,6 +71,7 @@ export class Learner {
     const isStick = STICKS.includes(this.step);
     this.taken[isStick ? "axes" : "buttons"].add(found);
     this.learnt[this.step] = isStick ? { axis: found, sign: Math.sign(this.away(axes[found], found)) } : found;
+    if (isStick) this.learnt.rest = Math.max(this.learnt.rest ?? 0, Math.abs(this.quiet[found]) + MARGIN);
     this.ask("back");
   }
 

@@ -26,10 +26,11 @@ export function usualProfile({ mapping, axes, buttons }, kind) {
 
 const towards = (axis) => ({ axis, sign: -1 }); // browsers count down and right as positive
 
-// `learnt` gives forward, left, turn as {axis, sign} and enable, turbo, stop.
+// `learnt` gives forward, left, turn as {axis, sign} and enable, turbo, stop; `rest`: what these sticks show untouched.
 export function madeOf(learnt, { axes, buttons }) {
-  const { enable, turbo = null, stop = null } = learnt;
-  const profile = { version: VERSION, axes, buttons, enable, turbo, stop, deadZone: DEAD_ZONE.usual };
+  const { enable, turbo = null, stop = null, rest = 0 } = learnt;
+  const deadZone = Math.min(DEAD_ZONE.most, Math.max(DEAD_ZONE.usual, rest));
+  const profile = { version: VERSION, axes, buttons, enable, turbo, stop, deadZone };
   for (const name of MOTIONS) profile[name] = learnt[name] ? { invert: false, ...learnt[name] } : null;
   return profile;
 }

@@ -88,3 +88,15 @@ test("who wants to know now is answered on the link that stands, and not without
   discovery.refresh();
   assert.equal(asked.length, 4);
 });
+
+test("a robot that fails to tell its drive type again is driven by the one that it told", async () => {
+  const { call } = robot({}, "geometry_msgs/msg/TwistStamped");
+  await discovery.run(call);
+  await discovery.run(async () => ({ ok: false, values: "rosapi timed out" }));
+  await discovery.run(robot({}, "geometry_msgs/msg/Twist").call);
+  discovery.stop();
+  assert.deepEqual(
+    found.map(({ twistType }) => twistType),
+    ["geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"],
+  );
+});

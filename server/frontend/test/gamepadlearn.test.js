@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { Learner, stepsOf } from "../src/gamepadlearn.js";
+import { asked as askedOf, fits, madeOf } from "../src/gamepadprofile.js";
 
 const REST = [0, 0, -1, 3.28]; // two axes of a stick, a trigger, a cross
 
@@ -42,6 +43,7 @@ test("sticks and buttons are learnt one after the other, each after all was let 
   act({}, [7]);
   act({}, [2]);
   assert.deepEqual(learnt, {
+    rest: 0.05,
     forward: { axis: 1, sign: -1 },
     turn: { axis: 0, sign: 1 },
     enable: 6,
@@ -111,3 +113,24 @@ test("turbo and stop may be left out, the enable button may not", () => {
   learner.pass();
   assert.deepEqual([learnt.enable, "turbo" in learnt, "stop" in learnt], [0, false, false]);
 });
+
+for (const rest of [0.3, -0.35]) {
+  test(`a worn stick that rests at ${rest} moves nothing until it is pushed`, () => {
+    const still = { 1: rest };
+    hold(still);
+    for (const moved of [{ 1: -1 }, { 1: rest, 0: -1 }]) {
+      hold(moved);
+      hold(still);
+    }
+    for (const button of [4, 5, 6]) {
+      hold(still, [button]);
+      hold(still);
+    }
+    const device = { axes: 4, buttons: 8 };
+    const profile = madeOf(learnt, device);
+    assert.ok(fits(profile, device));
+    const buttons = Array(8).fill(false);
+    assert.equal(askedOf(profile, { axes: [0, rest, -1, 3.28], buttons }).forward, 0);
+    assert.equal(askedOf(profile, { axes: [0, -1, -1, 3.28], buttons }).forward, 1);
+  });
+}

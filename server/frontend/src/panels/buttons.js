@@ -43,6 +43,7 @@ export class Buttons {
     const focused = [cell.press, cell.yes, cell.no].find((button) => button === document.activeElement);
     cell.press.hidden = asking;
     cell.question.hidden = !asking;
+    cell.yes.disabled = !deed.open;
     cell.press.dataset.state = deed.state;
     // Not `disabled`: a button that is switched off while it has the focus would drop it.
     cell.press.setAttribute("aria-disabled", String(!this.deeds.usable || deed.state === "pending"));

@@ -5,15 +5,17 @@ import { buttons as texts } from "../texts/panels.js";
 import { answerWords, refusalWords, succeeded } from "./answers.js";
 
 const ASKING_MS = 10_000; // a question that is forgotten must not be there to be hit later
+const DOUBLE_MS = 500; // the second press of a double one is no answer to what came up under it
 const SLOW_MS = 30_000;
 
 export class Deeds {
   // `advertise(spec)` and `call(service, args, type)` as of connection.js; `onChange(deed)` tells of a deed
-  // whose `state` or `words` changed. States: idle, asking, pending, sent, done, failed.
+  // whose `state`, `words` or `open` (a question that can be answered by now) changed. States: idle, asking, pending,
+  // sent, done, failed.
   constructor({ buttons, advertise, call, onChange }) {
     Object.assign(this, { advertise, call, onChange });
     this.usable = false;
-    this.all = buttons.map((button) => ({ button, state: "idle", words: "", round: 0, publisher: null }));
+    this.all = buttons.map((button) => ({ button, state: "idle", words: "", round: 0, open: false, publisher: null }));
   }
 
   // A publisher stands as long as the page drives: ROS loses what is published before its subscribers know it.
@@ -51,10 +53,16 @@ export class Deeds {
   ask(deed) {
     this.set(deed, "asking");
     deed.timer = setTimeout(() => this.cancel(deed), ASKING_MS);
+    deed.opening = setTimeout(() => this.open(deed), DOUBLE_MS);
+  }
+
+  open(deed) {
+    deed.open = true;
+    this.onChange(deed);
   }
 
   confirm(deed) {
-    if (this.usable && deed.state === "asking") this.run(deed);
+    if (this.usable && deed.open) this.run(deed);
   }
 
   cancel(deed) {
@@ -93,7 +101,8 @@ export class Deeds {
 
   set(deed, state, words = "", round = deed.round + 1) {
     clearTimeout(deed.timer);
-    Object.assign(deed, { state, words, round });
+    clearTimeout(deed.opening);
+    Object.assign(deed, { state, words, round, open: false });
     this.onChange(deed);
   }
 }

@@ -64,6 +64,7 @@ test("a button that asks does nothing until it is answered, and forgets its ques
   assert.equal(dock.state, "asking");
   deeds.press(dock);
   assert.equal(calls.length, 0);
+  mock.timers.tick(500);
   deeds.cancel(dock);
   deeds.confirm(dock);
   assert.equal(calls.length, 0);
@@ -71,13 +72,29 @@ test("a button that asks does nothing until it is answered, and forgets its ques
   mock.timers.tick(10_000);
   assert.equal(dock.state, "idle");
   deeds.press(dock);
+  mock.timers.tick(500);
   deeds.confirm(dock);
   assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger"]);
+});
+
+test("the second press of a double one does not answer what the first one asked", () => {
+  drive();
+  deeds.press(dock);
+  mock.timers.tick(499);
+  deeds.confirm(dock);
+  assert.deepEqual([dock.state, dock.open, calls.length], ["asking", false, 0]);
+  mock.timers.tick(1);
+  assert.equal(dock.open, true);
+  deeds.cancel(dock);
+  deeds.press(dock);
+  deeds.confirm(dock);
+  assert.equal(calls.length, 0);
 });
 
 test("a question does not outlast the driving", () => {
   drive();
   deeds.press(dock);
+  mock.timers.tick(500);
   deeds.use({ live: true, driving: false });
   assert.equal(dock.state, "idle");
   drive();
