@@ -6,14 +6,17 @@ import { states } from "./texts/truth.js";
 import { outlook } from "./truth/outlook.js";
 
 const texts = { ...connection, ...states };
+const TURNED_MS = 500; // who presses sooner meant what the button was before
 
 export class Banner {
   // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.
-  constructor(root, { onRetry, onBlind }) {
+  constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
     this.element = byTestId(root, "state");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
-    Object.assign(this, { onRetry, onBlind });
+    Object.assign(this, { onRetry, onBlind, now });
+    this.offered = undefined;
+    this.turnedAt = -Infinity;
   }
 
   // `state` as of states.js; `facts` are those of truth/outlook.js and what the sentences need.
@@ -30,6 +33,8 @@ export class Banner {
 
   // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
   offer(action) {
+    if (this.offered && action !== this.offered) this.turnedAt = this.now();
+    this.offered = action;
     const focused = this.button === document.activeElement;
     this.button.hidden = !action;
     setText(this.button, action ?? "");
@@ -39,7 +44,10 @@ export class Banner {
   act() {
     if (this.state.login) location.assign(`/login?next=${encodeURIComponent(location.pathname)}`);
     else if (this.shown === "not_allowed") location.reload();
-    else if (this.shown === "held") this.onBlind();
+    else if (this.shown === "held") this.goBlind();
     else this.onRetry();
+  }
+  goBlind() {
+    if (this.now() - this.turnedAt >= TURNED_MS) this.onBlind();
   }
 }

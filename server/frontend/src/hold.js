@@ -2,13 +2,14 @@
 // Assistive technology cannot hold; its click (of no pointer and no key) has to come twice instead.
 
 const HOLD_MS = 1000;
+const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
 const TWICE_MS = 5000;
 const KEYS = ["Enter", "Space", "NumpadEnter"];
 
 export class Hold {
   // `onDone()` comes at the end of the time; `onState("idle"|"held"|"once")` tells how far it is.
-  constructor({ onDone, onState = () => {} }) {
-    Object.assign(this, { onDone, onState });
+  constructor({ onDone, onState = () => {}, now = () => Date.now() }) {
+    Object.assign(this, { onDone, onState, now });
     this.state = "idle";
   }
 
@@ -24,7 +25,8 @@ export class Hold {
 
   begin() {
     this.set("held");
-    this.timer = setTimeout(() => this.finish(), HOLD_MS);
+    const due = this.now() + HOLD_MS;
+    this.timer = setTimeout(() => (Math.abs(this.now() - due) > LATE_MS ? this.end() : this.finish()), HOLD_MS);
   }
 
   end() {

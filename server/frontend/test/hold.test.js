@@ -3,7 +3,7 @@ import { beforeEach, mock, test } from "node:test";
 
 import { Hold } from "../src/hold.js";
 
-let button, done, hold, states;
+let button, clock, done, hold, states;
 
 function send(name, more = {}) {
   const event = Object.assign(new Event(name, { cancelable: true }), more);
@@ -13,11 +13,13 @@ function send(name, more = {}) {
 
 beforeEach(() => {
   mock.timers.reset();
-  mock.timers.enable({ apis: ["setTimeout"] });
+  mock.timers.enable({ apis: ["setTimeout", "Date"] });
   button = new EventTarget();
   done = 0;
   states = [];
-  hold = new Hold({ onDone: () => (done += 1), onState: (state) => states.push(state) });
+  clock = null; // goes with the timers
+  const now = () => clock ?? Date.now();
+  hold = new Hold({ onDone: () => (done += 1), onState: (state) => states.push(state), now });
   hold.listen(button);
 });
 
@@ -42,6 +44,14 @@ for (const end of ["pointerup", "pointerleave", "pointercancel", "blur"]) {
     assert.equal(done, 0);
   });
 }
+
+test("a page that was frozen meanwhile could not see the release, so it has to be pressed anew", () => {
+  send("pointerdown", { button: 0 });
+  clock = Date.now() + 60_000;
+  mock.timers.tick(1000);
+  assert.equal(done, 0);
+  assert.deepEqual(states, ["held", "idle"]);
+});
 
 for (const code of ["Enter", "Space"]) {
   test(`${code} can hold it, and its repeats do not begin anew`, () => {
