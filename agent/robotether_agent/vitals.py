@@ -11,6 +11,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 import aiohttp
@@ -121,6 +122,9 @@ def battery_in(message: JsonObject) -> Battery | None:
 
 def _number(message: JsonObject, name: str) -> float | None:
     value = message.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value)
+    # A whole number may be larger than any float, and must not end the session that tells of it.
+    with suppress(OverflowError):
+        return float(value) if math.isfinite(value) else None
+    return None

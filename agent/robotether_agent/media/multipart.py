@@ -71,7 +71,7 @@ class Parts:
             if (at := self._buffer.find(mark, start)) >= 0
         ]
         if not ends:
-            if len(self._buffer) - start > HEAD_BYTES_MAX:
+            if len(self._buffer) > HEAD_BYTES_MAX:
                 raise PartsBrokenError("a part's headers do not end")
             return None
         at, length = min(ends)

@@ -136,6 +136,7 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end():
         (state(101), None),
         ({"percentage": True}, None),
         ({"percentage": "full"}, None),
+        ({"percentage": 10**400, "charge": 1.0, "capacity": -(10**400)}, None),
         ({}, None),
     ],
 )

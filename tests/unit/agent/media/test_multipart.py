@@ -59,12 +59,13 @@ def test_what_is_no_stream_is_named(content_type):
 
 
 def test_nothing_grows_without_bound(monkeypatch):
-    """A huge picture, one that never ends, and headers that never end are refused."""
+    """A huge picture, one that never ends, headers that never end, and empty lines alone are refused."""
     monkeypatch.setattr(multipart, "PICTURE_BYTES_MAX", 1000)
     for stream in (
         b"--b\r\nContent-Length: 1001\r\n\r\n",
         b"--b\r\nA: b\r\n\r\n" + bytes(2000),
         b"--b\r\n" + b"A: b\r\n" * 2000,
+        b"\r\n" * 10_000,
     ):
         with pytest.raises(PartsBrokenError):
             in_pieces(stream, 100)
