@@ -1,4 +1,4 @@
-"""Turns problems into answers: JSON (RFC 9457) under /api, a page elsewhere.
+"""Turns problems into answers: JSON (RFC 9457) under /api and /static, a page elsewhere.
 
 The border of a request: what nobody foresaw is logged here with its traceback, and told as 500.
 """
@@ -21,6 +21,9 @@ from robotether_server.problems import (
 
 logger = logging.getLogger(__name__)
 
+# nginx compresses what is under /static: a page there would show by its length what stands in it (BREACH).
+JSON_PATHS = ("/api/", "/static/")
+
 
 def register(app: Flask) -> None:
     """Answer every kind of failure of the application."""
@@ -34,7 +37,7 @@ def answer(problem: Problem) -> Response:
     """Return the answer that tells a problem."""
     if isinstance(problem, StoreUnavailable):
         logger.error("%s: %s", problem.detail, problem.__cause__)
-    response = _as_json(problem) if request.path.startswith("/api/") else _as_page(problem)
+    response = _as_json(problem) if request.path.startswith(JSON_PATHS) else _as_page(problem)
     response.status_code = problem.status
     if isinstance(problem, Throttled):
         response.headers["Retry-After"] = str(problem.retry_after_s)

@@ -15,6 +15,13 @@ def test_page_problem_is_a_page(browser: Browser) -> None:
     assert (answer.status_code, answer.mimetype) == (404, "text/html")
 
 
+def test_a_file_that_is_not_there_is_no_page(browser: Browser) -> None:
+    """What nginx compresses must hold no secret of the visitor's, as each page's form token is."""
+    answer = browser.ask("GET", "/static/nothing.js")
+    assert (answer.status_code, answer.mimetype) == (404, "application/problem+json")
+    assert "csrf" not in answer.text
+
+
 @pytest.mark.parametrize(
     ("path", "mimetype"), [("/api/v1/me", "application/problem+json"), ("/", "text/html")]
 )
