@@ -39,7 +39,7 @@ export class Inspector {
     this.element = make(
       "section",
       { class: "topic-look", "aria-label": name, "data-testid": "topic-look", "data-topic": name },
-      make("header", {}, make("h3", {}, name), this.close),
+      make("header", {}, make("h2", {}, name), this.close),
       make("p", { class: "topic-type" }, type || texts.untyped),
       make("div", { class: "topic-pace" }, this.pace, this.measure),
       this.heavy, this.getOne, this.notice, this.content, this.buildPlot(),
