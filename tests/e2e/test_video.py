@@ -109,16 +109,14 @@ async def test_a_slow_viewer_slows_no_one_and_sees_the_newest(program: Program) 
 
 
 async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) -> None:
-    """An <img> on a narrow link falls behind by what the way holds, and no more: the rest is skipped."""
+    """What an <img> on a narrow link does not take in time is left out at the relay, and waits nowhere for ever."""
     ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
     path = f"/robots/sim1/video/stream?topic={quote(TOPIC)}&quality=90&ticket={ticket}"
     seen = await asyncio.to_thread(_read_slowly, stack, path, 20.0)
-    ages = [age for age, _ in seen]
-    late, last = ages[len(ages) // 2 :], seen[-1][1] - seen[len(seen) // 2][1]
-    assert len(late) > 10, ages
-    # Twice as many came from the camera, and their age has stopped growing.
-    assert last > 1.5 * len(late), seen
-    assert max(late) < 8, ages
+    # How old they are hangs on how much the kernels on the way hold, which nobody here decides: docs/media.md.
+    late = [number for _, number in seen[len(seen) // 2 :]]
+    assert len(late) > 10, seen
+    assert late[-1] - late[0] > 1.5 * len(late), seen
 
 
 def _read_slowly(stack: Stack, path: str, seconds: float) -> list[tuple[float, int]]:
