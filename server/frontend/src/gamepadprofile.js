@@ -1,5 +1,5 @@
-// What a gamepad's sticks and buttons do: `{version, axes, buttons, forward, left, turn, enable, turbo, stop, deadZone}`.
-// The first two are how many the device has; forward, left (or null) and turn are {axis, sign, invert}, the sign that
+// What a gamepad's sticks and buttons do: `{version, axes, buttons, mapping, forward, left, turn, enable, turbo, stop, deadZone}`.
+// `axes` and `buttons` are how many the device has, `mapping` is the browser's order of them; forward, left (or null) and turn are {axis, sign, invert}, the sign that
 // of the axis when the stick is pushed forward or left; enable, turbo and stop are buttons, the last two may be null. Pure.
 
 export const MOTIONS = ["forward", "left", "turn"];
@@ -21,23 +21,25 @@ export function usualProfile({ mapping, axes, buttons }, kind) {
     turn: towards(sideways ? RIGHT_STICK[0] : across),
     ...BUTTONS,
   };
-  return madeOf(learnt, { axes, buttons });
+  return madeOf(learnt, { axes, buttons, mapping });
 }
 
 const towards = (axis) => ({ axis, sign: -1 }); // browsers count down and right as positive
 
 // `learnt` gives forward, left, turn as {axis, sign} and enable, turbo, stop; `rest`: what these sticks show untouched.
-export function madeOf(learnt, { axes, buttons }) {
+export function madeOf(learnt, { axes, buttons, mapping }) {
   const { enable, turbo = null, stop = null, rest = 0 } = learnt;
   const deadZone = Math.min(DEAD_ZONE.most, Math.max(DEAD_ZONE.usual, rest));
-  const profile = { version: VERSION, axes, buttons, enable, turbo, stop, deadZone };
+  const profile = { version: VERSION, axes, buttons, mapping, enable, turbo, stop, deadZone };
   for (const name of MOTIONS) profile[name] = learnt[name] ? { invert: false, ...learnt[name] } : null;
   return profile;
 }
 
-// Whether what was kept is a profile, and of a device with as many axes and buttons.
-export function fits(profile, { axes, buttons }) {
-  if (profile?.version !== VERSION || profile.axes !== axes || profile.buttons !== buttons) return false;
+// Whether what was kept is a profile, and of a device with as many axes and buttons in the same order: the same one may
+// come in another, by cable or by another version of the browser.
+export function fits(profile, { axes, buttons, mapping }) {
+  if (profile?.version !== VERSION || profile.mapping !== mapping) return false;
+  if (profile.axes !== axes || profile.buttons !== buttons) return false;
   return motionsFit(profile, axes) && buttonsFit(profile, buttons) && isDeadZone(profile.deadZone);
 }
 

@@ -57,11 +57,11 @@ export class Teleop {
     if (this.held.delete(input) && this.held.size === 0) this.zero();
   }
 
-  // Ends any motion input at once. Zeroes also when nothing is held here.
+  // Ends any motion input at once. Zeroes also when nothing is held here, and before anything else.
   halt() {
     this.held.clear();
-    this.onDrop();
     if (this.armed) this.zero();
+    this.onDrop();
   }
 
   // For a page that nobody may be looking at. Silent when nothing is held, since somebody else may drive.
@@ -151,11 +151,11 @@ export class Teleop {
     if (this.mayQueue()) this.pass(wanted, at);
   }
 
-  // Zero is meant whenever it is sent.
+  // Zero is meant whenever it is sent. It goes out first: what is shown may fail.
   sendZero() {
     this.zerosLeft -= 1;
-    this.onWanted(STILL);
     this.pass(STILL, this.moment());
+    this.onWanted(STILL);
   }
 
   pass(twist, at) {

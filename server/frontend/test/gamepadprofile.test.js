@@ -81,3 +81,11 @@ test("what was learnt makes a profile that fits its device", () => {
   assert.deepEqual([made.left, made.turbo, made.stop], [null, null, null]);
   assert.equal(asked(made, { axes: [0, 0, 1], buttons: [] }).forward, 1);
 });
+
+test("what was learnt of a device fits it only as long as the browser counts its axes in the same order", () => {
+  const raw = { mapping: "", axes: 4, buttons: 17 };
+  const learnt = madeOf({ forward: { axis: 3, sign: -1 }, turn: { axis: 2, sign: -1 }, enable: 4 }, raw);
+  const kept = JSON.parse(JSON.stringify(learnt));
+  assert.equal(fits(kept, raw), true);
+  assert.equal(fits(kept, STANDARD), false);
+});

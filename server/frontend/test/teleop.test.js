@@ -96,6 +96,19 @@ test("halt zeroes at once, drops what is held, and tells the inputs", () => {
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
+test("zero goes out whatever the rest of the page does", () => {
+  const fail = () => {
+    throw new Error("cannot draw");
+  };
+  teleop.hold("keyboard", FORWARD);
+  teleop.onWanted = fail;
+  teleop.onDrop = fail;
+  sent.length = 0;
+  assert.throws(() => teleop.release("keyboard"), /cannot draw/);
+  assert.throws(() => teleop.halt(), /cannot draw/);
+  assert.deepEqual(sent, [STILL, STILL]);
+});
+
 test("a page that nobody looks at zeroes what is held, and is silent when nothing is", () => {
   teleop.letGo();
   assert.deepEqual(sent, []);
