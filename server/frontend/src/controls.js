@@ -3,13 +3,15 @@
 import { GamepadPanel } from "./gamepadpanel.js";
 import { Keyboard } from "./keyboard.js";
 import { setUpLimits } from "./limits.js";
+import { isSteered } from "./messages.js";
 import { part } from "./page.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
 import { letGoWhenUnsure } from "./unsure.js";
 
 // `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue` and `onWanted` as of teleop.js;
-// `onStop()` comes from a gamepad's stop button. Gives {arm, disarm, letGo, halt}.
+// `onStop()` comes from a gamepad's stop button. Gives {arm, disarm, letGo, halt, useType}; `useType(type)` tells the
+// type of the drive commands, which makes a car of a robot that nobody has set up as one.
 export function setUpControls(root, { kind, limits: highest, publish, mayQueue, onWanted, onStop }) {
   const limits = setUpLimits(root, highest);
   const inputs = [];
@@ -27,7 +29,8 @@ export function setUpControls(root, { kind, limits: highest, publish, mayQueue, 
     teleop.disarm();
     sticks.arm(false);
   };
-  return { arm, disarm, letGo: () => teleop.letGo(), halt: () => teleop.halt() };
+  const useType = (type) => (teleop.kind = isSteered(type) ? "ackermann" : kind);
+  return { arm, disarm, useType, letGo: () => teleop.letGo(), halt: () => teleop.halt() };
 }
 
 function setUpKeyboard(root, teleop, kind) {

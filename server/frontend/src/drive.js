@@ -24,7 +24,7 @@ import { View } from "./view.js";
 import { Wheel } from "./wheel.js";
 
 const CHECK_MS = 50;
-const NO_CONTROLS = { arm() {}, disarm() {}, letGo() {}, halt() {} };
+const NO_CONTROLS = { arm() {}, disarm() {}, useType() {}, letGo() {}, halt() {} };
 
 const root = document.querySelector("main.drive");
 const { robot, level, user } = root.dataset;
@@ -143,6 +143,7 @@ function showBanner() {
 
 function useTopics({ twistType, speed, topics }) {
   commands.useType(twistType);
+  controls.useType(commands.type);
   if (speed) readback.follow(speed);
   view.found(topics);
   panels.topics(topics);

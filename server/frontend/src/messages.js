@@ -11,6 +11,9 @@ const USUAL_WHEELBASE_M = 0.33;
 // "geometry_msgs/msg/Twist" (ROS 2) and "geometry_msgs/Twist" (ROS 1) are one type.
 export const plainType = (type) => type.replace("/msg/", "/");
 
+// Whether the robot takes speed and steering angle: only a car does.
+export const isSteered = (type) => plainType(type ?? "") === ACKERMANN_STAMPED;
+
 // The type to advertise the drive topic with. rosbridge of either ROS takes the ROS 1 name, of ROS 2 both;
 // what the robot says itself comes first, for bridges that are stricter.
 export function twistType(topicType, typesSeen) {

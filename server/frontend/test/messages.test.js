@@ -3,6 +3,7 @@ import { test } from "node:test";
 
 import {
   driveMessage,
+  isSteered,
   speedReader,
   speedTopic,
   twistType,
@@ -73,4 +74,11 @@ test("speed is read from odometry and from turtlesim's pose", () => {
   });
   const pose = { linear_velocity: 0.5, angular_velocity: -1 };
   assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
+});
+
+test("only a car's type is steered, under its ROS 1 and ROS 2 name", () => {
+  assert.equal(isSteered("ackermann_msgs/AckermannDriveStamped"), true);
+  assert.equal(isSteered("ackermann_msgs/msg/AckermannDriveStamped"), true);
+  assert.equal(isSteered("geometry_msgs/Twist"), false);
+  assert.equal(isSteered(null), false);
 });
