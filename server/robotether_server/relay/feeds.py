@@ -34,6 +34,8 @@ log = logging.getLogger(__name__)
 
 # A page that is loaded anew, or that swaps its cameras, finds its feed again; within 1 s it is closed.
 LINGER_S = 0.5
+# Of one robot, whose agent has room for 8 cameras: who leaves one after the other must not use that up.
+MOST_LINGERING = 2
 # What a new viewer is shown at once.
 FRESH_S = 1.0
 
@@ -214,7 +216,7 @@ class Feeds:
         finally:
             feed.leave(viewer)
             if not feed.watched:
-                asyncio.get_running_loop().call_later(LINGER_S, self._close_unwatched, feed)
+                self._let_linger(feed)
 
     def count(self) -> int:
         """How many feeds there are."""
@@ -254,6 +256,16 @@ class Feeds:
         ending = task.result()
         log.info("robot %s: feed of %r ended: %s", feed.robot.name, feed.topic[:100], ending.reason)
         feed.end(ending)
+
+    def _let_linger(self, feed: Feed) -> None:
+        robot_id = feed.robot.id
+        lingering = [
+            each for each in self._feeds.values() if each.robot.id == robot_id and not each.watched
+        ]
+        if len(lingering) > MOST_LINGERING:
+            self._close(feed)
+        else:
+            asyncio.get_running_loop().call_later(LINGER_S, self._close_unwatched, feed)
 
     def _close_unwatched(self, feed: Feed) -> None:
         if not feed.watched:

@@ -9,6 +9,7 @@ import time
 import pytest
 from relay_server import until
 from robotether_server.relay import endings
+from robotether_server.relay import feeds as feeds_module
 from robotether_server.relay.endings import Ending
 from robotether_server.relay.feeds import Feed, Feeds, FeedTraffic
 from robotether_server.relay.pictures import BrokenFramesError, SenderClock, Want
@@ -158,6 +159,18 @@ async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypa
         assert again is feed
         assert feeds.count() == 1
     await until(lambda: feeds.count() == 0, "it is closed")
+    await feeds.close()
+
+
+async def test_few_feeds_linger(sim1, monkeypatch):
+    """Who opens and leaves one camera after the other must not use up the room that a robot has for others."""
+    monkeypatch.setattr("robotether_server.relay.feeds.LINGER_S", 60)
+    feeds = feeds_that(_for_ever)
+    with feeds.followed(sim1, "/watched", Eye()):
+        for number in range(20):
+            with feeds.followed(sim1, f"/{number}", Eye()):
+                pass
+        assert feeds.count() == 1 + feeds_module.MOST_LINGERING
     await feeds.close()
 
 
