@@ -68,6 +68,8 @@ class Permit:
     credential: Credential
     # What the connection may do: a manager's observing connection only observes.
     level: Level = "observe"
+    # Whether the user could drive the robot, whatever this is for.
+    may_drive: bool = False
 
 
 class UsedTickets:
@@ -146,7 +148,8 @@ class Access:
             return self._permit_of_ticket(ticket, name, "video")
         asker = await self.asker(request)
         robot = self.visible_robot(asker.user, name)
-        return Permit(asker.user, robot, "video", asker.credential)
+        may_drive = permits(self._snapshot().level(asker.user.id, robot.id), "drive")
+        return Permit(asker.user, robot, "video", asker.credential, may_drive=may_drive)
 
     async def for_frames(self, request: Request, name: str) -> Permit:
         """Let a ticket open one connection to the pictures of robot `name`, and use it up; or a login or token."""
@@ -228,7 +231,8 @@ class Access:
         if granted is None or not permits(granted, use):
             raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
         credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
-        return Permit(user, robot, use, credential, granted if use == "drive" else "observe")
+        level = granted if use == "drive" else "observe"
+        return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 
     def visible_robot(self, user: User, name: str) -> Robot:
         """Return the robot; RobotUnknown when there is none for this user."""

@@ -31,6 +31,8 @@ class Caps:
     per_user: int = 32
     # Of each use: observers and viewers must not keep a driver out.
     per_robot: int = 64
+    # A robot shows 8 at once; the others are left to those who may drive it.
+    cameras_of_observers: int = 4
 
 
 @dataclass(eq=False)
@@ -44,6 +46,9 @@ class Connection:
     end: Callable[[Ending], None]
     reached: bool = False
     level: Level = "observe"
+    # Of a viewer: what it looks at, and whether it could drive.
+    camera: str = ""
+    may_drive: bool = False
 
     def holds_in(self, snapshot: Snapshot) -> bool:
         """Tell whether the user may still do this with this robot."""
@@ -82,9 +87,20 @@ class Connections:
             return f"you have {mine} connections open already; close one first"
         members = self._by_robot.get(connection.robot.id, ())
         there = sum(member.use == connection.use for member in members)
-        if there >= caps.per_robot:
+        only_watches = connection.use == "video" and not connection.may_drive
+        if there >= caps.per_robot - (caps.per_robot // 4 if only_watches else 0):
             return f"robot {connection.robot.name} has {there} of them already; try again later"
+        if only_watches and self._too_many_cameras(connection):
+            return (
+                f"robot {connection.robot.name} shows {caps.cameras_of_observers} cameras already to "
+                "those who only watch; close one first"
+            )
         return None
+
+    def _too_many_cameras(self, connection: Connection) -> bool:
+        members = self._by_robot.get(connection.robot.id, ())
+        watched = {member.camera for member in members if not member.may_drive}
+        return len((watched | {connection.camera}) - {""}) > self.caps.cameras_of_observers
 
     @contextmanager
     def joined(self, connection: Connection) -> Iterator[None]:

@@ -62,7 +62,7 @@ class FramesHandler:
         permit = await self._means.access.for_frames(asked, request.match_info["name"])
         socket = ViewerSocket(MAX_TEXT_BYTES)
         visit = FramesVisit(socket, permit, self._means, self._limits)
-        connection = connection_of(permit, visit.end)
+        connection = connection_of(permit, topic, visit.end)
         if (why := self._means.connections.no_room(connection)) is not None:
             visit.end(endings.too_many_connections(why))
         # Before anything waits: a right that ends in the meantime must end this connection.

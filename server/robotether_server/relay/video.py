@@ -63,7 +63,7 @@ class VideoHandler:
 
         # A ticket is what a page of another site asks with, which may then show the picture.
         embeddable = asked.ticket is not None
-        connection = connection_of(permit, cut)
+        connection = connection_of(permit, request.query.get("topic", ""), cut)
         if (why := self._means.connections.no_room(connection)) is not None:
             raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
         with counted(self._means, permit, connection):

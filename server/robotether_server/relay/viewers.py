@@ -23,8 +23,8 @@ from robotether_server.relay.pictures import Picture
 MAX_TOPIC = 255
 
 
-def connection_of(permit: Permit, end: Callable[[Ending], None]) -> Connection:
-    """Return the connection that a viewer counts as."""
+def connection_of(permit: Permit, camera: str, end: Callable[[Ending], None]) -> Connection:
+    """Return the connection that a viewer of this camera counts as; no camera: an empty text."""
     return Connection(
         permit.user.id,
         permit.user.name,
@@ -33,6 +33,8 @@ def connection_of(permit: Permit, end: Callable[[Ending], None]) -> Connection:
         end,
         level=permit.level,
         reached=True,
+        camera=camera,
+        may_drive=permit.may_drive,
     )
 
 

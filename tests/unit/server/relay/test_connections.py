@@ -164,6 +164,29 @@ def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
     assert live.connections.no_room(replace(observer, robot=sim2)) is None
 
 
+def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1):
+    """A quarter of a robot's viewers, and half of the cameras that it shows, are for those who may drive it."""
+    live.connections.caps = Caps(per_user=9, per_robot=8)
+    observer = replace(live.add(2, sim1, "video"), camera="/a")
+    for _ in range(5):
+        live.add(2, sim1, "video")
+    assert "robot sim1 has 6" in (live.connections.no_room(observer) or "")
+    assert live.connections.no_room(replace(observer, may_drive=True)) is None
+
+
+def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
+    """One more is refused, one that is open already is not, and a driver's are not counted."""
+    live.connections.caps = Caps(cameras_of_observers=2)
+    for camera, may_drive in (("/a", False), ("/b", False), ("/c", True)):
+        viewer = live.add(2, sim1, "video")
+        viewer.camera, viewer.may_drive = camera, may_drive
+    more = replace(viewer, camera="/d", may_drive=False)
+    assert "shows 2 cameras already" in (live.connections.no_room(more) or "")
+    assert live.connections.no_room(replace(more, camera="/b")) is None
+    assert live.connections.no_room(replace(more, may_drive=True)) is None
+    assert live.connections.no_room(replace(more, robot=sim2)) is None
+
+
 def test_stopping_ends_all(live, sim1, sim2):
     """Every connection to every robot hears why."""
     each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
