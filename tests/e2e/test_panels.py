@@ -138,7 +138,11 @@ def test_a_button_that_asks_waits_for_yes_and_moves_nothing(dora: Page) -> None:
     expect(_button(dora, DOCK)).to_be_focused()
     expect(dora.get_by_test_id("button-outcome")).to_have_text("")
     dora.keyboard.press("Enter")
-    dora.get_by_test_id(f"button-{DOCK}-yes").click()
+    yes = dora.get_by_test_id(f"button-{DOCK}-yes")
+    expect(yes).to_be_enabled()  # a double press is no answer
+    dora.keyboard.press("Shift+Tab")
+    expect(yes).to_be_focused()
+    dora.keyboard.press("Enter")
     expect(dora.get_by_test_id("button-outcome")).to_have_text(
         "Dock: done. The robot says: docked, the battery charges", timeout=5_000
     )
