@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 VENV := .venv
 PYTEST := $(VENV)/bin/pytest
-# Two files at once, each beside a stack of its own; not for tests/e2e, which time what a person would notice.
+# Two files at once, each beside a stack of its own.
 BY_FILE := -n 2 --dist loadfile
 
 .PHONY: help demo up down images test test-unit test-images test-e2e test-ansible test-server lint bench enrol-times screenshots venv frontend-test clean
@@ -45,7 +45,7 @@ test-images: venv images ## ask the daemons in the images what is in force
 
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
-	@$(PYTEST) tests/e2e
+	@$(PYTEST) $(BY_FILE) tests/e2e
 
 test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
