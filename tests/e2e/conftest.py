@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
@@ -13,6 +13,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from stack import ROOT, Stack
 
 DESKTOP = {"viewport": {"width": 1280, "height": 800}}
+FAILED = pytest.StashKey[bool]()
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +34,17 @@ def context(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Browse
     made.close()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Let the fixtures know how the test ended."""
+    report = yield
+    if report.failed:
+        item.stash[FAILED] = True
+    return report
+
+
 @pytest.fixture
 def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) -> Iterator[Page]:
     """A page logged in as admin; a console error or a failing test leaves a picture in tests/artifacts."""
@@ -41,6 +53,7 @@ def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) 
     opened.on("pageerror", lambda error: errors.append(str(error)))
     log_in(opened, stack)
     yield opened
-    name = re.sub(r"\W+", "_", request.node.name)
-    opened.screenshot(path=ROOT / "tests" / "artifacts" / f"{name}.png")
+    if errors or FAILED in request.node.stash:
+        name = re.sub(r"\W+", "_", request.node.name)
+        opened.screenshot(path=ROOT / "tests" / "artifacts" / f"{name}.png")
     assert errors == [], f"the page raised {errors}"

@@ -120,6 +120,8 @@ def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
     expect(state).not_to_have_attribute("data-state", "live", timeout=10_000)
     expect(state).to_have_attribute("data-state", "live", timeout=30_000)
     assert page.evaluate("window.sameDocument") is True
+    # There is a picture to drive by, too.
+    expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true", timeout=15_000)
     with SimWatch(stack, "sim2") as watch:
         page.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
@@ -131,9 +133,9 @@ def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
 def test_observer_sees_and_cannot_drive(stack: Stack, browser: Browser) -> None:
     """A user with the level observe sees the robot live, without controls."""
     crew = Crew(stack, browser)
-    crew.let("olga", "observe", "sim1")
+    crew.let("otto", "observe", "sim1")
     try:
-        watching = crew.visit("olga")
+        watching = crew.visit("otto")
         expect(watching.get_by_test_id("robot-card-sim1")).to_be_visible()
         expect(watching.get_by_test_id("robot-card-sim2")).to_have_count(0)
         open_robot(watching, stack, "sim1")
