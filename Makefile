@@ -41,16 +41,16 @@ frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
 
 test-images: venv images ## ask the daemons in the images what is in force
-	@$(PYTEST) $(BY_FILE) tests/images
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images
 
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
-	@$(PYTEST) $(BY_FILE) tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/e2e
 
 test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
 	@tools/ensure_robot_host_image
-	@$(PYTEST) $(BY_FILE) tests/ansible --ignore tests/ansible/test_server.py
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/ansible --ignore tests/ansible/test_server.py
 
 test-server: venv images ## server.yml on a machine of its own with a Docker engine inside; not in make test, for its 4 to 9 minutes
 	@tools/ensure_test_hosts

@@ -71,7 +71,9 @@ class Stack:
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]
         self.env_file.write_text("\n".join(lines) + "\n")
-        self.tool("tools/up", *(["--demo"] if robots else []), timeout=1500)
+        # The make targets build first; two stacks that start at once need not look for changes again.
+        built = ["--no-build"] if "IMAGES_ARE_BUILT" in os.environ else []
+        self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
 
     def down(self) -> None:
         """Remove containers, networks and volumes of this project."""
