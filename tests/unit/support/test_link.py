@@ -26,8 +26,6 @@ PORT = 5000
 SO_RCVBUFFORCE = 33
 DATAGRAM = 1000
 # Of the IP packet: payload, UDP, IP.
-# A round trip is four turns of the emulator, and an idle processor wakes late: up to 0.4 ms each here.
-WAKE_UP_MS = 1.6
 PACKET = DATAGRAM + 28
 SUPPORT = Path(__file__).resolve().parents[2] / "support"
 
@@ -104,7 +102,7 @@ def burst(link: Link, count: int) -> list[tuple[float, bytes]]:
 def test_round_trip_is_both_delays() -> None:
     """Within 1 ms at the median."""
     with Link(up=Shape(delay_s=0.019), down=Shape(delay_s=0.012)) as link:
-        assert statistics.median(round_trips_ms(link)) == pytest.approx(31, abs=WAKE_UP_MS)
+        assert statistics.median(round_trips_ms(link)) == pytest.approx(31, abs=1)
 
 
 @pytest.mark.parametrize("rate", [4.97e6, 50e6])
@@ -149,7 +147,7 @@ def test_a_running_link_can_be_changed() -> None:
     with Link(up=Shape(), down=Shape()) as link:
         assert statistics.median(round_trips_ms(link)) < 2
         link.change(up=Shape(delay_s=0.01))
-        assert statistics.median(round_trips_ms(link)) == pytest.approx(10, abs=WAKE_UP_MS)
+        assert statistics.median(round_trips_ms(link)) == pytest.approx(10, abs=1)
         link.change(up=Shape(blackhole=True))
         assert burst(link, 5) == []
         link.change(up=Shape())
