@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,9 +13,13 @@ USER_TICKS, SYSTEM_TICKS, START = 11, 12, 19
 
 
 def with_words(container: Container, words: str) -> list[int]:
-    """Those with these words in their command, the oldest first: numbers begin anew when they are used up."""
+    """Those with these whole words in their command, the oldest first: numbers begin anew when they are used up.
+
+    Whole: a health check of `-m sim_robot.healthcheck` is no `-m sim_robot`, and is gone a moment later.
+    """
     table = container.top(ps_args="-eo pid,args")["Processes"]
-    found = [int(pid) for pid, command in table if words in command and "tini" not in command]
+    told = re.compile(rf"(?<!\S){re.escape(words)}(?!\S)")
+    found = [int(pid) for pid, command in table if told.search(command) and "tini" not in command]
     return sorted(found, key=_started)
 
 
