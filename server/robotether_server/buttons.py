@@ -57,11 +57,8 @@ class Button:
 
 def parse(given: object) -> tuple[Button, ...]:
     """Return the buttons of a JSON list; raise FieldInvalid, which names the member: buttons.1 is the first."""
-    if not isinstance(given, list | tuple) or len(given) > MOST_BUTTONS:
-        raise FieldInvalid(
-            f"cannot use buttons: it must be a list of at most {MOST_BUTTONS} buttons"
-        )
-    buttons = tuple(parse_one(one, f"buttons.{place}") for place, one in enumerate(given, 1))
+    each = setting_values.listed(given, "buttons", MOST_BUTTONS, "buttons")
+    buttons = tuple(parse_one(one, f"buttons.{place}") for place, one in enumerate(each, 1))
     names = [button.name for button in buttons]
     for name in names:
         if names.count(name) > 1:

@@ -127,11 +127,8 @@ def _number(name: str, value: object, path: str) -> float:
 
 
 def _cameras(given: object) -> tuple[Camera, ...]:
-    if not isinstance(given, list | tuple) or len(given) > MOST_CAMERAS:
-        raise FieldInvalid(
-            f"cannot use page.cameras: it must be a list of at most {MOST_CAMERAS} cameras"
-        )
-    cameras = tuple(_camera(one, f"page.cameras.{place}") for place, one in enumerate(given, 1))
+    each = setting_values.listed(given, "page.cameras", MOST_CAMERAS, "cameras")
+    cameras = tuple(_camera(one, f"page.cameras.{place}") for place, one in enumerate(each, 1))
     topics = [camera.topic for camera in cameras]
     for topic in topics:
         if topics.count(topic) > 1:

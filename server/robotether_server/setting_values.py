@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 from robotether_server.globs import LONGEST_GLOB, Globs, is_glob
@@ -40,17 +40,24 @@ def members(given: object, path: str, known: Collection[str]) -> Mapping[str, ob
     return given
 
 
+def listed(given: object, path: str, most: int, of: str) -> Sequence[object]:
+    """Return a list of at most so many; `of` names in the plural what is in it, for the refusal."""
+    if not isinstance(given, list | tuple) or len(given) > most:
+        raise FieldInvalid(f"cannot use {path}: it must be a list of at most {most} {of}")
+    return given
+
+
 def globs(given: object, path: str) -> Globs:
     """Return patterns for names."""
-    if not isinstance(given, list | tuple) or len(given) > MOST_GLOBS:
-        raise FieldInvalid(f"cannot use {path}: it must be a list of at most {MOST_GLOBS} names")
-    for pattern in given:
+    patterns: list[str] = []
+    for pattern in listed(given, path, MOST_GLOBS, "names"):
         if not isinstance(pattern, str) or not is_glob(pattern):
             raise FieldInvalid(
                 f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
                 f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {LONGEST_GLOB} characters"
             )
-    return Globs(dict.fromkeys(given))
+        patterns.append(pattern)
+    return Globs(dict.fromkeys(patterns))
 
 
 def whole(given: object, path: str, bounds: Bounds, instead: str = "") -> int:

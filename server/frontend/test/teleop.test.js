@@ -318,16 +318,3 @@ test("with nothing held, being disarmed sends nothing: somebody else may drive",
   pass(1000);
   assert.deepEqual(sent, []);
 });
-
-test("where driving must end on a link that stands, zeros end it and only a new press after arming counts", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.disarm();
-  teleop.hold("keyboard", FORWARD);
-  pass(1000);
-  assert.deepEqual(sent, Array(5).fill(STILL));
-  assert.equal(drops, 1);
-  teleop.arm(true);
-  pass(1000);
-  assert.equal(sent.length, 5);
-});

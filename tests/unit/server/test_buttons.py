@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
+import drive_settings
 import pytest
+from drive_settings import LIGHTS
 from robotether_server.buttons import LONGEST_FIELDS, MOST_BUTTONS, parse, parse_one
 from robotether_server.problems import FieldInvalid
 
-LIGHTS = {
-    "name": "Lights on",
-    "kind": "publish",
-    "topic": "/lights",
-    "type": "std_msgs/Bool",
-    "msg": {"data": True},
-    "confirm": False,
-}
-DOCK = {
-    "name": "Dock",
-    "kind": "call",
-    "service": "/dock",
-    "type": "",
-    "args": {},
-    "confirm": True,
-}
+DOCK = {**drive_settings.DOCK, "type": ""}
 
 
 def nested(depth: int) -> dict[str, object]:

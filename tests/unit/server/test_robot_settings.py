@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from drive_settings import DOCK, LIGHTS
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_server.globs import Globs
@@ -146,22 +147,6 @@ def test_settings_are_an_object(given_value):
         parse(given_value)
 
 
-LIGHTS = {
-    "name": "Lights",
-    "kind": "publish",
-    "topic": "/lights",
-    "type": "std_msgs/Bool",
-    "msg": {"data": True},
-    "confirm": False,
-}
-DOCK = {
-    "name": "Dock",
-    "kind": "call",
-    "service": "/dock",
-    "type": "",
-    "args": {},
-    "confirm": True,
-}
 BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
 
 
