@@ -1,0 +1,133 @@
+"""Numbered messages are counted, and their latencies told, exactly as they came."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import pytest
+from paper.numbered import FRAME_BYTES, Account, Histogram, joined, publish
+from paper.step import quantile
+
+
+def text(pair: int, number: int, due_ns: int = 0) -> str:
+    """What a subscriber gets of such a message."""
+    return str(json.loads(publish(pair, number, due_ns))["msg"]["data"])
+
+
+def account(*numbers: int, count: int = 4) -> Account:
+    """One in which these came, in this order."""
+    made = Account(pair=1, count=count)
+    for number in numbers:
+        made.note(text(1, number), 1_000_000)
+    return made
+
+
+def histogram(*times_ms: float) -> Histogram:
+    made = Histogram()
+    for ms in times_ms:
+        made.add(ms)
+    return made
+
+
+@pytest.mark.parametrize("number", [0, 99_999])
+def test_a_message_is_as_long_as_it_says(number: int) -> None:
+    """Whatever its number and moment."""
+    assert len(publish(49, number, 123_456_789_012_345)) == FRAME_BYTES
+
+
+def test_all_in_order_is_complete() -> None:
+    """Nothing is lost, duplicated or reordered."""
+    kept = account(0, 1, 2, 3)
+    assert kept.complete
+    assert (kept.duplicated, kept.reordered, kept.foreign) == (0, 0, 0)
+
+
+def test_what_is_missing_is_named() -> None:
+    """By its number."""
+    kept = account(0, 2)
+    assert not kept.complete
+    assert kept.as_json()["missing"] == [1, 3]
+
+
+def test_a_second_copy_is_a_duplicate_and_no_more() -> None:
+    """It is neither received again nor reordered, and has no latency."""
+    kept = account(0, 1, 2, 1, 1)
+    assert (kept.received, kept.duplicated, kept.reordered, kept.latency.total) == (3, 2, 0, 3)
+
+
+def test_what_a_later_one_overtook_is_reordered() -> None:
+    """Each that comes below the highest so far."""
+    assert account(3, 0, 1, 2).reordered == 3
+    assert account(0, 2, 1, 3).reordered == 1
+
+
+@pytest.mark.parametrize("data", [text(2, 0), text(1, 4), text(1, -1), "", "hello", "1 2", "1 2 x"])
+def test_what_is_of_nobody_here_is_foreign(data: str) -> None:
+    """Another pair's message, a number that was never sent, or no number."""
+    kept = Account(pair=1, count=4)
+    kept.note(data, 0)
+    assert (kept.foreign, kept.received) == (1, 0)
+
+
+def test_latency_counts_from_when_a_message_was_due() -> None:
+    """In ms."""
+    kept = Account(pair=1, count=1)
+    kept.note(text(1, 0, due_ns=5_000_000), 7_500_000)
+    assert kept.latency.as_json() == {"2.50": 1}
+
+
+@pytest.mark.parametrize("part", [0, 0.5, 0.9, 0.99, 0.999, 1])
+@pytest.mark.parametrize("count", [1, 2, 7, 1000, 5003])
+def test_quantiles_are_those_of_the_times_themselves(part: float, count: int) -> None:
+    """Within what a bin rounds."""
+    rng = random.Random(count)
+    times_ms = [rng.lognormvariate(1, 1) for _ in range(count)]
+    found = histogram(*times_ms).quantile_ms(part)
+    assert found == pytest.approx(
+        quantile(times_ms, part), abs=Histogram.FINEST_MS / 2 + 1e-9, rel=1e-4
+    )
+
+
+@pytest.mark.parametrize(
+    ("ms", "kept"),
+    [(0, "0.00"), (0.004, "0.00"), (3.456, "3.46"), (99.994, "99.99"), (99.999, "100.00"), (123.456, "123.50"),
+     (12_345.6, "12350.00"), (99_996, "100000.00")],
+)  # fmt: skip
+def test_a_time_is_kept_to_four_digits_and_no_finer_than_a_hundredth(ms: float, kept: str) -> None:
+    """So that however late messages come, a run is some ten thousand numbers."""
+    assert histogram(ms).as_json() == {kept: 1}
+
+
+def test_a_histogram_is_read_again_as_it_was() -> None:
+    """Also through JSON."""
+    made = histogram(0.29, 0.29, 57.01, 4321)
+    assert Histogram.of(json.loads(json.dumps(made.as_json()))).as_json() == made.as_json()
+
+
+def test_nothing_has_no_quantile() -> None:
+    """And no longest time; a longest time of 0 is one."""
+    assert (Histogram().quantile_ms(0.5), Histogram().max_ms) == (None, None)
+    assert histogram(0).max_ms == 0
+
+
+def test_the_share_of_longer_times_falls_to_nothing() -> None:
+    """From the lowest time on."""
+    assert histogram(1, 1, 2, 4).exceeded_by() == [(1.0, 0.5), (2.0, 0.25), (4.0, 0.0)]
+
+
+def test_a_run_is_the_sum_of_its_pairs() -> None:
+    """What was not sent is not lost, and each ending is told once."""
+    sender = {"sent": 4, "unsent": 0, "redials": 1, "endings": ["4408"], "lateness": {"0.10": 4}}
+    late = {
+        "sent": 3,
+        "unsent": 1,
+        "redials": 0,
+        "endings": ["4408"],
+        "lateness": {"0.10": 1, "9.00": 2},
+    }
+    run = joined([sender, late], [account(0, 1, 2, 3).as_json(), account(0, 2).as_json()])
+    assert (run["sent"], run["unsent"], run["received"], run["lost"]) == (7, 1, 6, 1)
+    assert (run["redials"], run["endings"], run["missing"]) == (1, ["4408"], {"1": [1, 3]})
+    assert run["lateness"] == {"0.10": 5, "9.00": 2}
+    assert run["latency"] == {"1.00": 6}
