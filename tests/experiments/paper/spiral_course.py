@@ -1,0 +1,111 @@
+"""The paper's spiral: the commands, the ideal way they describe, and what turtlesim's steps make of them. Pure.
+
+Frame: that of the robot when it starts: metres, x ahead, y to the left; theta in radians, counter-clockwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from sim_robot.kinematics import STANDING, STEP_S, Pose, Turtle, Velocity
+
+RATE_HZ = 2.0
+INTERVAL_S = 1 / RATE_HZ
+FIRST_SPEED_M_S, SPEED_STEP_M_S, TURN_RAD_S = 1.0, 0.05, 1.0
+LENGTH_M = 78.275
+# Sums of speeds are exact to far less than this.
+ROUNDING_M = 1e-6
+START = Pose(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Change:
+    """From `at_s` on the robot is told this velocity."""
+
+    at_s: float
+    velocity: Velocity
+
+
+def velocities(length_m: float = LENGTH_M) -> list[Velocity]:
+    """One an interval, the next a little faster, until together they command at least this length."""
+    speeds: list[float] = []
+    while sum(speeds) * INTERVAL_S < length_m - ROUNDING_M:
+        speeds.append(FIRST_SPEED_M_S + SPEED_STEP_M_S * len(speeds))
+    return [Velocity(speed, 0.0, TURN_RAD_S) for speed in speeds]
+
+
+def velocities_within(seconds: float) -> list[Velocity]:
+    """Those of the whole spiral that end within this time."""
+    return velocities()[: int(seconds * RATE_HZ)]
+
+
+def commanded_m(wanted: Sequence[Velocity]) -> float:
+    """How far the robot is told to go."""
+    return sum(each.linear_x for each in wanted) * INTERVAL_S
+
+
+def punctual(wanted: Sequence[Velocity]) -> list[Change]:
+    """The commands at exact intervals, and the standstill after the last."""
+    return [Change(n * INTERVAL_S, each) for n, each in enumerate([*wanted, STANDING])]
+
+
+def along(pose: Pose, velocity: Velocity, seconds: float) -> Pose:
+    """Where a robot is that keeps this velocity so long: a straight line or an arc, in closed form."""
+    speed, turn = velocity.linear_x, velocity.angular_z
+    theta = pose.theta + turn * seconds
+    if turn == 0:
+        way = speed * seconds
+        return Pose(pose.x + way * math.cos(theta), pose.y + way * math.sin(theta), theta)
+    radius = speed / turn
+    return Pose(
+        pose.x + radius * (math.sin(theta) - math.sin(pose.theta)),
+        pose.y - radius * (math.cos(theta) - math.cos(pose.theta)),
+        theta,
+    )
+
+
+def end_of(changes: Sequence[Change]) -> Pose:
+    """Where a robot stands that follows at once and exactly; the last change has to stop it."""
+    pose = START
+    for change, following in pairwise(changes):
+        pose = along(pose, change.velocity, following.at_s - change.at_s)
+    return pose
+
+
+def way_of(changes: Sequence[Change], points: int = 10) -> Iterator[tuple[float, float]]:
+    """(x, y) along the exact way, `points` of them between two changes."""
+    pose = START
+    for change, following in pairwise(changes):
+        lasts_s = following.at_s - change.at_s
+        for n in range(points):
+            here = along(pose, change.velocity, lasts_s * n / points)
+            yield here.x, here.y
+        pose = along(pose, change.velocity, lasts_s)
+    yield pose.x, pose.y
+
+
+def stepped_end(changes: Sequence[Change], phase_s: float) -> Pose:
+    """Where turtlesim's kinematics end: they take a change at their next step, the first of which is at `phase_s`."""
+    turtle, number = Turtle(2 * commanded_m([each.velocity for each in changes]) + 1), 0
+    start = turtle.pose
+    for change in changes:
+        while (now_s := phase_s + number * STEP_S) < change.at_s:
+            turtle.step(now_s)
+            number += 1
+        turtle.command(change.velocity, now_s)
+    return in_frame_of(start, turtle.pose)
+
+
+def stepped_ends(changes: Sequence[Change], phases: int = 160) -> list[Pose]:
+    """`stepped_end` for so many phases, evenly over a step: all that can happen to exactly punctual commands."""
+    return [stepped_end(changes, n * STEP_S / phases) for n in range(phases)]
+
+
+def in_frame_of(start: Pose, pose: Pose) -> Pose:
+    """The pose as a robot at `start` sees it."""
+    east, north = pose.x - start.x, pose.y - start.y
+    cos, sin = math.cos(start.theta), math.sin(start.theta)
+    return Pose(cos * east + sin * north, cos * north - sin * east, pose.theta - start.theta)
