@@ -45,10 +45,21 @@ def why_not_here() -> str:
 class Link:
     """A running link; its namespaces are there inside `with` only."""
 
-    def __init__(self, *, up: Shape, down: Shape, seed: int = 1) -> None:
+    def __init__(
+        self,
+        *,
+        up: Shape,
+        down: Shape,
+        seed: int = 1,
+        robot_address: str = ROBOT_ADDRESS,
+        server_address: str = SERVER_ADDRESS,
+        prefix_length: int = PREFIX_LENGTH,
+    ) -> None:
+        """Other addresses are for links that meet others behind their ends; both must be in one network."""
         name = f"{namespaces.PREFIX}-{os.getpid()}-{next(_numbers)}"
-        self.robot = Namespace(f"{name}-robot", ROBOT_ADDRESS)
-        self.server = Namespace(f"{name}-server", SERVER_ADDRESS)
+        self.robot = Namespace(f"{name}-robot", robot_address)
+        self.server = Namespace(f"{name}-server", server_address)
+        self._prefix_length = prefix_length
         self._shapes = {"up": up, "down": down}
         self._seed = seed
         self._worker: subprocess.Popen[str] | None = None
@@ -106,7 +117,7 @@ class Link:
     def _give_address(self, end: Namespace) -> None:
         here = ("-n", end.name)
         ip(*here, "link", "set", DEVICE, "addrgenmode", "none")
-        ip(*here, "address", "add", f"{end.address}/{PREFIX_LENGTH}", "dev", DEVICE)
+        ip(*here, "address", "add", f"{end.address}/{self._prefix_length}", "dev", DEVICE)
         ip(*here, "link", "set", DEVICE, "up")
 
     def _order(self, order: dict[str, object]) -> dict[str, dict[str, int]]:
