@@ -1,0 +1,82 @@
+"""The server's slow line carries what it says, for both ends together, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from namespaces import PLACE, Namespace
+from paper.server_limit import line_profile, server_line
+
+pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root")
+
+MACHINE = "198.51.100.1"
+SENT_BYTES = 300_000
+
+
+@pytest.fixture(autouse=True)
+def machine() -> Iterator[None]:
+    """An address of this machine that nothing else uses, of those for documentation."""
+    ends = ["ip", "address", "add", f"{MACHINE}/32", "dev", "lo"]
+    subprocess.run(ends, check=True)
+    yield
+    subprocess.run(["del" if word == "add" else word for word in ends], check=True)
+
+
+def upload(listener: socket.socket, inside: Namespace) -> None:
+    """Send SENT_BYTES from there, until they have all come."""
+    with inside.entered():
+        client = socket.socket()
+    with client:
+        client.settimeout(20)
+        client.connect(listener.getsockname())
+        server, _ = listener.accept()
+        with server:
+            sender = threading.Thread(target=client.sendall, args=(bytes(SENT_BYTES),))
+            sender.start()
+            left = SENT_BYTES
+            while left:
+                left -= len(server.recv(1 << 16))
+            sender.join()
+
+
+def test_both_ends_share_the_line() -> None:
+    """Two uploads at once take as long as the line needs for both."""
+    with server_line(4, MACHINE) as line, socket.create_server((MACHINE, 0)) as one:
+        with socket.create_server((MACHINE, 0)) as other:
+            begun = time.monotonic()
+            ends = ((one, line.operators.inside), (other, line.robots.inside))
+            threads = [threading.Thread(target=upload, args=pair) for pair in ends]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join(30)
+            took_s = time.monotonic() - begun
+        to_server, from_server = line.passed_bytes()
+    assert 2 * SENT_BYTES < to_server < 2.4 * SENT_BYTES
+    assert from_server < SENT_BYTES / 5
+    needed_s = 2 * SENT_BYTES * 8 / 4e6
+    assert 0.9 * needed_s < took_s < 2 * needed_s + 1
+
+
+def test_an_end_says_whose_it_is() -> None:
+    """As other uplinks do."""
+    with server_line(4, MACHINE) as line:
+        for end in (line.operators, line.robots):
+            assert end.machine == MACHINE
+            assert end.profile == line_profile(4)
+        assert line.operators.inside.address != line.robots.inside.address
+
+
+def test_nothing_is_left() -> None:
+    """No namespace and no cable, also after a failure inside."""
+    with pytest.raises(ZeroDivisionError), server_line(4, MACHINE) as line:
+        device, names = line.device, [line.operators.inside.name, line.robots.inside.name]
+        raise ZeroDivisionError
+    assert not any((PLACE / name).exists() for name in names)
+    assert device not in {name for _, name in socket.if_nameindex()}
