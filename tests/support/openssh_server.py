@@ -16,7 +16,7 @@ import sys
 import tempfile
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from local_network import free_port
@@ -68,7 +68,9 @@ class OpenSshServer:
         port: int | None = None,
         address: str = "127.0.0.1",
         session_key: str = "none",
+        more: Sequence[str] = (),
     ) -> None:
+        """`more` are lines of sshd_config that stand at its end."""
         if not SSHD.exists():
             raise RuntimeError(
                 f"cannot start an SSH server: {SSHD} is missing; install openssh-server"
@@ -78,6 +80,7 @@ class OpenSshServer:
         self.user = getpass.getuser()
         self._relay_port = relay_port
         self._session_key = session_key
+        self._more = more
         self._place = Path(tempfile.mkdtemp(prefix="rt-sshd-"))
         self._process: subprocess.Popen[bytes] | None = None
         self._authorized = self._place / "authorized_keys"
@@ -154,6 +157,11 @@ class OpenSshServer:
         self.stop()
         shutil.rmtree(self._place)
 
+    def pids(self) -> list[int]:
+        """It, and the processes of its connections; empty when it does not run."""
+        own = self._process
+        return [] if own is None else [own.pid, *descendants(own.pid)]
+
     def log_text(self) -> str:
         """What sshd said."""
         path = self._place / "log"
@@ -166,7 +174,7 @@ class OpenSshServer:
         return listens(self.port, self.address)
 
     def _config(self) -> str:
-        return textwrap.dedent(
+        own = textwrap.dedent(
             f"""
             ListenAddress {self.address}
             Port {self.port}
@@ -189,6 +197,7 @@ class OpenSshServer:
             SetEnv SHLVL=2
             """
         )
+        return own + "".join(f"{line}\n" for line in self._more)
 
 
 def listens(port: int, address: str = "127.0.0.1") -> bool:

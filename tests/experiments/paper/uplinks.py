@@ -117,6 +117,13 @@ class Uplink:
         """Remove it."""
         self._made.close()
 
+    @property
+    def server_end(self) -> Namespace:
+        """Where the link ends, with the address that the inside reaches first; a plain uplink has no such place."""
+        if self._link is None:
+            raise RuntimeError("an uplink that emulates nothing ends on this machine itself")
+        return self._link.server
+
     def counts(self) -> tuple[Counts, Counts]:
         """What became of the packets so far, up and down; a plain uplink counts nothing."""
         return (Counts(), Counts()) if self._link is None else self._link.counts()
