@@ -1,0 +1,294 @@
+"""Whole robots: the ROS side as a process, and the real agent with its guard, both behind one uplink.
+
+    with WholeRobot(world, enrolled, uplink, "bus") as robot:
+        robot.wait_online()
+    with running([WholeRobot(world, one, uplink, "simulator") for one in world.enrol(names)]) as robots:
+        wait_all_online(robots)
+
+Starting one returns at once, so that many start side by side; `running` ends them side by side, too.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+from demo import ROOT
+from openssh_server import command_line, descendants, kill
+
+from paper.enrolled import Enrolled, environment
+from paper.uplinks import Uplink
+from paper.world import World
+
+Ros = Literal["bus", "simulator"]
+ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
+PLACES = [
+    ROOT / place for place in ("agent", "images/sim_robot", "tests/support", "tests/experiments")
+]
+# It publishes zeros for half a second when it was moving, and closes its tunnels.
+ENDS_WITHIN_S = 5.0
+LOOKS_EVERY_S = 0.1
+LOG_LINES = 30
+
+
+class WholeRobot:
+    """One robot that runs inside `with`."""
+
+    def __init__(
+        self,
+        world: World,
+        enrolled: Enrolled,
+        uplink: Uplink,
+        ros: Ros,
+        *,
+        agent_settings: Mapping[str, object] | None = None,
+        sim_settings: Mapping[str, object] | None = None,
+    ) -> None:
+        """Settings as agent.toml and the simulator's Settings name them: {"guard": "off"}, {"camera_fps": 5}."""
+        self.name = enrolled.name
+        self.uplink = uplink
+        self.enrolled = enrolled
+        self.world = world
+        self._ros_kind = ros
+        self._agent_settings = agent_settings or {}
+        self._sim_settings = sim_settings or {}
+        # Each its own, as several robots may be behind one uplink.
+        self.address = loopback(enrolled.number)
+        self._agent: subprocess.Popen[bytes] | None = None
+        self._ros: subprocess.Popen[bytes] | None = None
+        self._run_dir: Path | None = None
+
+    @property
+    def ros_url(self) -> str:
+        """Its own rosbridge, from inside the uplink."""
+        return f"ws://{self.address}:{ROSBRIDGE_PORT}"
+
+    @property
+    def video_url(self) -> str:
+        """The simulator's own video server, from inside the uplink."""
+        return f"http://{self.address}:{VIDEO_PORT}"
+
+    @property
+    def agent_pid(self) -> int:
+        """The agent's process."""
+        assert self._agent is not None
+        return self._agent.pid
+
+    @property
+    def ros_pid(self) -> int:
+        """The process that stands for ROS."""
+        assert self._ros is not None
+        return self._ros.pid
+
+    @property
+    def guard_pid(self) -> int:
+        """The guard's process; raises LookupError while there is none."""
+        for pid in descendants(self.agent_pid):
+            if "robotether_agent.guard" in command_line(pid):
+                return pid
+        raise LookupError(f"robot {self.name} has no guard now")
+
+    def __enter__(self) -> WholeRobot:
+        """Start both."""
+        try:
+            self.start_ros()
+            self.start_agent()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End both, and all that they started."""
+        self._end()
+
+    def start_ros(self) -> None:
+        """Start the ROS side."""
+        if self._ros_kind == "bus":
+            words, given = ["paper.bus_robot", self.address, str(ROSBRIDGE_PORT)], {}
+        else:
+            words, given = ["sim_robot"], self._simulator_environment()
+        self._ros = self._start("ros", words, given)
+
+    def start_agent(self) -> None:
+        """Start the agent, as the boot service does; also again after it has been ended."""
+        self._run_dir = self._run_dir or Path(tempfile.mkdtemp(prefix="rt-"))
+        settings = {
+            **self.enrolled.settings,
+            "run_dir": self._run_dir,
+            "rosbridge_url": self.ros_url,
+            "video_url": self.video_url,
+            # A bus has no pictures; so nobody looks for them every 2 s.
+            "video_source": "rosbridge" if self._ros_kind == "bus" else "auto",
+            "shell_address": "none",
+            **self._agent_settings,
+        }
+        self._agent = self._start("agent", ["robotether_agent", "run"], environment(settings))
+
+    def end_agent(self) -> None:
+        """End the agent in order, as a shutdown does; what does not follow is killed."""
+        if self._agent is not None:
+            end(self._agent)
+
+    def ask_agent_to_end(self) -> None:
+        """Tell the agent to end, and do not wait."""
+        if self._agent is not None:
+            self._agent.terminate()
+
+    def kill_agent(self) -> None:
+        """Kill it and all that it started, as the loss of power does."""
+        if self._agent is not None:
+            started = descendants(self._agent.pid)
+            self._agent.kill()
+            self._agent.wait()
+            for pid in started:
+                kill(pid)
+
+    def wait_online(self, seconds: float = 30) -> None:
+        """Wait until the server says that it is online, and its rosbridge answers."""
+        wait_all_online([self], seconds)
+
+    def answers(self) -> bool:
+        """Whether its own rosbridge accepts connections."""
+        with self.uplink.inside.entered():
+            probe = socket.socket()
+        with probe:
+            return probe.connect_ex((self.address, ROSBRIDGE_PORT)) == 0
+
+    def ended(self) -> str:
+        """Say which of its processes has ended by itself, or nothing."""
+        started = (("agent", self._agent), ("ROS side", self._ros))
+        gone = [
+            f"its {what} ended with {one.returncode}"
+            for what, one in started
+            if one and one.poll() is not None
+        ]
+        return ", ".join(gone)
+
+    def logs(self) -> str:
+        """What both said last."""
+        return "\n".join(
+            f"--- {self.name}, {name}\n{tail(self._log(name))}" for name in ("ros", "agent")
+        )
+
+    def _simulator_environment(self) -> dict[str, str]:
+        settings = {
+            "name": self.name,
+            "bind_address": self.address,
+            "rosbridge_port": ROSBRIDGE_PORT,
+            "video_port": VIDEO_PORT,
+            **self._sim_settings,
+        }
+        return {f"SIM_{name.upper()}": str(value) for name, value in settings.items()}
+
+    def _start(
+        self, name: str, words: Sequence[str], given: Mapping[str, str]
+    ) -> subprocess.Popen[bytes]:
+        environ = {**clean_environment(), **given}
+        command = self.uplink.inside.command(sys.executable, "-m", *words)
+        with self._log(name).open("ab") as log:
+            # A Ctrl-C is for the run, which then ends its robots in order.
+            return subprocess.Popen(
+                command, env=environ, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            )
+
+    def _log(self, name: str) -> Path:
+        return self.enrolled.folder / f"{name}.log"
+
+    def _end(self) -> None:
+        self.end_agent()
+        if self._ros is not None:
+            end(self._ros)
+        if self._run_dir is not None:
+            shutil.rmtree(self._run_dir, ignore_errors=True)
+            self._run_dir = None
+
+
+@contextmanager
+def running(robots: Sequence[WholeRobot]) -> Iterator[Sequence[WholeRobot]]:
+    """Run them all; at the end all are told before the first one is waited for."""
+    with ExitStack() as started:
+        for robot in robots:
+            started.enter_context(robot)
+        try:
+            yield robots
+        finally:
+            for robot in robots:
+                robot.ask_agent_to_end()
+
+
+def wait_all_online(robots: Sequence[WholeRobot], seconds: float = 60) -> None:
+    """Wait until the server says that all are online and each one's rosbridge answers; else show their logs."""
+    if not robots:
+        return
+    deadline = time.monotonic() + seconds
+    world, missing = robots[0].world, list(robots)
+    while missing := not_ready(world, missing):
+        gone = [robot for robot in missing if robot.ended()]
+        if gone or time.monotonic() > deadline:
+            why = gone[0].ended() if gone else f"not online within {seconds:g} s"
+            shown = (gone or missing)[:3]
+            raise RuntimeError(
+                f"{len(missing)} of {len(robots)} robots are not ready: {why}\n"
+                + "\n".join(robot.logs() for robot in shown)
+            )
+        time.sleep(LOOKS_EVERY_S)
+
+
+def not_ready(world: World, robots: Sequence[WholeRobot]) -> list[WholeRobot]:
+    """Those that cannot be driven yet, by one request for all."""
+    seen = {robot["name"]: robot["online"] for robot in world.api("GET", "/robots")["robots"]}
+    return [robot for robot in robots if not (seen.get(robot.name) and robot.answers())]
+
+
+def loopback(number: int) -> str:
+    """An address of loopback for robot `number`, which counts to 65,535."""
+    return f"127.{1 + number // 256 % 254}.{number % 256}.1"
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """Ask a process to end, wait, and kill what is left of it and of what it started."""
+    if process.poll() is not None:
+        return
+    started = descendants(process.pid)
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(ENDS_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    for pid in started:
+        kill(pid)
+
+
+def clean_environment() -> dict[str, str]:
+    """This process's environment, with nothing in it that the agent or the simulator would take for settings."""
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("ROBOTETHER_", "SIM_"))
+    }
+    return {**kept, "PYTHONPATH": os.pathsep.join(map(str, PLACES))}
+
+
+def tail(log: Path) -> str:
+    """The end of a log."""
+    if not log.exists():
+        return "(nothing)"
+    return "\n".join(log.read_text(errors="replace").splitlines()[-LOG_LINES:])

@@ -1,0 +1,237 @@
+"""The stack that experiments run against: its doors, its API as an admin, its containers, and robots enrolled there.
+
+    with World.on_demo() as world, world.uplinks([SLOW_4G]) as [uplink]:
+        [robot] = world.enrol(world.names("startup", 1))
+
+`World.own()` starts a stack for itself and removes it; `World.on_demo()` takes the one that `make up` or `make demo`
+started, removes the robots and the token that it made there, and must never touch others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import ssl
+import tempfile
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import docker
+from demo import Demo
+from docker.models.containers import Container
+from local_network import insecure_tls
+from stack import Stack
+
+from paper import enrolled
+from paper.enrolled import Enrolled, local_mac
+from paper.profiles import Profile
+from paper.uplinks import Uplink, uplinks
+
+# The containers' own, whatever they are published as.
+DOOR, SSH = "8443/tcp", "2222/tcp"
+ANSWERS_WITHIN_S = 30
+# A statement must fit into one argument of a command.
+ROWS_A_STATEMENT = 500
+TOKEN_DAYS = ("--days", "2")
+_numbers = count(1)
+
+
+class RefusedByServerError(Exception):
+    """The API's refusal: what was asked, the status, and the server's words."""
+
+    def __init__(self, asked: str, status: int, words: str) -> None:
+        super().__init__(f"cannot {asked}: status {status}: {words}")
+        self.status = status
+
+
+class World:
+    """A running stack; made by `own` or `on_demo`."""
+
+    def __init__(self, container: Callable[[str], Container], folder: Path) -> None:
+        self._container = container
+        # Robots' state and logs; gone at the end.
+        self.folder = folder
+        self._enrolled: list[Enrolled] = []
+
+    @classmethod
+    @contextmanager
+    def own(cls) -> Iterator[World]:
+        """A stack of this run alone, without simulated robots; it takes half a minute."""
+        with _folder() as folder:
+            stack = Stack(folder / "stack")
+            try:
+                stack.up(robots=False)
+                yield cls(stack.container, folder)
+            finally:
+                stack.down()
+
+    @classmethod
+    @contextmanager
+    def on_demo(cls) -> Iterator[World]:
+        """The stack that runs on this machine already."""
+        with _folder() as folder:
+            world = cls(Demo().container, folder)
+            try:
+                yield world
+            finally:
+                world.clear()
+
+    @cached_property
+    def machine(self) -> str:
+        """This machine's address at which published ports answer as they do to the network, also from uplinks.
+
+        Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
+        """
+        bridge = docker.from_env().networks.get("bridge")
+        return str(bridge.attrs["IPAM"]["Config"][0]["Gateway"])
+
+    @cached_property
+    def door_port(self) -> int:
+        """The published https port."""
+        return self._published("nginx", DOOR)
+
+    @cached_property
+    def ssh_port(self) -> int:
+        """The published port of the robots' SSH."""
+        return self._published("sshd", SSH)
+
+    @property
+    def door(self) -> str:
+        """HOST:PORT of the site, the same from here and from every uplink."""
+        return f"{self.machine}:{self.door_port}"
+
+    @cached_property
+    def tls_fingerprint(self) -> str:
+        """The SHA-256 of the site's certificate, which robots pin."""
+        certificate = ssl.get_server_certificate(
+            (self.machine, self.door_port), timeout=ANSWERS_WITHIN_S
+        )
+        return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate)).hexdigest()
+
+    def container(self, service: str) -> Container:
+        """The container of a service, as it is now."""
+        return self._container(service)
+
+    def exec(self, service: str, *command: str) -> str:
+        """Run a command in a service's container and return what it printed."""
+        done = self.container(service).exec_run(list(command), demux=True)
+        printed, complained = (
+            part.decode(errors="replace") if part else "" for part in done.output
+        )
+        if done.exit_code != 0:
+            raise RuntimeError(
+                f"{command[0]} in {service} exited {done.exit_code}\n{printed[-2000:]}\n{complained[-2000:]}"
+            )
+        return printed
+
+    def api(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
+        """One request to /api/v1 + `path` as an admin; the parsed answer, None when it is empty."""
+        request = urllib.request.Request(
+            f"https://{self.door}/api/v1{path}",
+            method=method,
+            data=None if body is None else json.dumps(body).encode(),
+            headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
+        )
+        try:
+            with urllib.request.urlopen(
+                request, context=self._tls, timeout=ANSWERS_WITHIN_S
+            ) as answer:
+                return json.loads(answer.read() or b"null")
+        except urllib.error.HTTPError as error:
+            with error:
+                words = error.read().decode(errors="replace")
+            raise RefusedByServerError(f"{method} {path}", error.code, words[:500]) from error
+
+    def ticket(self, robot: str, mode: str) -> str:
+        """Permission to open one connection: "observe" or "drive"."""
+        return str(self.api("POST", "/tickets", {"robot": robot, "mode": mode})["ticket"])
+
+    def names(self, part: str, how_many: int) -> list[str]:
+        """New names for a part's robots, not given before by this process."""
+        return [f"x-{part}-{os.getpid()}-{next(_numbers)}" for _ in range(how_many)]
+
+    def enrol(
+        self, names: Sequence[str], settings: Mapping[str, object] | None = None
+    ) -> list[Enrolled]:
+        """Announce robots, change their settings (as PATCH /robots/NAME has them), and let them join.
+
+        None is online then. Each takes a few hundredths of a second; a token of the admin's lets them in.
+        """
+        made = [self._robot(name) for name in names]
+        self._enrolled += made
+        for at in range(0, len(made), ROWS_A_STATEMENT):
+            self._announce(made[at : at + ROWS_A_STATEMENT])
+        if settings:
+            for robot in made:
+                self.api("PATCH", f"/robots/{robot.name}", {"settings": settings})
+        enrolled.join_all(made, self.token)
+        return made
+
+    def remove(self, robots: Sequence[Enrolled]) -> None:
+        """Remove robots that this world has enrolled, with their rows and files; what still runs of them is cut off."""
+        for robot in robots:
+            self.api("DELETE", f"/robots/{robot.name}")
+            self._enrolled.remove(robot)
+            shutil.rmtree(robot.folder, ignore_errors=True)
+
+    def uplinks(self, profiles: Sequence[Profile]) -> AbstractContextManager[list[Uplink]]:
+        """One network for each profile, all there at once, with this machine behind each."""
+        return uplinks(profiles, self.machine)
+
+    def clear(self) -> None:
+        """Remove what this world has made in the database: robots, and the token."""
+        if self._enrolled:
+            self.remove(list(self._enrolled))
+        if "token" in vars(self):
+            self.exec("web", "robotether", "token", "delete", *self._token_name)
+            del self.token
+
+    @cached_property
+    def token(self) -> str:
+        """An API token of the admin, for this world alone."""
+        name = self._token_name
+        return self.exec("web", "robotether", "token", "create", *name, *TOKEN_DAYS).split()[-1]
+
+    @cached_property
+    def _token_name(self) -> tuple[str, ...]:
+        return "--user", "admin", "--name", f"experiments-{os.getpid()}-{next(_numbers)}"
+
+    @cached_property
+    def _tls(self) -> ssl.SSLContext:
+        return insecure_tls()
+
+    def _published(self, service: str, port: str) -> int:
+        ports = self.container(service).attrs["NetworkSettings"]["Ports"]
+        return int(ports[port][0]["HostPort"])
+
+    def _robot(self, name: str) -> Enrolled:
+        number = next(_numbers)
+        return Enrolled(
+            name=name,
+            number=number,
+            mac=local_mac(os.getpid(), number),
+            server=self.door,
+            tls_fingerprint=self.tls_fingerprint,
+            folder=self.folder / name,
+        )
+
+    def _announce(self, robots: Sequence[Enrolled]) -> None:
+        """Insert their rows, as docs/enrolment.md has it: the API takes no MAC that a machine gave itself."""
+        rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in robots)
+        statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
+        self.exec("mysql", "mariadb", "robotether", "-e", statement)
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
+    """A folder with a short name, as agents make sockets below it."""
+    with tempfile.TemporaryDirectory(prefix="rt-x-", ignore_cleanup_errors=True) as name:
+        yield Path(name)
