@@ -159,13 +159,15 @@ class Account:
 def joined(sent: Iterable[Mapping[str, Any]], came: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """One run's figures, of what each sender and each receiver told; a message that was not sent is not lost."""
     senders, receivers = list(sent), list(came)
-    totals = {name: sum(one[name] for one in senders) for name in ("sent", "unsent", "redials")}
+    totals = {name: sum(one[name] for one in senders) for name in ("sent", "unsent")}
     for name in ("received", "duplicated", "reordered", "foreign"):
         totals[name] = sum(one[name] for one in receivers)
     return {
         **totals,
         "lost": totals["sent"] - totals["received"],
-        "endings": sorted({why for one in senders for why in one["endings"]}),
+        # Connections that ended in mid-run at either end, and why.
+        "redials": sum(one["redials"] for one in (*senders, *receivers)),
+        "endings": sorted({why for one in (*senders, *receivers) for why in one["endings"]}),
         "missing": {str(one["pair"]): one["missing"] for one in receivers if one["missing"]},
         "latency": _merged(receivers, "latency"),
         "lateness": _merged(senders, "lateness"),

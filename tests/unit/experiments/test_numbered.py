@@ -126,8 +126,10 @@ def test_a_run_is_the_sum_of_its_pairs() -> None:
         "endings": ["4408"],
         "lateness": {"0.10": 1, "9.00": 2},
     }
-    run = joined([sender, late], [account(0, 1, 2, 3).as_json(), account(0, 2).as_json()])
+    steady, cut = {"redials": 0, "endings": []}, {"redials": 2, "endings": ["1006"]}
+    came = [{**account(0, 1, 2, 3).as_json(), **steady}, {**account(0, 2).as_json(), **cut}]
+    run = joined([sender, late], came)
     assert (run["sent"], run["unsent"], run["received"], run["lost"]) == (7, 1, 6, 1)
-    assert (run["redials"], run["endings"], run["missing"]) == (1, ["4408"], {"1": [1, 3]})
+    assert (run["redials"], run["endings"], run["missing"]) == (3, ["1006", "4408"], {"1": [1, 3]})
     assert run["lateness"] == {"0.10": 5, "9.00": 2}
     assert run["latency"] == {"1.00": 6}

@@ -1,0 +1,185 @@
+"""One run of numbered messages over pairs of an operator and a robot: two load generators, and what they cost.
+
+Used by high_rate.py and mixed.py. The operators' ends are in one process and the robots' in another, so that neither
+keeps the other waiting; both tell their share of a core, and this module that of the whole machine, so that a reader
+sees whether the generator or the machine was the limit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from paper.fleet_costs import machine_cpu_s, trees_cpu_s, use_of
+from paper.numbered import FRAME_BYTES, joined
+from paper.numbered_worker import MORE_S, PATIENCE, SILENCE_S, End
+
+if TYPE_CHECKING:
+    from paper.robots import WholeRobot
+    from paper.uplinks import Uplink
+    from paper.world import World
+
+READY_WITHIN_S = 60.0
+# What the last messages may need behind the silence that ends a run, and the answer itself.
+MORE_THAN_SILENCE_S = 30.0
+BEGINS_IN_NS = 200_000_000
+# Those that a message passes.
+SERVICES = ("nginx", "relay", "sshd")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An operator behind an uplink, and the robot of that operator."""
+
+    operator: Uplink
+    robot: WholeRobot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is sent: so many messages a pair at a rate, to the robot or from it."""
+
+    count: int
+    rate_hz: float
+    to_robot: bool = True
+
+    @property
+    def planned_s(self) -> float:
+        """How long a punctual sender takes."""
+        return self.count / self.rate_hz
+
+    @property
+    def at_most_s(self) -> float:
+        """How long the senders take at most."""
+        return self.planned_s * PATIENCE + MORE_S + READY_WITHIN_S
+
+
+class Generator:
+    """A process of numbered_worker.py with its ends."""
+
+    def __init__(self, ends: Sequence[End], log: Path) -> None:
+        self._log = log
+        with log.open("wb") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "paper.numbered_worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                bufsize=1,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                # A Ctrl-C is for the runner, which then ends this one in order.
+                start_new_session=True,
+            )
+        self.tell({"ends": [asdict(end) for end in ends]})
+
+    def tell(self, values: Mapping[str, object]) -> None:
+        """Say something to it."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(values) + "\n")
+        self._process.stdin.flush()
+
+    def hear(self, what: str, seconds: float) -> dict[str, Any]:
+        """Its next line; RuntimeError with its own words when there is none in time."""
+        assert self._process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            line = self._process.stdout.readline() if selector.select(seconds) else None
+        if not line:
+            why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
+            raise RuntimeError(f"a load generator {why}: {what}\n{self._log.read_text()[-2000:]}")
+        said: dict[str, Any] = json.loads(line)
+        return said
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def run(world: World, pairs: Sequence[Pair], plan: Plan) -> dict[str, Any]:
+    """Send the messages of a plan between all pairs at once, and return what became of them."""
+    operators = [operator_end(world, pair, number, plan) for number, pair in enumerate(pairs)]
+    robots = [robot_end(pair, number, plan) for number, pair in enumerate(pairs)]
+    senders, receivers = (operators, robots) if plan.to_robot else (robots, operators)
+    with (
+        _generator(world, receivers, "receivers") as hears,
+        _generator(world, senders, "senders") as sends,
+    ):
+        for one in (hears, sends):
+            one.hear("that all are connected", READY_WITHIN_S)
+        before = _used(world, pairs)
+        sends.tell({"begin_ns": time.monotonic_ns() + BEGINS_IN_NS})
+        sent = sends.hear("that all was sent", plan.at_most_s)
+        hears.tell({"sent": True})
+        came = hears.hear("what came", plan.at_most_s + SILENCE_S + MORE_THAN_SILENCE_S)
+        used = {name: value - before[name] for name, value in _used(world, pairs).items()}
+    return {
+        "pairs": len(pairs),
+        **asdict(plan),
+        "frame_bytes": FRAME_BYTES,
+        "planned_s": plan.planned_s,
+        "sending_s": sent["took_s"],
+        "took_s": used.pop("took"),
+        # Seconds of processor time; "machine" is all that it did, by whomever.
+        "cpu_s": {**used, "senders": sent["cpu_s"], "receivers": came["cpu_s"]},
+        "cores": os.cpu_count(),
+        **joined(sent["ends"], came["ends"]),
+    }
+
+
+def operator_end(world: World, pair: Pair, number: int, plan: Plan) -> End:
+    """The end outside: through the site's door, with tickets."""
+    site, robot = f"{pair.operator.machine}:{world.door_port}", pair.robot.name
+    return End(
+        pair=number,
+        count=plan.count,
+        rate_hz=plan.rate_hz,
+        sends=plan.to_robot,
+        namespace=pair.operator.inside.name,
+        url=f"wss://{site}/robots/{robot}/ros?ticket=",
+        tickets=f"https://{site}/api/v1/tickets",
+        token=world.token,
+        robot=robot,
+    )
+
+
+def robot_end(pair: Pair, number: int, plan: Plan) -> End:
+    """The end on the robot: a client of its own rosbridge."""
+    return End(
+        pair=number,
+        count=plan.count,
+        rate_hz=plan.rate_hz,
+        sends=not plan.to_robot,
+        namespace=pair.robot.uplink.inside.name,
+        url=pair.robot.ros_url,
+    )
+
+
+@contextmanager
+def _generator(world: World, ends: Sequence[End], name: str) -> Iterator[Generator]:
+    one = Generator(ends, world.folder / f"{name}.log")
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+def _used(world: World, pairs: Sequence[Pair]) -> dict[str, float]:
+    """Seconds of this clock, and of processor time by who used it, until now."""
+    roots = [pid for pair in pairs for pid in (pair.robot.agent_pid, pair.robot.ros_pid)]
+    return {
+        "took": time.monotonic(),
+        **{name: use_of(world.container(name)).cpu_s for name in SERVICES},
+        "robots": trees_cpu_s(roots),
+        "machine": machine_cpu_s(),
+    }
