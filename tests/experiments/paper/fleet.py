@@ -1,0 +1,280 @@
+"""Many light robots that start, are ended, and come back together: the machinery of `startup` and `reconnect`.
+
+    with standing(world, 50) as fleet:
+        values = fleet.start("repetition 7")
+
+A robot is the real agent with its guard and its own OpenSSH clients, in a worker process with others
+(fleet_worker), behind the address of the worker's uplink. A repetition's clock starts with the order to start, so that no
+interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with the `with` block.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+from weakref import WeakKeyDictionary
+
+import aiohttp
+from local_network import insecure_tls
+from stack import ROOT
+
+from paper.enrolled import Enrolled
+from paper.fleet_arrivals import Arrivals
+from paper.fleet_costs import Reading, cpu_between, limits_met, memory_between
+from paper.fleet_operators import Board, Operators
+from paper.fleet_worker import LINE_BYTES, allow_files
+from paper.profiles import PLAIN
+from paper.uplinks import Uplink
+from paper.world import World
+
+PATHS = ("tests/support", "tests/experiments", "agent", "server", "images/sim_robot")
+SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
+# A robot that has no message after this has failed; larger fleets are watched on, to see when the last one comes.
+FAILED_AFTER_S, MORE_A_ROBOT_S = 60.0, 0.24
+OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
+# Also for a relay that holds two connections of each robot, and for this process.
+FILES_OF_OPERATORS = 4096
+LOG_LINES = 8
+
+# What a world's stack has enrolled is kept for the next fleet in it.
+_enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
+
+
+def robots_of(world: World, count: int) -> list[Enrolled]:
+    """The world's first `count` robots of fleets; those that are missing join now."""
+    known = _enrolled.setdefault(world, [])
+    if len(known) < count:
+        known += world.enrol(world.names("fleet", count - len(known)))
+    return known[:count]
+
+
+def shares(count: int) -> list[int]:
+    """How many robots each worker has: at least two workers, none with more than 50 robots, all nearly alike."""
+    workers = max(min(LEAST_WORKERS, count), -(-count // MOST_IN_A_WORKER))
+    return [count // workers + (at < count % workers) for at in range(workers)]
+
+
+def watched_s(count: int) -> float:
+    """How long it is waited for a fleet's last message."""
+    return max(FAILED_AFTER_S, count * MORE_A_ROBOT_S)
+
+
+class WorkerFailedError(Exception):
+    """A process of light robots did not do what it was told; says what it logged."""
+
+
+class _Worker:
+    """One process of light robots."""
+
+    def __init__(self, process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.pid = process.pid
+        self.heard: Callable[[dict[str, Any]], None] = lambda _: None
+        self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
+        self._done: asyncio.Queue[str] = asyncio.Queue()
+        self._listening = asyncio.ensure_future(self._listen())
+
+    @classmethod
+    async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> _Worker:
+        """Start it in the uplink's namespace."""
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in PATHS)}
+        process = await asyncio.create_subprocess_exec(
+            *uplink.inside.command(sys.executable, "-m", "paper.fleet_worker"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            limit=LINE_BYTES,
+            env=environ,
+            # A Ctrl-C is for the experiment, which then ends its robots in order.
+            start_new_session=True,
+        )
+        worker = cls(process, log)
+        worker._say({robot.name: robot.settings for robot in robots})
+        return worker
+
+    async def do(self, order: str, within_s: float) -> None:
+        """Give an order and wait until it is done."""
+        self._say(order)
+        await self.has_done(order, within_s)
+
+    async def has_done(self, order: str, within_s: float) -> None:
+        """Wait until it tells that the order is done."""
+        try:
+            async with asyncio.timeout(within_s):
+                while await self._done.get() != order:
+                    pass
+        except TimeoutError as error:
+            raise WorkerFailedError(f"a worker did not {order}:\n{self.log_tail()}") from error
+
+    async def end(self) -> None:
+        """End it, its robots first."""
+        self._in.close()
+        try:
+            async with asyncio.timeout(ENDS_WITHIN_S):
+                await self._process.wait()
+        except TimeoutError:
+            self._process.kill()
+            await self._process.wait()
+            raise WorkerFailedError(f"a worker did not end:\n{self.log_tail()}") from None
+        finally:
+            await self._listening
+
+    def log_tail(self) -> str:
+        """What its robots' agents said last."""
+        lines = Path(self._log.name).read_text(errors="replace").splitlines()
+        return "\n".join(lines[-LOG_LINES:])
+
+    def _say(self, what: object) -> None:
+        self._in.write(json.dumps(what).encode() + b"\n")
+
+    async def _listen(self) -> None:
+        while line := await self._out.readline():
+            message = json.loads(line)
+            if "done" in message:
+                self._done.put_nowait(message["done"])
+            else:
+                self.heard(message)
+        # Nobody waits longer for a worker that has ended.
+        self._done.put_nowait("end of the worker")
+
+
+@dataclass
+class Run:
+    """What was measured between an order and the last message."""
+
+    arrivals: Arrivals
+    first: Reading
+    last: Reading
+
+    def values(self) -> dict[str, Any]:
+        """For the journal."""
+        return {
+            **self.arrivals.values(),
+            "took_s": round(self.last.at_s - self.first.at_s, 3),
+            "cpu_s": cpu_between(self.first, self.last),
+            "memory_bytes": memory_between(self.first, self.last),
+            "limits": limits_met(self.first, self.last),
+        }
+
+
+class Fleet:
+    """A fleet whose workers stand; its robots run between `start` and `end`."""
+
+    def __init__(
+        self,
+        world: World,
+        robots: Sequence[Enrolled],
+        workers: Sequence[_Worker],
+        http: aiohttp.ClientSession,
+    ) -> None:
+        site = f"https://{world.door}"
+        self._world, self._workers = world, workers
+        self._names = [robot.name for robot in robots]
+        self.board = Board(http, site)
+        self._operators = Operators(http, site, self.board)
+        self._failures: list[str] = []
+
+    async def start(self, run: str) -> dict[str, Any]:
+        """Start all robots at once, and return what was measured until each has its message."""
+
+        async def order() -> None:
+            await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._workers))
+
+        return await self.run(run, order)
+
+    async def run(self, run: str, order: Callable[[], Any]) -> dict[str, Any]:
+        """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""
+        first = self._reading()
+        self._failures.clear()
+        arrivals = Arrivals(self._names, run, time.monotonic_ns())
+        for worker in self._workers:
+            worker.heard = lambda message: self._heard(arrivals, message)
+        await order()
+        await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
+        values = Run(arrivals, first, self._reading()).values()
+        return {**values, "workers": len(self._workers), "failures": self._told(values)}
+
+    async def end(self) -> float:
+        """End all robots, and return the seconds until the server knew of all."""
+        began = time.monotonic()
+        await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._workers))
+        async with asyncio.timeout(ENDS_WITHIN_S):
+            await self.board.until(self._names, online=False)
+        return round(time.monotonic() - began, 3)
+
+    def _heard(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
+        if "got" in message:
+            arrivals.got(message["robot"], message["got"], message["at_ns"])
+        else:
+            self._failures.append(f"{message['robot']}: {message['failed']}")
+
+    def _told(self, values: Mapping[str, Any]) -> list[str]:
+        """What explains robots without a message, if there are any."""
+        missing = sum(seconds is None for seconds in values["message_s"])
+        logs = [worker.log_tail() for worker in self._workers] if missing else []
+        return [*self._failures, *filter(None, logs)]
+
+    def _reading(self) -> Reading:
+        containers = {name: self._world.container(name) for name in SERVICES}
+        return Reading.now(containers, [worker.pid for worker in self._workers])
+
+
+@asynccontextmanager
+async def standing(world: World, count: int, uplinks: Sequence[Uplink]) -> AsyncIterator[Fleet]:
+    """A fleet of `count` robots behind these uplinks, one worker each; none of them has started."""
+    allow_files(FILES_OF_OPERATORS)
+    robots = await asyncio.to_thread(robots_of, world, count)
+    async with contextlib.AsyncExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-fleet-")))
+        workers = await _workers(stack, robots, uplinks, folder)
+        headers = {"Authorization": f"Bearer {world.token}"}
+        connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
+        http = await stack.enter_async_context(
+            aiohttp.ClientSession(connector=connector, headers=headers)
+        )
+        fleet = Fleet(world, robots, workers, http)
+        following = asyncio.ensure_future(fleet.board.follow())
+        stack.push_async_callback(_cancel, following)
+        yield fleet
+
+
+@contextmanager
+def networks(world: World, count: int) -> Iterator[list[Uplink]]:
+    """A plain uplink for each worker of a fleet of `count` robots."""
+    with world.uplinks([PLAIN] * len(shares(count))) as made:
+        yield made
+
+
+async def _workers(
+    stack: contextlib.AsyncExitStack,
+    robots: Sequence[Enrolled],
+    uplinks: Sequence[Uplink],
+    folder: Path,
+) -> list[_Worker]:
+    workers, left = [], list(robots)
+    for number, (uplink, share) in enumerate(zip(uplinks, shares(len(robots)), strict=True)):
+        log = stack.enter_context((folder / f"{number}.log").open("ab"))
+        workers.append(await _Worker.start(uplink, left[:share], log))
+        stack.push_async_callback(workers[-1].end)
+        del left[:share]
+    for worker in workers:
+        await worker.has_done("open", OPENS_WITHIN_S)
+    return workers
+
+
+async def _cancel(task: asyncio.Future[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,114 @@
+"""The agent as a whole with its guard in the same process: what hundreds of robots on one machine are made of.
+
+The guard's own code runs, between the same two interfaces as in its process: the agent's lines and rosbridge. Only what
+a process of its own is for is missing: a robot whose agent hangs is not stopped here. Used by the fleet's workers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
+
+from robotether_agent.agent import Agent
+from robotether_agent.fields import JsonObject, line_of, parse_object
+from robotether_agent.guard.process import LONGEST_LINE, Guard
+from robotether_agent.guard.reports import Reports
+from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard_keeper import GuardKeeper
+from robotether_agent.guard_life import GuardLife
+from robotether_agent.guard_process import EXIT_S, TICK, TICK_S
+from robotether_agent.problems import GuardDown
+from robotether_agent.settings import Settings
+from robotether_agent.tasks import first_of
+
+
+class _Pipe(asyncio.WriteTransport):
+    """The guard's standard output, as a queue of lines."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: asyncio.Queue[bytes] = asyncio.Queue()
+
+    def is_closing(self) -> bool:
+        return False
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self.lines.put_nowait(bytes(data))
+
+
+class GuardHere:
+    """A running guard, as GuardProcess is one."""
+
+    pid = os.getpid()
+
+    def __init__(self, state_dir: Path, run_dir: Path) -> None:
+        self._orders = asyncio.StreamReader(limit=LONGEST_LINE)
+        self._pipe = _Pipe()
+        self._life = asyncio.ensure_future(self._run(state_dir, run_dir))
+
+    def send(self, message: Mapping[str, object]) -> None:
+        """Send one line."""
+        self._orders.feed_data(line_of(message))
+
+    async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
+        """Tick, and hand on each line of the guard; raise GuardDown when it has ended."""
+        await first_of(self._until_end(), self._listen(on_line), self._tick())
+        raise GuardDown("the guard ended")
+
+    async def end(self) -> None:
+        """Let the guard stop the robot and end."""
+        self.send({"type": "exit"})
+        await asyncio.wait({self._life}, timeout=EXIT_S)
+        await self.kill()
+
+    async def kill(self) -> None:
+        """End the guard at once."""
+        self._life.cancel()
+        await asyncio.gather(self._life, return_exceptions=True)
+
+    async def _run(self, state_dir: Path, run_dir: Path) -> None:
+        async with new_http() as http:
+            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._orders)
+
+    async def _until_end(self) -> None:
+        await asyncio.wait({self._life})
+        with suppress(asyncio.CancelledError):
+            self._life.result()
+
+    async def _listen(self, on_line: Callable[[JsonObject], None]) -> None:
+        while True:
+            on_line(parse_object(await self._pipe.lines.get(), "the line"))
+
+    async def _tick(self) -> None:
+        while True:
+            self.send(TICK)
+            await asyncio.sleep(TICK_S)
+
+
+class _KeeperHere(GuardKeeper):
+    """Keeps a guard in this process, and none on the bench: Python need not start for it."""
+
+    def __init__(self, settings: Settings, **others: object) -> None:
+        super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the keeper's own
+        self._places = settings.state_dir, settings.run_dir
+
+    async def _next_guard(self) -> GuardLife:
+        return GuardLife(GuardHere(*self._places))  # type: ignore[arg-type] # has all that it uses
+
+    async def _keep_spare(self) -> NoReturn:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+class LightAgent(Agent):
+    """The agent, all of it; its guard is no process of its own."""
+
+    def _keeper(self) -> GuardKeeper:
+        return _KeeperHere(self._settings, on_change=self._show_guard)

@@ -1,0 +1,165 @@
+"""The operators of a fleet: each sees on the fleet's events that a robot is there, connects to drive, and sends.
+
+Played in the experiment's own process, all of them as one user, who may have 32 connections open at once. What the
+server refuses because a robot is not there yet is waited for, and counted by the server's words.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import suppress
+from http import HTTPStatus
+from typing import Any
+
+import aiohttp
+
+from paper.fleet_arrivals import Arrivals
+from paper.fleet_worker import TOPIC, TYPE
+
+# The server lets one user have 32; one that closes still counts for a moment.
+AT_ONCE = 28
+TRY_AGAIN_S = 0.1
+REQUEST_S, CLOSE_S = 20.0, 1.0
+# Then the message is taken for lost, and another one is sent.
+ARRIVES_WITHIN_S = 10.0
+# The relay writes something every 10 s.
+EVENTS_SILENT_S = 25.0
+
+
+class RefusedError(Exception):
+    """The server did not let an operator through to a robot, or let it go again; says why."""
+
+
+class Board:
+    """Which robots are online, by the server's events; the connection is made anew for as long as it must."""
+
+    def __init__(self, http: aiohttp.ClientSession, site: str) -> None:
+        self._http, self._site = http, site
+        self._online: set[str] = set()
+        self._changed = asyncio.Condition()
+        self.on_online: Callable[[str, int], None] = lambda _robot, _at_ns: None
+
+    async def follow(self) -> None:
+        """Follow the fleet without end."""
+        while True:
+            with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
+                async for event, data in self._events():
+                    await self._hear(event, data)
+            await self._become(set())
+            await asyncio.sleep(TRY_AGAIN_S)
+
+    async def until(self, robots: Iterable[str], *, online: bool) -> None:
+        """Wait until all of them are online, or all are not."""
+        wanted = frozenset(robots)
+        async with self._changed:
+            await self._changed.wait_for(
+                lambda: wanted <= self._online if online else not wanted & self._online
+            )
+
+    async def _events(self) -> AsyncIterator[tuple[str, Any]]:
+        timeout = aiohttp.ClientTimeout(total=None, sock_read=EVENTS_SILENT_S)
+        async with self._http.get(f"{self._site}/api/v1/events", timeout=timeout) as response:
+            response.raise_for_status()
+            event = ""
+            while line := (await response.content.readuntil(b"\n")).decode().rstrip("\n"):
+                name, _, value = line.partition(": ")
+                if name == "event":
+                    event = value
+                elif name == "data":
+                    yield event, json.loads(value)
+                    # The empty line that ends each event.
+                    await response.content.readuntil(b"\n")
+
+    async def _hear(self, event: str, data: Any) -> None:
+        if event == "fleet":
+            await self._become({robot["name"] for robot in data if robot["online"]})
+        elif event == "robot" and data["online"] != (data["name"] in self._online):
+            change = {data["name"]}
+            await self._become(self._online | change if data["online"] else self._online - change)
+        elif event == "removed":
+            await self._become(self._online - {data["name"]})
+
+    async def _become(self, online: set[str]) -> None:
+        at_ns = time.monotonic_ns()
+        for robot in online - self._online:
+            self.on_online(robot, at_ns)
+        async with self._changed:
+            self._online = online
+            self._changed.notify_all()
+
+
+class Operators:
+    """All operators of a fleet."""
+
+    def __init__(self, http: aiohttp.ClientSession, site: str, board: Board) -> None:
+        self._http, self._site, self._board = http, site, board
+        self._places = asyncio.Semaphore(AT_ONCE)
+
+    async def deliver_all(self, robots: Iterable[str], arrivals: Arrivals, within_s: float) -> None:
+        """Return when each robot has got its message, or the time is over."""
+        self._board.on_online = arrivals.is_online
+        with suppress(asyncio.TimeoutError):
+            async with asyncio.timeout(within_s), asyncio.TaskGroup() as group:
+                for robot in robots:
+                    group.create_task(self._deliver(robot, arrivals))
+
+    async def _deliver(self, robot: str, arrivals: Arrivals) -> None:
+        while not arrivals.has_come(robot):
+            await self._board.until([robot], online=True)
+            async with self._places:
+                try:
+                    await self._attempt(robot, arrivals)
+                except RefusedError as refused:
+                    arrivals.waits(str(refused))
+                except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                    arrivals.waits(type(error).__name__)
+            if not arrivals.has_come(robot):
+                await asyncio.sleep(TRY_AGAIN_S)
+
+    async def _attempt(self, robot: str, arrivals: Arrivals) -> None:
+        url = f"{self._site}/robots/{robot}/ros?ticket={await self._ticket(robot)}"
+        timeout = aiohttp.ClientWSTimeout(ws_close=CLOSE_S)
+        async with self._http.ws_connect(url, timeout=timeout, compress=0) as socket:
+            await socket.send_json({"op": "advertise", "topic": TOPIC, "type": TYPE})
+            message = {"data": arrivals.text(robot)}
+            await socket.send_json({"op": "publish", "topic": TOPIC, "msg": message})
+            async with asyncio.timeout(ARRIVES_WITHIN_S):
+                await _until_come(socket, robot, arrivals)
+
+    async def _ticket(self, robot: str) -> str:
+        wanted = {"robot": robot, "mode": "drive"}
+        url = f"{self._site}/api/v1/tickets"
+        timeout = aiohttp.ClientTimeout(total=REQUEST_S)
+        async with self._http.post(url, json=wanted, timeout=timeout) as response:
+            if response.status != HTTPStatus.CREATED:
+                raise RefusedError(f"no ticket: HTTP {response.status}")
+            return str((await response.json())["ticket"])
+
+
+async def _until_come(
+    socket: aiohttp.ClientWebSocketResponse, robot: str, arrivals: Arrivals
+) -> None:
+    """Wait for the message's arrival; raise RefusedError when the server ends the connection, or refuses the message."""
+    hearing = asyncio.ensure_future(_hear(socket))
+    coming = asyncio.ensure_future(arrivals.until_come(robot))
+    try:
+        await asyncio.wait({hearing, coming}, return_when=asyncio.FIRST_COMPLETED)
+        if not coming.done():
+            raise RefusedError(hearing.result())
+    finally:
+        for task in (hearing, coming):
+            task.cancel()
+        await asyncio.gather(hearing, coming, return_exceptions=True)
+
+
+async def _hear(socket: aiohttp.ClientWebSocketResponse) -> str:
+    """Return why the server ends the connection, or what it does not pass on."""
+    async for frame in socket:
+        if frame.type is aiohttp.WSMsgType.TEXT:
+            answer = json.loads(frame.data)
+            if answer.get("op") == "status" and answer.get("level") == "error":
+                return f"status: {answer.get('msg', ''):.100}"
+    return f"closed with {socket.close_code}"
