@@ -6,7 +6,7 @@ PYTEST := $(VENV)/bin/pytest
 # Two files at once, each beside a stack of its own.
 BY_FILE := -n 2 --dist loadfile
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-ansible test-server lint bench enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down images test test-unit test-images test-e2e test-ansible test-server lint bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -64,6 +64,11 @@ enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
 	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
+
+experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1); needs root
+	@tools/ensure_test_hosts
+	@IMAGES_ARE_BUILT=yes PYTHONPATH=tests/support:tests/experiments:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
+	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only) $(if $(ONLY),--only $(ONLY))
 
 screenshots: venv ## pictures of all pages and states into docs/screenshots; needs make demo
 	@tools/ensure_test_hosts

@@ -1,0 +1,230 @@
+"""docs/experiments/index.md: from what the journal holds to one page of Markdown, which html_page makes HTML of.
+
+What has not run, has failed, could not be reported or falls short stands on
+the page; nothing is left out for looking bad.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from paper import csv_files, figures
+from paper.journal import Journal, Kept
+from paper.runner import checked_steps, sentence
+from paper.step import Comparison, Part, Report, Results, Scale
+from paper.words import duration, number, plain
+
+HEAD = """# Experiments
+
+The experiments of Sorrentino, Cavallo and Fiorini, "A Plug and Play Transparent Communication Layer for Cloud Robotics
+Architectures" (Robotics 2020, 9, 17), and what goes beyond them, on the real stack. Written by `make experiments` from
+what it measured: agent, OpenSSH, relay, nginx and MariaDB are the real ones, robots are simulated, networks emulated.
+A step that fails is counted and never run again. Ratio is ours divided by the reference's; the paper's figures are from
+other machines and networks, those of peers from this same run.
+"""
+HOW = """Run it with `make experiments` on Debian with root or sudo; `QUICK=1` runs all of it small and writes
+elsewhere, `FULL=1` has the paper's 1000 repetitions of the start, `ONLY=PART,...` runs these parts alone, and an
+interrupted run goes on where it was.
+"""
+COMPARISONS = "| part | what | reference | it has | ours | ratio | better is | verdict |"
+QUICK = "**A quick run**: everything once and small, to see that it works. Its figures are no measurements."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chapter:
+    """What the page has of one part."""
+
+    part: Part
+    # Names and titles of all steps that belong to it.
+    steps: Mapping[str, str]
+    kept: Mapping[str, Kept]
+    report: Report
+    # What this part's report, figures or data could not be made for, and why.
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def failed(self) -> list[str]:
+        """The steps that failed."""
+        return [name for name, one in self.kept.items() if one.outcome.values is None]
+
+    @property
+    def missing(self) -> list[str]:
+        """The steps that have not run."""
+        return [name for name in self.steps if name not in self.kept]
+
+    @property
+    def unmet(self) -> list[Comparison]:
+        """What has to be equal, and is not."""
+        return [one for one in self.report.comparisons if one.better == "equal" and short(one)]
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether all of it ran without a failure, and what has to be equal is."""
+        return not (self.failed or self.missing or self.problems or self.unmet)
+
+
+def short(comparison: Comparison) -> bool:
+    """Whether ours falls short; what is no number does."""
+    return not math.isfinite(comparison.ours) or comparison.falls_short
+
+
+def chapter(part: Part, scale: Scale, journal: Journal, unprepared: str = "") -> Chapter:
+    """Read a part's outcomes and let it report; a report that raises is a problem and not the page's end."""
+    steps = {step.name: step.title for step in checked_steps(part, scale)}
+    kept = journal.read(part, list(steps))
+    problems = [f"could not be prepared: {unprepared}"] if unprepared else []
+    report = Report(sections=())
+    if kept:
+        results: Results = {name: one.outcome for name, one in kept.items()}
+        try:
+            report = part.report(scale, results)
+        except Exception as error:  # noqa: BLE001 (the border of a part)
+            problems.append(logged(journal, "its report could not be made", error))
+    return Chapter(part=part, steps=steps, kept=kept, report=report, problems=problems)
+
+
+def logged(journal: Journal, what: str, error: Exception) -> str:
+    """Write what was raised to the journal's log; a line for the page."""
+    with journal.log.open("a") as log:
+        log.write(f"{what}\n{traceback.format_exc()}\n")
+    return f"{what}: {sentence(error)}"
+
+
+def markdown(
+    chapters: Sequence[Chapter], scale: Scale, sittings: Sequence[Mapping[str, Any]], written: Sequence[str]
+) -> str:  # fmt: skip
+    """The whole page; `written` are the files that stand beside it."""
+    pieces = [
+        HEAD,
+        *([QUICK] if scale.quick else []),
+        _circumstances(chapters, sittings),
+        HOW,
+        "## Beside the reference",
+        _comparisons(chapters),
+        "## What falls short",
+        _list(_shortfalls(chapters)) or "Nothing that was measured.",
+        *_missing(chapters),
+        *(_chapter(one, written) for one in chapters if one.kept),
+    ]
+    return "\n\n".join(piece.strip("\n") for piece in pieces if piece) + "\n"
+
+
+def _list(lines: Sequence[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _circumstances(chapters: Sequence[Chapter], sittings: Sequence[Mapping[str, Any]]) -> str:
+    kept = [step for one in chapters for step in one.kept.values()]
+    if not kept:
+        return "Nothing has been measured yet."
+    loads = [step.outcome.load for step in kept]
+    commits = Counter(step.commit for step in kept)
+    several = "; **steps come from several commits**" if len(commits) > 1 else ""
+    lines = [
+        f"Machine: {_each(sittings, _machine)}; everything runs on it.",
+        f"Versions: {_each(sittings, _versions)}.",
+        f"Commit: {', '.join(f'{plain(name)} ({count} steps)' for name, count in commits.items())}{several}.",
+        f"Date: {min(step.began for step in kept)} to {max(step.began for step in kept)}; the {len(kept)} steps took "
+        f"{duration(sum(step.outcome.took_s for step in kept))}, in {len(sittings)} sittings.",
+        f"Stack: {_each(sittings, lambda one: plain(str(one.get('stack', 'not said'))))}.",
+        f"Load when a step began: median {statistics.median(loads):.1f}, most {max(loads):.1f}.",
+    ]
+    return _list(lines)
+
+
+def _each(sittings: Sequence[Mapping[str, Any]], told: Callable[[Mapping[str, Any]], str]) -> str:
+    """What the sittings were told of, each that differs once."""
+    return " / ".join(dict.fromkeys(filter(None, map(told, sittings)))) or "not kept"
+
+
+def _machine(sitting: Mapping[str, Any]) -> str:
+    return (
+        f"{plain(sitting['processor'])}, {sitting['cores']} cores, {sitting['memory_gb']} GB of memory, "
+        f"Linux {plain(sitting['kernel'])}"
+    )
+
+
+def _versions(sitting: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{plain(name)} {plain(version)}" for name, version in sitting.get("versions", {}).items()
+    )
+
+
+def _comparisons(chapters: Sequence[Chapter]) -> str:
+    rows = [_comparison(one, row) for one in chapters for row in one.report.comparisons]
+    if not rows:
+        return "Nothing that compares has been measured yet."
+    return "\n".join([COMPARISONS, "|---" * COMPARISONS.count(" | ") + "|---|", *rows])
+
+
+def _comparison(one: Chapter, row: Comparison) -> str:
+    ratio = "-" if row.ratio is None else number(row.ratio)
+    verdict = "**falls short**" if short(row) else "met"
+    cells = [
+        one.part.title,
+        row.what,
+        row.against,
+        f"{number(row.reference)} {row.unit}",
+        f"{number(row.ours)} {row.unit}",
+        ratio,
+        row.better,
+    ]
+    return f"| {' | '.join(plain(cell) for cell in cells)} | {verdict} |"
+
+
+def _shortfalls(chapters: Sequence[Chapter]) -> list[str]:
+    lines = []
+    for one in chapters:
+        title = plain(one.part.title)
+        if one.failed:
+            lines.append(f"{title}: {len(one.failed)} of {len(one.kept)} steps failed.")
+        lines += [f"{title}: {plain(problem)}" for problem in one.problems]
+        lines += [
+            f"{title}: {plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
+            f"{plain(number(row.reference))} {plain(row.unit)}, and {plain(row.better)} is better."
+            for row in one.report.comparisons
+            if short(row)
+        ]
+        lines += [f"{title}: {plain(line)}" for line in one.report.shortfalls]
+    return lines
+
+
+def _missing(chapters: Sequence[Chapter]) -> list[str]:
+    lines = [
+        f"{plain(one.part.title)}: {len(one.missing)} of {len(one.steps)} steps have not run."
+        for one in chapters
+        if one.missing
+    ]
+    return ["## Not measured", _list(lines)] if lines else []
+
+
+def _chapter(one: Chapter, written: Sequence[str]) -> str:
+    took_s = sum(step.outcome.took_s for step in one.kept.values())
+    text = [
+        f"## {plain(one.part.title)}",
+        f"{len(one.kept) - len(one.failed)} of {len(one.steps)} steps succeeded, {len(one.failed)} failed, "
+        f"{len(one.missing)} have not run; {duration(took_s)}.",
+        _list([_failure(one, name) for name in one.failed]),
+    ]
+    for section in one.report.sections:
+        text += [f"### {section.title}", section.text, "\n".join(section.table)]
+    for plot in one.report.plots:
+        if (name := figures.file_name(plot)) in written:
+            text += [f"![{plain(plot.caption)}]({name})", f"*{plain(plot.caption)}*"]
+    links = [
+        f"[{name}]({name}): {plain(data.about)}"
+        for data in one.report.data
+        if (name := csv_files.file_name(one.part.name, data)) in written
+    ]
+    text += ["Data:" if links else "", _list(links)]
+    return "\n\n".join(piece.strip("\n") for piece in text if piece)
+
+
+def _failure(one: Chapter, name: str) -> str:
+    return f"Failed: {plain(one.steps[name])}: {plain(one.kept[name].outcome.failure)}"
