@@ -22,10 +22,14 @@ CREDITS = 2
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture and the Unix time in s at which it was whole."""
+    """One picture and the Unix time in s at which it was whole; a stream does not tell what only frames do."""
 
     came_at: float
     jpeg: bytes
+    # Grows by one with each picture that the camera gave, seen or not.
+    number: int | None = None
+    # What the camera was asked for.
+    quality: int | None = None
 
     @property
     def age_ms(self) -> float:
@@ -50,10 +54,10 @@ async def look_at_frames(
         async for message in socket:
             if message.type is aiohttp.WSMsgType.BINARY:
                 came_at = time.time()
-                number = HEADER.unpack_from(message.data)[3]
+                _, _, quality, number, _ = HEADER.unpack_from(message.data)
                 credit = {"op": "credit", "frames": 1, "taken": number}
                 await socket.send_str(json.dumps(credit))
-                take(Picture(came_at, message.data[HEADER.size :]))
+                take(Picture(came_at, message.data[HEADER.size :], number, quality))
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 

@@ -1,0 +1,268 @@
+"""What the page says of the operators' experiment: a table a network, and where plain MJPEG is better. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+
+from sections import Section
+
+from paper.operators_plan import ADAPTIVE, FPS, NETWORKS, OURS, PLAIN, QUALITIES, ROBOTS, step_name
+from paper.operators_plots import plots
+from paper.operators_run import LAST_S
+from paper.operators_values import Run, Summary, summary
+from paper.step import Comparison, Data, Report, Results, Scale, failures, succeeded
+from paper.words import plain as plain_text
+
+NONE = "-"
+NAMES = {OURS: "Robotether", PLAIN: "plain MJPEG, bare ssh -R"}
+# The quality that is most for a link, and is compared in the page's first table.
+COMPARED = 90
+# A camera that gives less than this share of what it should is held up by the machine.
+HELD_UP = 0.97
+HEADER = (
+    "| quality | way | pictures/s | camera's own | KB a picture | Mbit/s a robot | delay between, mean, ms | p95 "
+    "| age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
+    "| machine busy, % |"
+)
+
+# By network, quality (None: adaptive) and way.
+Runs = Mapping[tuple[str, int | None, str], Run]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A figure in which the two ways are compared."""
+
+    name: str
+    what: str
+    unit: str
+    better: str
+
+
+MEASURES = (
+    Measure("pictures_per_s", "pictures a second", "1/s", "higher"),
+    Measure("delay_p95_ms", "delay between pictures, p95", "ms", "lower"),
+    Measure("age_p50_ms", "age of pictures, p50", "ms", "lower"),
+    Measure("age_p95_ms", "age of pictures, p95", "ms", "lower"),
+    Measure("command_p50_ms", "command latency, p50", "ms", "lower"),
+    Measure("command_p99_ms", "command latency, p99", "ms", "lower"),
+)
+FIRST_TABLE = ("pictures_per_s", "age_p95_ms", "command_p99_ms")
+
+
+def report(_scale: Scale, results: Results) -> Report:
+    """The page's part; what failed or has not run has no figures, and says so."""
+    runs = measured_runs(results)
+    summaries = {key: run.summary for key, run in runs.items()}
+    return Report(
+        sections=list(_sections(results, runs)),
+        comparisons=list(_comparisons(summaries)),
+        plots=plots(summaries),
+        data=[_data(runs)] if runs else [],
+        shortfalls=[*_failed(results), *_machine(summaries), *_worse(summaries)],
+    )
+
+
+def measured_runs(results: Results) -> Runs:
+    """All runs of the steps that succeeded, in the plan's order."""
+    good = succeeded(results)
+    return {
+        (network, quality, way): Run.of(good[name][way])
+        for network in NETWORKS
+        for quality in (*QUALITIES, ADAPTIVE)
+        for way in (OURS, PLAIN)
+        if way in good.get(name := step_name(network, quality), {})
+    }
+
+
+def _sections(results: Results, runs: Runs) -> Iterator[Section]:
+    yield Section("How operators and robots were connected", _how(results), [])
+    for network, profile in NETWORKS.items():
+        rows = list(_rows(network, results, runs))
+        if rows:
+            text = (
+                f"Each robot behind {profile.ping_ms:g} ms, {profile.down_mbit_s:g} Mbit/s down and "
+                f"{profile.up_mbit_s:g} up."
+            )
+            table = [HEADER, "|---" * HEADER.count(" | ") + "|---|", *rows]
+            yield Section(f"Video and commands: {profile.name}", text, table)
+
+
+def _how(results: Results) -> str:
+    good = len(succeeded(results))
+    return (
+        f"{ROBOTS} operators look at {ROBOTS} robots' cameras and drive them, all at once: {good} of {len(results)} "
+        "steps that were run succeeded. The robots are simulated ones with the real agent and guard, each behind a "
+        "network of its own; each operator is behind the first fixed line. A camera gives 640x480 pixels at "
+        f"{FPS} pictures a second, and draws the moment into each. Ours is the frames protocol with one quality alone "
+        "(`quality_min` and `quality_max` are the same, so that a link that is too narrow makes it skip pictures), and "
+        'once, "adaptive", with the range of a viewer who asks for nothing else; the quality shown is then the mean of '
+        "what the camera was asked for. Beside it, with the same robots right before or after, is what the paper has: "
+        "plain MJPEG and rosbridge through one bare `ssh -R` a robot, without TLS, logins, guard and relay, which are "
+        "in each figure of ours. The robots' TCP is cubic.\n\n"
+        "Commands go at 20 Hz: a twist, and with it a numbered text that tells when it was due. Command latency is "
+        "from that moment until the text is at the robot's own rosbridge. Lost is what had not come "
+        f"{LAST_S:g} s after the end, and is in no percentile; refused is what the guard let nobody drive with, as it "
+        "was over 0.5 s old; the longest pause is the longest time without a twist. Samples of the robots are put "
+        "together, rates are those of one robot. \"Camera's own\" is what the camera gave, by the pictures' numbers or "
+        f"by a viewer on the robot itself: less than {FPS} is this machine's limit and not the network's. Operators, "
+        "and those who note what arrives, are one process on this machine."
+    )
+
+
+def _rows(network: str, results: Results, runs: Runs) -> Iterator[str]:
+    for quality in (*QUALITIES, ADAPTIVE):
+        name = step_name(network, quality)
+        if name in results and results[name].values is None:
+            yield f"| {_quality(quality)} | failed: {plain_text(results[name].failure)} {'| ' * 15}|"
+        for way in (OURS, PLAIN):
+            if run := runs.get((network, quality, way)):
+                yield _row(quality, way, run)
+
+
+def _row(quality: int | None, way: str, run: Run) -> str:
+    one = run.summary
+    asked = f"adaptive: {_said(one.quality, 0)}" if quality is ADAPTIVE else str(quality)
+    cells = (
+        asked,
+        NAMES[way],
+        _said(one.pictures_per_s, 1),
+        _said(one.camera_fps, 1),
+        _said(one.picture_kb, 1),
+        _said(one.mbit_s, 2),
+        _said(one.delay_mean_ms, 0),
+        _said(one.delay_p95_ms, 0),
+        _said(one.age_p50_ms, 0),
+        _said(one.age_p95_ms, 0),
+        _said(one.command_p50_ms, 1),
+        _said(one.command_p99_ms, 1),
+        f"{one.lost} of {one.commands}",
+        str(one.refused),
+        _said(one.longest_pause_ms, 0),
+        _said(one.simulator_cpu * 100, 0),
+        _said(run.busy * 100, 0),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _comparisons(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator[Comparison]:
+    for (network, quality), (ours, plain) in _pairs(summaries).items():
+        for measure in MEASURES:
+            values = (getattr(plain, measure.name), getattr(ours, measure.name))
+            if quality == COMPARED and measure.name in FIRST_TABLE and None not in values:
+                yield Comparison(
+                    what=f"three operators, {measure.what}, quality {quality}, {NETWORKS[network].name}",
+                    against=NAMES[PLAIN],
+                    reference=values[0],
+                    ours=values[1],
+                    unit=measure.unit,
+                    better=measure.better,
+                )
+    ours_all = [one for (_, _, way), one in summaries.items() if way == OURS]
+    if ours_all:
+        sent = sum(one.commands for one in ours_all)
+        yield Comparison(
+            what="three operators, commands that came while video went on",
+            against="all sent",
+            reference=sent,
+            ours=sent - sum(one.lost for one in ours_all),
+            unit="messages",
+            better="equal",
+        )
+
+
+def _failed(results: Results) -> list[str]:
+    return [f"three operators, {failure}" for failure in failures(results)]
+
+
+def _machine(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator[str]:
+    """Whether the machine held the cameras up."""
+    slow = {key: one.camera_fps for key, one in summaries.items() if one.camera_fps < HELD_UP * FPS}
+    if slow:
+        worst = min(slow, key=slow.__getitem__)
+        yield (
+            f"This machine was a limit in {len(slow)} of {len(summaries)} runs of the three operators: the simulated "
+            f"cameras themselves gave fewer than {HELD_UP * FPS:.1f} pictures a second, at the least "
+            f"{slow[worst]:.1f} ({_where(worst[0], worst[1])}, {NAMES[worst[2]]})."
+        )
+
+
+def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator[str]:
+    """In which measures plain MJPEG is better, how often and by how much."""
+    pairs = _pairs(summaries)
+    for measure in MEASURES:
+        worse = {}
+        for key, (ours, plain) in pairs.items():
+            one, other = getattr(ours, measure.name), getattr(plain, measure.name)
+            if one is None:
+                yield f"Three operators, {_where(*key)}: there is no {measure.what}, as fewer than two pictures came."
+            elif other is not None and (one > other if measure.better == "lower" else one < other):
+                worse[key] = (one, other)
+        if worse:
+            key = max(worse, key=lambda key: _factor(*worse[key]))
+            yield (
+                f"Three operators: {measure.what} is worse than through a bare ssh -R with plain MJPEG in "
+                f"{len(worse)} of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} "
+                f"{measure.unit} ({_where(*key)})."
+            )
+
+
+def _factor(one: float, other: float) -> float:
+    low, high = sorted((one, other))
+    return high / low if low else float("inf")
+
+
+def _pairs(
+    summaries: Mapping[tuple[str, int | None, str], Summary],
+) -> dict[tuple[str, int | None], tuple[Summary, Summary]]:
+    """Ours and plain of each network and quality that has both."""
+    return {
+        (network, quality): (summaries[network, quality, OURS], plain)
+        for (network, quality, way), plain in summaries.items()
+        if way == PLAIN and (network, quality, OURS) in summaries
+    }
+
+
+def _data(runs: Runs) -> Data:
+    rows = []
+    for (network, quality, way), run in runs.items():
+        for number, robot in enumerate(run.robots, 1):
+            figures = asdict(summary([robot], run.lasted_s))
+            # What the journal has for each robot, and the machine for all of them.
+            rows.append(
+                [network, _quality(quality), way, number, run.lasted_s, run.busy, *figures.values()]
+            )
+    return Data(
+        name="operators-runs",
+        about=(
+            "three operators with video, one row a robot and run; rates and shares are of that robot alone, busy is "
+            "this machine's; command latencies are of what came"
+        ),
+        header=(
+            "network",
+            "quality",
+            "way",
+            "robot",
+            "lasted_s",
+            "busy",
+            *Summary.__dataclass_fields__,
+        ),
+        rows=[
+            [round(cell, 4) if isinstance(cell, float) else cell for cell in row] for row in rows
+        ],
+    )
+
+
+def _where(network: str, quality: int | None) -> str:
+    return (
+        f"{NETWORKS[network].name}, {'adaptive' if quality is ADAPTIVE else f'quality {quality}'}"
+    )
+
+
+def _quality(quality: int | None) -> str:
+    return "adaptive" if quality is ADAPTIVE else str(quality)
+
+
+def _said(value: float | None, digits: int) -> str:
+    return NONE if value is None else f"{value:.{digits}f}"

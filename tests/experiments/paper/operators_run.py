@@ -1,0 +1,252 @@
+"""One run of the operators' experiment: each operator looks at a robot's camera and drives it, all at once.
+
+With each command to the wheels goes a numbered text that says when it was due, and which is noted at the robot's own
+rosbridge, behind the guard: a twist has no room for either. Operators, and those who take notes at the robots, are one
+process with one clock; what this process itself is late counts as latency.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+from openssh_server import descendants
+from picture_viewers import Picture, Taker
+from processes import ticks
+
+from paper import numbered
+from paper.operators_values import Run, Seen
+
+CMD_VEL, TWIST = "/cmd_vel", "geometry_msgs/Twist"
+TYPES = {CMD_VEL: TWIST, numbered.TOPIC: numbered.TYPE}
+# A circle of half a metre, so that the robot never meets a wall.
+TURN = {
+    "op": "publish",
+    "topic": CMD_VEL,
+    "msg": {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.6}},
+}
+COMMANDS_HZ = 20
+STARTS_WITHIN_S = 30.0
+# What has not come then is lost.
+LAST_S = 3.0
+LOOK_S = 0.02
+# Numbers of pictures begin anew then.
+NUMBERS = 1 << 32
+NS_A_S, NS_A_MS = 1_000_000_000, 1e6
+
+# Looks at the robot's camera until it is cancelled.
+Look = Callable[[Taker], Coroutine[Any, Any, None]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Times:
+    """How long a run is: until whatever fills up has filled up, and then what is measured."""
+
+    settle_s: float
+    measure_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat:
+    """What one operator has of a robot, whichever way it is connected."""
+
+    robot: str
+    look: Look
+    # The operator's rosbridge connection, and one at the robot itself.
+    rosbridge: aiohttp.ClientWebSocketResponse
+    witness: aiohttp.ClientWebSocketResponse
+    # One who looks at the robot itself, where the operator's pictures do not tell how many there were.
+    onlooker: Look | None
+    simulator_pid: int
+    agent_pid: int
+
+
+@dataclass
+class Notes:
+    """What came, as it came, of one robot; moments are time.monotonic_ns() but for those of pictures."""
+
+    pictures: list[Picture] = field(default_factory=list)
+    # The moments of the onlooker's pictures.
+    looked_on: list[float] = field(default_factory=list)
+    due_ns: list[int] = field(default_factory=list)
+    # When it was due, and when it came.
+    commands_ns: list[tuple[int, int]] = field(default_factory=list)
+    driven_ns: list[int] = field(default_factory=list)
+    refused_ns: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A moment by both clocks, with what had been used by then."""
+
+    unix_s: float
+    ns: int
+    # Of all processors: at work, and all; in the kernel's ticks.
+    busy: int
+    all: int
+    # Of each robot's simulator, and of its agent with all that it started; in ticks.
+    simulators: Sequence[int]
+    agents: Sequence[int]
+
+
+async def measured(seats: Sequence[Seat], times: Times) -> Run:
+    """Drive and look from all seats; each must see its first picture in time, and none may lose its connection."""
+    notes = [Notes() for _ in seats]
+    tasks = [
+        asyncio.create_task(job) for pair in zip(seats, notes, strict=True) for job in _jobs(*pair)
+    ]
+    try:
+        if not await _until(tasks, lambda: all(one.pictures for one in notes), STARTS_WITHIN_S):
+            blind = [seat.robot for seat, one in zip(seats, notes, strict=True) if not one.pictures]
+            raise TimeoutError(f"no picture of {', '.join(blind)} in {STARTS_WITHIN_S:g} s")
+        await _hold(tasks, times.settle_s)
+        begin = _mark(seats)
+        await _hold(tasks, times.measure_s)
+        end = _mark(seats)
+        # With all going on as before.
+        await _until(tasks, lambda: _have_come(notes, end), LAST_S)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    return await asyncio.to_thread(_run, notes, begin, end)
+
+
+def _jobs(seat: Seat, notes: Notes) -> list[Coroutine[Any, Any, None]]:
+    jobs = [_drive(seat, notes), _hear(seat, notes), _note(seat, notes)]
+    jobs.append(seat.look(notes.pictures.append))
+    if seat.onlooker is not None:
+        jobs.append(seat.onlooker(lambda picture: notes.looked_on.append(picture.came_at)))
+    return jobs
+
+
+async def _drive(seat: Seat, notes: Notes) -> None:
+    """Send commands at their times, whatever becomes of those before."""
+    for topic, kind in TYPES.items():
+        await seat.rosbridge.send_json({"op": "advertise", "topic": topic, "type": kind})
+    turn, began = json.dumps(TURN), time.monotonic_ns()
+    for number in itertools.count():
+        due_ns = began + number * NS_A_S // COMMANDS_HZ
+        await asyncio.sleep((due_ns - time.monotonic_ns()) / NS_A_S)
+        notes.due_ns.append(due_ns)
+        await seat.rosbridge.send_str(turn)
+        await seat.rosbridge.send_str(numbered.publish(0, number, due_ns))
+
+
+async def _hear(seat: Seat, notes: Notes) -> None:
+    """Take what comes to the operator: what was refused, as a command that came too late."""
+    async for frame in seat.rosbridge:
+        if json.loads(frame.data).get("op") == "status":
+            notes.refused_ns.append(time.monotonic_ns())
+    raise ConnectionError(
+        f"the connection of the operator of {seat.robot} ended: {seat.rosbridge.close_code}"
+    )
+
+
+async def _note(seat: Seat, notes: Notes) -> None:
+    """Note what comes to the robot."""
+    for topic, kind in TYPES.items():
+        await seat.witness.send_json({"op": "subscribe", "topic": topic, "type": kind})
+    async for frame in seat.witness:
+        came_ns, said = time.monotonic_ns(), json.loads(frame.data)
+        if said.get("op") != "publish":
+            raise RuntimeError(f"the rosbridge of {seat.robot} says {said}")
+        if said["topic"] == CMD_VEL:
+            notes.driven_ns.append(came_ns)
+        else:
+            notes.commands_ns.append((int(said["msg"]["data"].split()[-1]), came_ns))
+    raise ConnectionError(f"the rosbridge of {seat.robot} ended the connection")
+
+
+async def _hold(tasks: Sequence[asyncio.Task[None]], seconds: float) -> None:
+    """Wait so long; none of the tasks may end meanwhile."""
+    done, _ = await asyncio.wait(tasks, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+    for task in done:
+        task.result()
+
+
+async def _until(
+    tasks: Sequence[asyncio.Task[None]], condition: Callable[[], bool], seconds: float
+) -> bool:
+    """Wait until it holds, at most so long; whether it came to that."""
+    end_s = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end_s:
+            return False
+        await _hold(tasks, LOOK_S)
+    return True
+
+
+def _have_come(notes: Sequence[Notes], end: Mark) -> bool:
+    """Whether all commands that were due by then have come."""
+    due = [{due for due in one.due_ns if due < end.ns} for one in notes]
+    came = [{due for due, _ in one.commands_ns} for one in notes]
+    return all(wanted <= there for wanted, there in zip(due, came, strict=True))
+
+
+def _mark(seats: Sequence[Seat]) -> Mark:
+    times = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:9]]
+    idle = times[3] + times[4]
+    return Mark(
+        unix_s=time.time(),
+        ns=time.monotonic_ns(),
+        busy=sum(times) - idle,
+        all=sum(times),
+        simulators=[ticks(seat.simulator_pid) for seat in seats],
+        agents=[sum(map(ticks, [seat.agent_pid, *descendants(seat.agent_pid)])) for seat in seats],
+    )
+
+
+def _run(notes: Sequence[Notes], begin: Mark, end: Mark) -> Run:
+    """What was noted between two marks; reads the moment out of each picture, which takes a while."""
+    return Run(
+        lasted_s=(end.ns - begin.ns) / NS_A_S,
+        busy=(end.busy - begin.busy) / max(1, end.all - begin.all),
+        robots=[_seen(one, number, begin, end) for number, one in enumerate(notes)],
+    )
+
+
+def _seen(notes: Notes, number: int, begin: Mark, end: Mark) -> Seen:
+    lasted_s = (end.ns - begin.ns) / NS_A_S
+    pictures = [one for one in notes.pictures if begin.unix_s <= one.came_at < end.unix_s]
+    asked = [one.quality for one in pictures if one.quality is not None]
+    came = {due: (at - due) / NS_A_MS for due, at in reversed(notes.commands_ns)}
+    used_s = lasted_s * os.sysconf("SC_CLK_TCK")
+    return Seen(
+        pictures=[
+            (round((one.came_at - begin.unix_s) * 1000, 2), len(one.jpeg), round(one.age_ms, 2))
+            for one in pictures
+        ],
+        camera_fps=camera_pictures(pictures, notes.looked_on, begin.unix_s, end.unix_s) / lasted_s,
+        quality=statistics.fmean(asked) if asked else None,
+        commands_ms=[
+            round(came[due], 2) if due in came else None
+            for due in notes.due_ns
+            if begin.ns <= due < end.ns
+        ],
+        driven_ms=[
+            round((at - begin.ns) / NS_A_MS, 2) for at in notes.driven_ns if begin.ns <= at < end.ns
+        ],
+        refused=sum(begin.ns <= at < end.ns for at in notes.refused_ns),
+        simulator_cpu=(end.simulators[number] - begin.simulators[number]) / used_s,
+        agent_cpu=(end.agents[number] - begin.agents[number]) / used_s,
+    )
+
+
+def camera_pictures(
+    pictures: Sequence[Picture], looked_on: Sequence[float], since_s: float, until_s: float
+) -> int:
+    """How many pictures the camera gave: by the numbers of those that came, else by who looks at the robot itself."""
+    numbers = [one.number for one in pictures if one.number is not None]
+    if numbers:
+        return (numbers[-1] - numbers[0]) % NUMBERS + 1
+    return sum(since_s <= moment < until_s for moment in looked_on)
