@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from paper.world import World
 
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
-CHEAP_PATH = "/api/v1/me"
+CHEAP_PATH = "/me"
 # A step may end while the services that it has restarted come back.
 ANSWER_S, ASK_AGAIN_S = 60.0, 0.5
 LONGEST_FAILURE = 300
