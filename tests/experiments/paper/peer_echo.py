@@ -1,0 +1,159 @@
+"""Round trips to a robot on any of the ways that are compared, idle and while somebody looks at its camera.
+
+One machine, one clock. Every message that is sent is waited for; one that does not come back in time ends the
+measurement, which is a failure of its step. Nothing here knows which way it is on (peer_way.py).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import os
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from typing import Any
+
+import aiohttp
+from picture_viewers import Picture
+from relay_server import until
+
+from paper.peer_way import Way
+
+MESSAGE_BYTES, MESSAGE_TYPE = 200, "std_msgs/String"
+RATE_HZ = 50
+# The last message may be behind all that a link and its ends keep.
+LAST_S = 20.0
+FIRST_PICTURE_WITHIN_S = 20.0
+# A connection that is no longer needed may lead nowhere.
+CLOSES_WITHIN_S = 0.1
+_numbers = itertools.count(1)
+Socket = aiohttp.ClientWebSocketResponse
+
+
+@asynccontextmanager
+async def http_of(way: Way) -> AsyncIterator[aiohttp.ClientSession]:
+    """The operator's connections on this way; all are cut at the end."""
+    async with aiohttp.ClientSession(connector=way.connector()) as http:
+        yield http
+
+
+async def connected(http: aiohttp.ClientSession, url: str) -> Socket:
+    """A new rosbridge connection."""
+    timeout = aiohttp.ClientWSTimeout(ws_close=CLOSES_WITHIN_S)
+    return await http.ws_connect(url, compress=0, max_msg_size=0, timeout=timeout)
+
+
+def new_topic(what: str) -> str:
+    """A topic that nobody else uses."""
+    return f"/{what}_{os.getpid()}_{next(_numbers)}"
+
+
+class Echo:
+    """One connection that publishes a topic of its own and has it back from the robot."""
+
+    def __init__(self, socket: Socket) -> None:
+        self._socket = socket
+        self._topic = new_topic("echo")
+        self._sent_at: dict[int, float] = {}
+        # In ms, by the message's number.
+        self.round_trips_ms: dict[int, float] = {}
+        # When the last message that came back was sent, on time.monotonic's clock.
+        self.answered_of = float("-inf")
+
+    @classmethod
+    async def open(cls, http: aiohttp.ClientSession, way: Way) -> Echo:
+        """Connect, and wait until a first message, number -1, has come back."""
+        echo = cls(await connected(http, await asyncio.to_thread(way.ros_url)))
+        for op in ("advertise", "subscribe"):
+            await echo.tell(op, echo._topic, MESSAGE_TYPE)
+        # The robot takes them in order: the subscription is there before the message.
+        await echo.send(-1)
+        await echo.receive_until(-1)
+        return echo
+
+    async def tell(self, op: str, topic: str, kind: str) -> None:
+        """Advertise or subscribe."""
+        await self._socket.send_json({"op": op, "topic": topic, "type": kind})
+
+    async def send(self, number: int) -> None:
+        """Publish one message of exactly MESSAGE_BYTES bytes."""
+        empty = json.dumps({"op": "publish", "topic": self._topic, "msg": {"data": ""}})
+        text = empty.replace('""', f'"{number:<{MESSAGE_BYTES - len(empty)}}"')
+        self._sent_at[number] = time.monotonic()
+        await self._socket.send_str(text)
+
+    async def receive(self) -> None:
+        """Take one message, of whatever kind."""
+        text = await self._socket.receive_str()
+        came_at = time.monotonic()
+        said = json.loads(text)
+        if said.get("op") == "publish" and said.get("topic") == self._topic:
+            number = int(said["msg"]["data"])
+            self.answered_of = self._sent_at[number]
+            self.round_trips_ms[number] = (came_at - self.answered_of) * 1000
+
+    async def receive_until(self, number: int) -> None:
+        """Take messages until that one has come back."""
+        while number not in self.round_trips_ms:
+            await self.receive()
+
+
+async def round_trips(way: Way, seconds: float) -> list[float]:
+    """Send a message each 1/RATE_HZ s without waiting for the one before; the round trips in ms, in order."""
+    count = int(seconds * RATE_HZ)
+    async with http_of(way) as http:
+        echo = await asyncio.wait_for(Echo.open(http, way), LAST_S)
+        receiving = asyncio.ensure_future(echo.receive_until(count - 1))
+        try:
+            started = time.monotonic()
+            for number in range(count):
+                await asyncio.sleep(max(0.0, started + number / RATE_HZ - time.monotonic()))
+                await echo.send(number)
+            await asyncio.wait_for(receiving, LAST_S)
+        finally:
+            await stop(receiving)
+    # A KeyError is a message that was overtaken by the last, which is a loss here.
+    return [echo.round_trips_ms[number] for number in range(count)]
+
+
+async def behind_video(way: Way, video: str, seconds: float, settle_s: float) -> dict[str, Any]:
+    """Round trips while somebody looks at the camera, after so long, and how old the pictures are meanwhile."""
+    seen: list[Picture] = []
+    async with http_of(way) as http:
+        looking = asyncio.ensure_future(way.look(http, video, seen.append))
+        try:
+            await until(
+                lambda: seen or looking.done(),
+                f"a picture: {way.title}, {video}",
+                FIRST_PICTURE_WITHIN_S,
+            )
+            await asyncio.wait([looking], timeout=settle_s)
+            seen.clear()
+            started = time.monotonic()
+            trips = await round_trips(way, seconds)
+            lasted_s = time.monotonic() - started
+            # One whose picture ended meanwhile was not measured behind video.
+            if looking.done():
+                looking.result()
+        finally:
+            await stop(looking)
+    if not seen:
+        raise RuntimeError(f"cannot measure {way.title} behind {video}: no picture came")
+    return {"round_trips_ms": trips, **of_pictures(seen, lasted_s)}
+
+
+def of_pictures(pictures: Sequence[Picture], lasted_s: float) -> dict[str, Any]:
+    """What those that came in so many seconds were like."""
+    return {
+        "picture_ages_ms": [picture.age_ms for picture in pictures],
+        "pictures_per_s": len(pictures) / lasted_s,
+        "picture_bytes": sum(len(picture.jpeg) for picture in pictures) / len(pictures),
+    }
+
+
+async def stop(task: asyncio.Future[None]) -> None:
+    """Cancel it, and leave nothing of it."""
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
