@@ -11,7 +11,7 @@ from paper.operators_plan import ADAPTIVE, FPS, NETWORKS, OURS, PLAIN, QUALITIES
 from paper.operators_plots import plots
 from paper.operators_run import LAST_S
 from paper.operators_values import Run, Summary, summary
-from paper.step import Comparison, Data, Report, Results, Scale, failures, succeeded
+from paper.step import Comparison, Data, Report, Results, Scale, succeeded
 from paper.words import plain as plain_text
 
 NONE = "-"
@@ -41,7 +41,7 @@ class Measure:
 
 
 MEASURES = (
-    Measure("pictures_per_s", "pictures a second", "1/s", "higher"),
+    Measure("pictures_per_s", "pictures a second", "pictures/s", "higher"),
     Measure("delay_p95_ms", "delay between pictures, p95", "ms", "lower"),
     Measure("age_p50_ms", "age of pictures, p50", "ms", "lower"),
     Measure("age_p95_ms", "age of pictures, p95", "ms", "lower"),
@@ -60,7 +60,7 @@ def report(_scale: Scale, results: Results) -> Report:
         comparisons=list(_comparisons(summaries)),
         plots=plots(summaries),
         data=[_data(runs)] if runs else [],
-        shortfalls=[*_failed(results), *_machine(summaries), *_worse(summaries)],
+        shortfalls=[*_machine(summaries), *_worse(summaries)],
     )
 
 
@@ -172,19 +172,19 @@ def _comparisons(summaries: Mapping[tuple[str, int | None, str], Summary]) -> It
         )
 
 
-def _failed(results: Results) -> list[str]:
-    return [f"three operators, {failure}" for failure in failures(results)]
-
-
 def _machine(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator[str]:
     """Whether the machine held the cameras up."""
-    slow = {key: one.camera_fps for key, one in summaries.items() if one.camera_fps < HELD_UP * FPS}
+    slow = {
+        key: one.camera_fps
+        for key, one in summaries.items()
+        if one.camera_fps is not None and one.camera_fps < HELD_UP * FPS
+    }
     if slow:
         worst = min(slow, key=slow.__getitem__)
         yield (
-            f"This machine was a limit in {len(slow)} of {len(summaries)} runs of the three operators: the simulated "
-            f"cameras themselves gave fewer than {HELD_UP * FPS:.1f} pictures a second, at the least "
-            f"{slow[worst]:.1f} ({_where(worst[0], worst[1])}, {NAMES[worst[2]]})."
+            f"This machine was a limit in {len(slow)} of {len(summaries)} runs: the simulated cameras themselves gave "
+            f"fewer than {HELD_UP * FPS:.1f} pictures a second, at the least {slow[worst]:.1f} "
+            f"({_where(worst[0], worst[1])}, {NAMES[worst[2]]})."
         )
 
 
@@ -196,15 +196,15 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
         for key, (ours, plain) in pairs.items():
             one, other = getattr(ours, measure.name), getattr(plain, measure.name)
             if one is None:
-                yield f"Three operators, {_where(*key)}: there is no {measure.what}, as fewer than two pictures came."
+                yield f"No {measure.what}, {_where(*key)}: too little came."
             elif other is not None and (one > other if measure.better == "lower" else one < other):
                 worse[key] = (one, other)
         if worse:
             key = max(worse, key=lambda key: _factor(*worse[key]))
             yield (
-                f"Three operators: {measure.what} is worse than through a bare ssh -R with plain MJPEG in "
-                f"{len(worse)} of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} "
-                f"{measure.unit} ({_where(*key)})."
+                f"{measure.what}: worse than that of plain MJPEG and rosbridge through a bare ssh -R in {len(worse)} "
+                f"of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} {measure.unit} "
+                f"({_where(*key)})."
             )
 
 

@@ -22,6 +22,7 @@ import aiohttp
 from openssh_server import descendants
 from picture_viewers import Picture, Taker
 from processes import ticks
+from stamped_picture import read_stamp
 
 from paper import numbered
 from paper.operators_values import Run, Seen
@@ -226,7 +227,7 @@ def _seen(notes: Notes, number: int, begin: Mark, end: Mark) -> Seen:
             (round((one.came_at - begin.unix_s) * 1000, 2), len(one.jpeg), round(one.age_ms, 2))
             for one in pictures
         ],
-        camera_fps=camera_pictures(pictures, notes.looked_on, begin.unix_s, end.unix_s) / lasted_s,
+        camera_fps=camera_fps(pictures, notes.looked_on, begin.unix_s, end.unix_s),
         quality=statistics.fmean(asked) if asked else None,
         commands_ms=[
             round(came[due], 2) if due in came else None
@@ -242,11 +243,17 @@ def _seen(notes: Notes, number: int, begin: Mark, end: Mark) -> Seen:
     )
 
 
-def camera_pictures(
+def camera_fps(
     pictures: Sequence[Picture], looked_on: Sequence[float], since_s: float, until_s: float
-) -> int:
-    """How many pictures the camera gave: by the numbers of those that came, else by who looks at the robot itself."""
-    numbers = [one.number for one in pictures if one.number is not None]
-    if numbers:
-        return (numbers[-1] - numbers[0]) % NUMBERS + 1
-    return sum(since_s <= moment < until_s for moment in looked_on)
+) -> float | None:
+    """What the camera gave a second: by the numbers of what came, else by who looks at the robot itself."""
+    numbered_ones = [one for one in pictures if one.number is not None]
+    if not numbered_ones:
+        seen = sum(since_s <= moment < until_s for moment in looked_on)
+        return seen / (until_s - since_s) if looked_on else None
+    first, last = numbered_ones[0], numbered_ones[-1]
+    # By the moments that they show: how long each was on its way is not the camera's.
+    lasted_s = read_stamp(last.jpeg) - read_stamp(first.jpeg)
+    assert first.number is not None
+    assert last.number is not None
+    return (last.number - first.number) % NUMBERS / lasted_s if lasted_s > 0 else None

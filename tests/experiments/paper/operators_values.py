@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,8 +20,8 @@ class Seen:
 
     # When it was whole at the operator, bytes, age in ms.
     pictures: Sequence[tuple[float, int, float]]
-    # What the camera gave a second at the robot, whoever got it.
-    camera_fps: float
+    # What the camera gave a second at the robot, whoever got it; None where too little came to tell.
+    camera_fps: float | None
     # The mean JPEG quality that was asked of the camera; None where only the stream's own address tells.
     quality: float | None
     # From the scheduled moment until it was at the robot's rosbridge; None: never came.
@@ -68,7 +68,7 @@ class Summary:
     """The figures of some robots; a rate is that of one robot, None is what nothing was measured of."""
 
     pictures_per_s: float
-    camera_fps: float
+    camera_fps: float | None
     quality: float | None
     picture_kb: float | None
     mbit_s: float
@@ -96,15 +96,14 @@ def summary(robots: Sequence[Seen], lasted_s: float) -> Summary:
     delays = [delay for robot in robots for delay in delays_ms(robot)]
     sent = [latency for robot in robots for latency in robot.commands_ms]
     came = [latency for latency in sent if latency is not None]
-    asked = [robot.quality for robot in robots if robot.quality is not None]
     each = len(robots) * lasted_s
     return Summary(
         pictures_per_s=len(sizes) / each,
-        camera_fps=statistics.fmean(robot.camera_fps for robot in robots),
-        quality=statistics.fmean(asked) if asked else None,
+        camera_fps=_mean(robot.camera_fps for robot in robots),
+        quality=_mean(robot.quality for robot in robots),
         picture_kb=sum(sizes) / len(sizes) / 1000 if sizes else None,
         mbit_s=sum(sizes) * 8 / each / 1e6,
-        delay_mean_ms=statistics.fmean(delays) if delays else None,
+        delay_mean_ms=_mean(delays),
         delay_p95_ms=_quantile(delays, 0.95),
         age_p50_ms=_quantile(ages, 0.5),
         age_p95_ms=_quantile(ages, 0.95),
@@ -130,6 +129,12 @@ def longest_pause_ms(moments_ms: Sequence[float], lasted_s: float) -> float:
     """The longest time in which nothing came, in ms; the beginning and the end count as moments."""
     edges = [0.0, *sorted(moments_ms), lasted_s * 1000]
     return max(after - before for before, after in itertools.pairwise(edges))
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    """Of those that are known."""
+    known = [value for value in values if value is not None]
+    return statistics.fmean(known) if known else None
 
 
 def _quantile(values: Sequence[float], part: float) -> float | None:
