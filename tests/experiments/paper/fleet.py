@@ -1,11 +1,10 @@
 """Many light robots that start, are ended, and come back together: the machinery of `startup` and `reconnect`.
 
-    with standing(world, 50) as fleet:
-        values = fleet.start("repetition 7")
+    values = with_fleet(world, 50, lambda fleet: fleet.start("repetition 7"))
 
 A robot is the real agent with its guard and its own OpenSSH clients, in a worker process with others
-(fleet_worker), behind the address of the worker's uplink. A repetition's clock starts with the order to start, so that no
-interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with the `with` block.
+(fleet_worker), behind the address of the worker's uplink. A repetition's clock starts with the order to start, so that
+no interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with the `with` block.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
@@ -32,6 +31,7 @@ from stack import ROOT
 from paper.enrolled import Enrolled
 from paper.fleet_arrivals import Arrivals
 from paper.fleet_costs import Reading, cpu_between, limits_met, memory_between
+from paper.fleet_groups import FAILED_AFTER_S
 from paper.fleet_operators import Board, Operators
 from paper.fleet_worker import LINE_BYTES, allow_files
 from paper.profiles import PLAIN
@@ -41,13 +41,14 @@ from paper.world import World
 PATHS = ("tests/support", "tests/experiments", "agent", "server", "images/sim_robot")
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
-# A robot that has no message after this has failed; larger fleets are watched on, to see when the last one comes.
-FAILED_AFTER_S, MORE_A_ROBOT_S = 60.0, 0.24
+# Larger fleets are watched for longer than a robot may take, to see when the last one comes.
+WATCHED_A_ROBOT_S = 0.24
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 LOG_LINES = 8
 
+T = TypeVar("T")
 # What a world's stack has enrolled is kept for the next fleet in it.
 _enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
 
@@ -68,27 +69,46 @@ def shares(count: int) -> list[int]:
 
 def watched_s(count: int) -> float:
     """How long it is waited for a fleet's last message."""
-    return max(FAILED_AFTER_S, count * MORE_A_ROBOT_S)
+    return max(FAILED_AFTER_S, count * WATCHED_A_ROBOT_S)
 
 
 class WorkerFailedError(Exception):
     """A process of light robots did not do what it was told; says what it logged."""
 
 
-class _Worker:
-    """One process of light robots."""
+Hear = Callable[[dict[str, Any]], None]
+
+
+class Side(Protocol):
+    """Some robots of a fleet. `pids` are the processes that they are made of now, `heard` is told what they heard."""
+
+    heard: Hear
+
+    @property
+    def pids(self) -> Sequence[int]:
+        """The processes now; what these have started counts too."""
+
+    async def do(self, order: Literal["start", "end"], within_s: float) -> None:
+        """Start or end all its robots."""
+
+    def log_tail(self) -> str:
+        """What its robots' agents said last."""
+
+
+class Worker:
+    """One process of light robots; a Side."""
 
     def __init__(self, process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
-        self.pid = process.pid
-        self.heard: Callable[[dict[str, Any]], None] = lambda _: None
+        self.pids = [process.pid]
+        self.heard: Hear = lambda _: None
         self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
         self._done: asyncio.Queue[str] = asyncio.Queue()
         self._listening = asyncio.ensure_future(self._listen())
 
     @classmethod
-    async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> _Worker:
+    async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> Worker:
         """Start it in the uplink's namespace."""
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in PATHS)}
         process = await asyncio.create_subprocess_exec(
@@ -177,11 +197,11 @@ class Fleet:
         self,
         world: World,
         robots: Sequence[Enrolled],
-        workers: Sequence[_Worker],
+        sides: Sequence[Side],
         http: aiohttp.ClientSession,
     ) -> None:
         site = f"https://{world.door}"
-        self._world, self._workers = world, workers
+        self._world, self._sides = world, sides
         self._names = [robot.name for robot in robots]
         self.board = Board(http, site)
         self._operators = Operators(http, site, self.board)
@@ -191,26 +211,26 @@ class Fleet:
         """Start all robots at once, and return what was measured until each has its message."""
 
         async def order() -> None:
-            await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._workers))
+            await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._sides))
 
         return await self.run(run, order)
 
-    async def run(self, run: str, order: Callable[[], Any]) -> dict[str, Any]:
+    async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
         """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""
         first = self._reading()
         self._failures.clear()
         arrivals = Arrivals(self._names, run, time.monotonic_ns())
-        for worker in self._workers:
-            worker.heard = lambda message: self._heard(arrivals, message)
+        for side in self._sides:
+            side.heard = lambda message: self._heard(arrivals, message)
         await order()
         await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
         values = Run(arrivals, first, self._reading()).values()
-        return {**values, "workers": len(self._workers), "failures": self._told(values)}
+        return {**values, "failures": self._told(values)}
 
     async def end(self) -> float:
         """End all robots, and return the seconds until the server knew of all."""
         began = time.monotonic()
-        await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._workers))
+        await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._sides))
         async with asyncio.timeout(ENDS_WITHIN_S):
             await self.board.until(self._names, online=False)
         return round(time.monotonic() - began, 3)
@@ -224,57 +244,62 @@ class Fleet:
     def _told(self, values: Mapping[str, Any]) -> list[str]:
         """What explains robots without a message, if there are any."""
         missing = sum(seconds is None for seconds in values["message_s"])
-        logs = [worker.log_tail() for worker in self._workers] if missing else []
+        logs = [side.log_tail() for side in self._sides] if missing else []
         return [*self._failures, *filter(None, logs)]
 
     def _reading(self) -> Reading:
         containers = {name: self._world.container(name) for name in SERVICES}
-        return Reading.now(containers, [worker.pid for worker in self._workers])
+        return Reading.now(containers, [pid for side in self._sides for pid in side.pids])
+
+
+def with_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
+    """What `use` returns of a fleet of `count` light robots, none of which has started yet."""
+    robots = robots_of(world, count)
+    allow_files(FILES_OF_OPERATORS)
+    with (
+        world.uplinks([PLAIN] * len(shares(count))) as uplinks,
+        tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
+    ):
+
+        async def run() -> T:
+            async with (
+                workers(robots, uplinks, Path(logs)) as sides,
+                following(world, robots, sides) as fleet,
+            ):
+                return await use(fleet)
+
+        return asyncio.run(run())
 
 
 @asynccontextmanager
-async def standing(world: World, count: int, uplinks: Sequence[Uplink]) -> AsyncIterator[Fleet]:
-    """A fleet of `count` robots behind these uplinks, one worker each; none of them has started."""
-    allow_files(FILES_OF_OPERATORS)
-    robots = await asyncio.to_thread(robots_of, world, count)
+async def following(
+    world: World, robots: Sequence[Enrolled], sides: Sequence[Side]
+) -> AsyncIterator[Fleet]:
+    """The fleet that these robots are, with operators who follow the server's events."""
+    headers = {"Authorization": f"Bearer {world.token}"}
+    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
+    async with aiohttp.ClientSession(connector=connector, headers=headers) as http:
+        fleet = Fleet(world, robots, sides, http)
+        board = asyncio.ensure_future(fleet.board.follow())
+        try:
+            yield fleet
+        finally:
+            board.cancel()
+            await asyncio.gather(board, return_exceptions=True)
+
+
+@asynccontextmanager
+async def workers(
+    robots: Sequence[Enrolled], uplinks: Sequence[Uplink], logs: Path
+) -> AsyncIterator[list[Worker]]:
+    """A worker behind each uplink; all robots have their rosbridge, and no agent yet."""
+    made, left = [], list(robots)
     async with contextlib.AsyncExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-fleet-")))
-        workers = await _workers(stack, robots, uplinks, folder)
-        headers = {"Authorization": f"Bearer {world.token}"}
-        connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
-        http = await stack.enter_async_context(
-            aiohttp.ClientSession(connector=connector, headers=headers)
-        )
-        fleet = Fleet(world, robots, workers, http)
-        following = asyncio.ensure_future(fleet.board.follow())
-        stack.push_async_callback(_cancel, following)
-        yield fleet
-
-
-@contextmanager
-def networks(world: World, count: int) -> Iterator[list[Uplink]]:
-    """A plain uplink for each worker of a fleet of `count` robots."""
-    with world.uplinks([PLAIN] * len(shares(count))) as made:
+        for number, (uplink, share) in enumerate(zip(uplinks, shares(len(robots)), strict=True)):
+            log = stack.enter_context((logs / f"{number}.log").open("ab"))
+            made.append(await Worker.start(uplink, left[:share], log))
+            stack.push_async_callback(made[-1].end)
+            del left[:share]
+        for worker in made:
+            await worker.has_done("open", OPENS_WITHIN_S)
         yield made
-
-
-async def _workers(
-    stack: contextlib.AsyncExitStack,
-    robots: Sequence[Enrolled],
-    uplinks: Sequence[Uplink],
-    folder: Path,
-) -> list[_Worker]:
-    workers, left = [], list(robots)
-    for number, (uplink, share) in enumerate(zip(uplinks, shares(len(robots)), strict=True)):
-        log = stack.enter_context((folder / f"{number}.log").open("ab"))
-        workers.append(await _Worker.start(uplink, left[:share], log))
-        stack.push_async_callback(workers[-1].end)
-        del left[:share]
-    for worker in workers:
-        await worker.has_done("open", OPENS_WITHIN_S)
-    return workers
-
-
-async def _cancel(task: asyncio.Future[None]) -> None:
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)

@@ -25,6 +25,7 @@ class Arrivals:
         self._came = {robot: asyncio.Event() for robot in robots}
         self._message_s: dict[str, float] = {}
         self._online_s: dict[str, float] = {}
+        self._server_s: float | None = None
         self._published: Counter[str] = Counter()
         self._received: Counter[str] = Counter()
         self._wrong: list[str] = []
@@ -40,6 +41,11 @@ class Arrivals:
         """Note that the server says so; the first time counts."""
         if robot in self._came:
             self._online_s.setdefault(robot, self._seconds(at_ns))
+
+    def server_answers(self, at_ns: int) -> None:
+        """Note that the server, of which some was restarted, tells of its fleet again; the first time counts."""
+        if self._server_s is None:
+            self._server_s = self._seconds(at_ns)
 
     def waits(self, why: str) -> None:
         """Note that a robot could not be reached yet."""
@@ -70,6 +76,7 @@ class Arrivals:
         return {
             "message_s": [_rounded(self._message_s.get(robot)) for robot in self._came],
             "online_s": [_rounded(self._online_s.get(robot)) for robot in self._came],
+            "server_s": _rounded(self._server_s),
             "published": self._published.total(),
             "received": self._received.total(),
             "wrong": len(self._wrong),

@@ -41,6 +41,8 @@ class Board:
         self._online: set[str] = set()
         self._changed = asyncio.Condition()
         self.on_online: Callable[[str, int], None] = lambda _robot, _at_ns: None
+        # The server tells the fleet again, after a restart for instance.
+        self.on_fleet: Callable[[int], None] = lambda _at_ns: None
 
     async def follow(self) -> None:
         """Follow the fleet without end."""
@@ -75,6 +77,7 @@ class Board:
 
     async def _hear(self, event: str, data: Any) -> None:
         if event == "fleet":
+            self.on_fleet(time.monotonic_ns())
             await self._become({robot["name"] for robot in data if robot["online"]})
         elif event == "robot" and data["online"] != (data["name"] in self._online):
             change = {data["name"]}
@@ -100,7 +103,7 @@ class Operators:
 
     async def deliver_all(self, robots: Iterable[str], arrivals: Arrivals, within_s: float) -> None:
         """Return when each robot has got its message, or the time is over."""
-        self._board.on_online = arrivals.is_online
+        self._board.on_online, self._board.on_fleet = arrivals.is_online, arrivals.server_answers
         with suppress(asyncio.TimeoutError):
             async with asyncio.timeout(within_s), asyncio.TaskGroup() as group:
                 for robot in robots:
@@ -142,7 +145,7 @@ class Operators:
 async def _until_come(
     socket: aiohttp.ClientWebSocketResponse, robot: str, arrivals: Arrivals
 ) -> None:
-    """Wait for the message's arrival; raise RefusedError when the server ends the connection, or refuses the message."""
+    """Wait for the message's arrival; raise RefusedError when the server ends the connection or refuses it."""
     hearing = asyncio.ensure_future(_hear(socket))
     coming = asyncio.ensure_future(arrivals.until_come(robot))
     try:

@@ -2,8 +2,8 @@
 
 Each robot is a rosbridge of its own, the real agent with its guard (fleet_guard) and its own OpenSSH clients. Lines of
 JSON go both ways: the first one in names the robots and their agents' settings, those that follow say what to do; out
-come `done` for each order, `got` for each message that a robot's subscriber hears, and `failed`. The end of input is the
-end. It must never leave an SSH client behind.
+come `done` for each order, `got` for each message that a robot's subscriber hears, and `failed`. The end of input
+is the end. It must never leave an SSH client behind.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ from robotether_agent import settings as agent_settings
 from robotether_agent.notify import Notifier
 from robotether_agent.settings import Settings
 from sim_robot.bus import Node, TopicMessage
-from sim_robot.graph import make_graph
-from sim_robot.rosbridge import rosapi
-from sim_robot.rosbridge.server import RosbridgeServer
 
+from paper.bus_robot import BusRobot
+from paper.enrolled import environment
 from paper.fleet_guard import LightAgent
 
 TOPIC, TYPE = "/startup", "std_msgs/String"
-ROS_VERSION = 2
+LOCALHOST = "127.0.0.1"
 # Sockets, pipes and listeners of one robot, with room.
 FILES_A_ROBOT = 80
 LINE_BYTES = 1024 * 1024
@@ -48,20 +47,18 @@ class LightRobot:
         self.name = name
         self._given = given
         self._tell = tell
-        self._graph = make_graph(ROS_VERSION)
-        rosapi.offer(self._graph)
-        self._rosbridge = RosbridgeServer(self._graph)
-        self._graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._heard)
+        self._ros = BusRobot(LOCALHOST, 0)
+        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._heard)
         self._agent: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
         """Start its rosbridge."""
-        await self._rosbridge.listener.start("127.0.0.1", 0)
+        await self._ros.__aenter__()
 
     async def close(self) -> None:
         """End all of it."""
         await self.end()
-        await self._rosbridge.listener.stop()
+        await self._ros.__aexit__()
 
     def start(self) -> None:
         """Start the agent."""
@@ -88,16 +85,15 @@ class LightRobot:
 
     @property
     def _settings(self) -> Settings:
-        port = self._rosbridge.listener.port
+        port = self._ros.rosbridge.listener.port
         given = {
             **self._given,
-            "rosbridge_url": f"ws://127.0.0.1:{port}",
+            "rosbridge_url": f"ws://{LOCALHOST}:{port}",
             # No camera: what is asked for is one message.
             "video_source": "rosbridge",
             "shell_address": "none",
         }
-        environ = {f"ROBOTETHER_{key.upper()}": value for key, value in given.items()}
-        return agent_settings.load(NO_FILE, environ)
+        return agent_settings.load(NO_FILE, environment(given))
 
 
 class _Tell:
