@@ -8,8 +8,7 @@ from paper import figures
 from paper.operators_plan import ADAPTIVE, NETWORKS, OURS, PLAIN, QUALITIES
 from paper.operators_plots import plots
 from paper.operators_values import summary
-
-from .test_operators_values import seen
+from seen_robot import seen
 
 
 def test_figures_of_a_whole_run_name_each_network(tmp_path: Path) -> None:

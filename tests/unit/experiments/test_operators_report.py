@@ -8,8 +8,7 @@ from paper.operators_plan import ADAPTIVE, NETWORKS, OURS, PLAIN, step_name
 from paper.operators_report import HEADER, measured_runs, report
 from paper.operators_values import Run
 from paper.step import Outcome, Scale
-
-from .test_operators_values import seen
+from seen_robot import seen
 
 SCALE = Scale()
 
