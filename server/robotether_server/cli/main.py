@@ -1,5 +1,6 @@
 """The command itself: its list of commands, the starts of web and migrate, and the border of errors."""
 
+import importlib
 import logging
 import os
 import sys
@@ -8,7 +9,6 @@ import click
 
 from robotether_server import __version__, migrate, settings
 from robotether_server.cli.audit_log import audit_log
-from robotether_server.cli.fleet.commands import fleet
 from robotether_server.cli.grants import grant, revoke
 from robotether_server.cli.groups import group
 from robotether_server.cli.invites import join_token
@@ -35,7 +35,26 @@ GUNICORN = (
 APPLICATION = "robotether_server.web.wsgi:make_app()"
 
 
-@click.group()
+# Where the commands are whose libraries take as long to load as all the rest: loaded only for them.
+LOADED_LATE = {"fleet": "robotether_server.cli.fleet.commands"}
+
+
+class Commands(click.Group):
+    """The list of commands, in which some are loaded when they are asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name all, in the order of the alphabet."""
+        return sorted([*super().list_commands(ctx), *LOADED_LATE])
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Find one, None if there is no such command."""
+        if module := LOADED_LATE.get(cmd_name):
+            found: click.Command = getattr(importlib.import_module(module), cmd_name)
+            return found
+        return super().get_command(ctx, cmd_name)
+
+
+@click.group(cls=Commands)
 @click.version_option(__version__)
 def cli() -> None:
     """Administer Robotether."""
@@ -68,7 +87,6 @@ def run_web() -> None:
 
 for command in (
     audit_log,
-    fleet,
     grant,
     group,
     join_token,
