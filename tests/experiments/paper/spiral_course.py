@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 from sim_robot.kinematics import STANDING, STEP_S, Pose, Turtle, Velocity
@@ -29,15 +30,15 @@ class Change:
     velocity: Velocity
 
 
-def velocities(length_m: float = LENGTH_M) -> list[Velocity]:
+def velocities(length_m: float = LENGTH_M) -> tuple[Velocity, ...]:
     """One an interval, the next a little faster, until together they command at least this length."""
     speeds: list[float] = []
     while sum(speeds) * INTERVAL_S < length_m - ROUNDING_M:
         speeds.append(FIRST_SPEED_M_S + SPEED_STEP_M_S * len(speeds))
-    return [Velocity(speed, 0.0, TURN_RAD_S) for speed in speeds]
+    return tuple(Velocity(speed, 0.0, TURN_RAD_S) for speed in speeds)
 
 
-def velocities_within(seconds: float) -> list[Velocity]:
+def velocities_within(seconds: float) -> tuple[Velocity, ...]:
     """Those of the whole spiral that end within this time."""
     return velocities()[: int(seconds * RATE_HZ)]
 
@@ -99,9 +100,11 @@ def stepped_end(changes: Sequence[Change], phase_s: float) -> Pose:
     return in_frame_of(start, turtle.pose)
 
 
-def stepped_ends(changes: Sequence[Change], phases: int = 160) -> list[Pose]:
-    """`stepped_end` for so many phases, evenly over a step: all that can happen to exactly punctual commands."""
-    return [stepped_end(changes, n * STEP_S / phases) for n in range(phases)]
+@cache
+def stepped_ends(wanted: tuple[Velocity, ...], phases: int = 160) -> tuple[Pose, ...]:
+    """All that turtlesim can make of exactly punctual commands: the ends for so many phases, evenly over a step."""
+    changes = punctual(wanted)
+    return tuple(stepped_end(changes, n * STEP_S / phases) for n in range(phases))
 
 
 def in_frame_of(start: Pose, pose: Pose) -> Pose:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sim_robot.kinematics import Velocity
@@ -30,7 +29,7 @@ class Plan:
     pairs: int
     repetitions: int
     # One an interval; whether that is the whole spiral.
-    wanted: Sequence[Velocity]
+    wanted: tuple[Velocity, ...]
     is_whole: bool
 
     @property

@@ -70,7 +70,7 @@ def _draw_ends(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
     ideal = end_of(punctual(plan.wanted))
     arrivals = [spiral_ends.arrival_end(run, plan.wanted) for run in spiral_ends.completed(runs)]
     for label, mark, colour, ends in (
-        ("exact intervals, turtlesim's steps", "s", STEPS, stepped_ends(punctual(plan.wanted))),
+        ("exact intervals, turtlesim's steps", "s", STEPS, stepped_ends(plan.wanted)),
         ("arrivals alone, no steps", "x", ARRIVALS, arrivals),
         ("robots", ".", OURS, spiral_ends.ends(runs)),
         ("ideal", "+", IDEAL, [ideal]),

@@ -91,10 +91,11 @@ class Driver:
         )
         await self._operator.send({"op": "advertise", "topic": CMD_VEL, "type": TYPES[CMD_VEL]})
         # As often as it drives: somebody who drives sees something of the robot.
-        every_ms = INTERVAL_S * 1000
+        every_ms = round(INTERVAL_S * 1000)
         await self._operator.send({"op": "subscribe", "topic": POSE, "throttle_rate": every_ms})
-        while json.loads(await self._operator.receive()).get("op") != "publish":
-            pass
+        while (message := json.loads(await self._operator.receive()))["op"] != "publish":
+            if message["op"] == "status":
+                raise ConnectionError(f"{self._pair.robot.name} says: {message}")
         reading = asyncio.create_task(self._read())
         opened.push_async_callback(_end, reading)
 

@@ -68,7 +68,7 @@ def test_fine_steps_would_come_to_the_exact_end() -> None:
     changes = spiral_course.punctual(wanted)
     exact = spiral_course.end_of(changes)
     most = 2 * STEP_S * wanted[-1].linear_x
-    for end in spiral_course.stepped_ends(changes, phases=16):
+    for end in spiral_course.stepped_ends(wanted, phases=16):
         assert math.dist((end.x, end.y), (exact.x, exact.y)) < most
 
 
