@@ -38,7 +38,8 @@ PLACES = [
 ]
 # It publishes zeros for half a second when it was moving, and closes its tunnels.
 ENDS_WITHIN_S = 5.0
-LOOKS_EVERY_S = 0.1
+# Each look costs the server a list of all its robots.
+LOOKS_EVERY_S = 0.25
 LOG_LINES = 30
 
 

@@ -12,6 +12,7 @@ firewall. IPv4 alone.
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -183,16 +184,21 @@ def allot(made: ExitStack) -> Addresses:
             ["ip", "link", "add", *ends], capture_output=True, text=True, check=False
         )
         if done.returncode == 0:
-            made.callback(unplug, addresses)
+            made.callback(unplug, addresses.device, socket.if_nametoindex(addresses.device))
             return addresses
         if "File exists" not in done.stderr:
             raise RuntimeError(f"cannot lay a cable for an uplink: {done.stderr.strip()}")
     raise RuntimeError(f"cannot make an uplink: all {PLACES} places are taken")
 
 
-def unplug(addresses: Addresses) -> None:
-    """Remove the cable; it has gone with its namespace, but where that was not made."""
-    subprocess.run(["ip", "link", "delete", addresses.device], capture_output=True, check=False)
+def unplug(device: str, index: int) -> None:
+    """Remove the cable, if it has not gone with its namespace; one of that name may be another process's by now."""
+    try:
+        is_ours = socket.if_nametoindex(device) == index
+    except OSError:
+        return
+    if is_ours:
+        subprocess.run(["ip", "link", "delete", device], capture_output=True, check=False)
 
 
 def join(end: Namespace, addresses: Addresses) -> None:

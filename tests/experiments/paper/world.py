@@ -13,8 +13,11 @@ import hashlib
 import json
 import os
 import shutil
+import signal
 import ssl
+import sys
 import tempfile
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -65,7 +68,7 @@ class World:
     @contextmanager
     def own(cls) -> Iterator[World]:
         """A stack of this run alone, without simulated robots; it takes half a minute."""
-        with _folder() as folder:
+        with _told_to_end(), _folder() as folder:
             stack = Stack(folder / "stack")
             try:
                 stack.up(robots=False)
@@ -77,7 +80,7 @@ class World:
     @contextmanager
     def on_demo(cls) -> Iterator[World]:
         """The stack that runs on this machine already."""
-        with _folder() as folder:
+        with _told_to_end(), _folder() as folder:
             world = cls(Demo().container, folder)
             try:
                 yield world
@@ -166,9 +169,10 @@ class World:
         None is online then. Each takes a few hundredths of a second; a token of the admin's lets them in.
         """
         made = [self._robot(name) for name in names]
-        self._enrolled += made
         for at in range(0, len(made), ROWS_A_STATEMENT):
-            self._announce(made[at : at + ROWS_A_STATEMENT])
+            rows = made[at : at + ROWS_A_STATEMENT]
+            self._announce(rows)
+            self._enrolled += rows
         if settings:
             for robot in made:
                 self.api("PATCH", f"/robots/{robot.name}", {"settings": settings})
@@ -228,6 +232,23 @@ class World:
         rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in robots)
         statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
         self.exec("mysql", "mariadb", "robotether", "-e", statement)
+
+
+@contextmanager
+def _told_to_end() -> Iterator[None]:
+    """Let a SIGTERM end what runs as a Ctrl-C does, with all robots and rows; threads but the main one cannot."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, _: object) -> None:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
