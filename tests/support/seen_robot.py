@@ -13,6 +13,7 @@ def seen(**changed: Any) -> Seen:
         "pictures": [(100.0 * number, 20_000, 50.0 + number) for number in range(10)],
         "camera_fps": 10.0,
         "quality": 80.0,
+        "width_px": 640.0,
         "commands_ms": [20.0, 30.0],
         "driven_ms": [0.0, 50.0, 700.0],
         "refused": 0,

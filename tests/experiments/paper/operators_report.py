@@ -21,8 +21,8 @@ COMPARED = 90
 # A camera that gives less than this share of what it should is held up by the machine.
 HELD_UP = 0.97
 HEADER = (
-    "| quality | way | pictures/s | camera's own | KB a picture | Mbit/s a robot | delay between, mean, ms | p95 "
-    "| age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
+    "| quality | way | pictures/s | camera's own | width, pixels | KB a picture | Mbit/s a robot "
+    "| delay between, mean, ms | p95 | age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
     "| machine busy, % |"
 )
 
@@ -42,6 +42,7 @@ class Measure:
 
 MEASURES = (
     Measure("pictures_per_s", "pictures a second", "pictures/s", "higher"),
+    Measure("width_px", "width of pictures", "pixels", "higher"),
     Measure("delay_p95_ms", "delay between pictures, p95", "ms", "lower"),
     Measure("age_p50_ms", "age of pictures, p50", "ms", "lower"),
     Measure("age_p95_ms", "age of pictures, p95", "ms", "lower"),
@@ -96,11 +97,11 @@ def _how(results: Results) -> str:
         "steps that were run succeeded. The robots are simulated ones with the real agent and guard, each behind a "
         "network of its own; each operator is behind the first fixed line. A camera gives 640x480 pixels at "
         f"{FPS} pictures a second, and draws the moment into each. Ours is the frames protocol with one quality alone "
-        "(`quality_min` and `quality_max` are the same, so that a link that is too narrow makes it skip pictures), and "
-        'once, "adaptive", with the range of a viewer who asks for nothing else; the quality shown is then the mean of '
-        "what the camera was asked for. Beside it, with the same robots right before or after, is what the paper has: "
-        "plain MJPEG and rosbridge through one bare `ssh -R` a robot, without TLS, logins, guard and relay, which are "
-        "in each figure of ours. The robots' TCP is cubic.\n\n"
+        "(`quality_min` and `quality_max` are the same: where a link is too narrow, pictures become smaller, which "
+        'their width tells, or are skipped), and once, "adaptive", with the range of a viewer who asks for nothing '
+        "else; the quality shown is then the mean of what the camera was asked for. Beside it, with the same robots "
+        "right before or after, is what the paper has: plain MJPEG and rosbridge through one bare `ssh -R` a robot, "
+        "without TLS, logins, guard and relay, which are in each figure of ours. The robots' TCP is cubic.\n\n"
         "Commands go at 20 Hz: a twist, and with it a numbered text that tells when it was due. Command latency is "
         "from that moment until the text is at the robot's own rosbridge. Lost is what had not come "
         f"{LAST_S:g} s after the end, and is in no percentile; refused is what the guard let nobody drive with, as it "
@@ -115,7 +116,7 @@ def _rows(network: str, results: Results, runs: Runs) -> Iterator[str]:
     for quality in (*QUALITIES, ADAPTIVE):
         name = step_name(network, quality)
         if name in results and results[name].values is None:
-            yield f"| {_quality(quality)} | failed: {plain_text(results[name].failure)} {'| ' * 15}|"
+            yield f"| {_quality(quality)} | failed: {plain_text(results[name].failure)} {'| ' * 16}|"
         for way in (OURS, PLAIN):
             if run := runs.get((network, quality, way)):
                 yield _row(quality, way, run)
@@ -129,6 +130,7 @@ def _row(quality: int | None, way: str, run: Run) -> str:
         NAMES[way],
         _said(one.pictures_per_s, 1),
         _said(one.camera_fps, 1),
+        _said(one.width_px, 0),
         _said(one.picture_kb, 1),
         _said(one.mbit_s, 2),
         _said(one.delay_mean_ms, 0),

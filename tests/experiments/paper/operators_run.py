@@ -8,6 +8,7 @@ process with one clock; what this process itself is late counts as latency.
 from __future__ import annotations
 
 import asyncio
+import io
 import itertools
 import json
 import os
@@ -21,6 +22,7 @@ from typing import Any
 import aiohttp
 from openssh_server import descendants
 from picture_viewers import Picture, Taker
+from PIL import Image
 from processes import ticks
 from stamped_picture import read_stamp
 
@@ -229,6 +231,7 @@ def _seen(notes: Notes, number: int, begin: Mark, end: Mark) -> Seen:
         ],
         camera_fps=camera_fps(pictures, notes.looked_on, begin.unix_s, end.unix_s),
         quality=statistics.fmean(asked) if asked else None,
+        width_px=statistics.fmean(map(width_px, pictures)) if pictures else None,
         commands_ms=[
             round(came[due], 2) if due in came else None
             for due in notes.due_ns
@@ -257,3 +260,9 @@ def camera_fps(
     assert first.number is not None
     assert last.number is not None
     return (last.number - first.number) % NUMBERS / lasted_s if lasted_s > 0 else None
+
+
+def width_px(picture: Picture) -> int:
+    """How wide it is, which is less than what was asked for where a link was too narrow."""
+    with Image.open(io.BytesIO(picture.jpeg)) as opened:
+        return opened.width

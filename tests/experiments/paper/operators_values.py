@@ -24,6 +24,8 @@ class Seen:
     camera_fps: float | None
     # The mean JPEG quality that was asked of the camera; None where only the stream's own address tells.
     quality: float | None
+    # The pictures' mean width in pixels; None without any.
+    width_px: float | None
     # From the scheduled moment until it was at the robot's rosbridge; None: never came.
     commands_ms: Sequence[float | None]
     # When commands to the wheels came there.
@@ -70,6 +72,7 @@ class Summary:
     pictures_per_s: float
     camera_fps: float | None
     quality: float | None
+    width_px: float | None
     picture_kb: float | None
     mbit_s: float
     delay_mean_ms: float | None
@@ -101,6 +104,7 @@ def summary(robots: Sequence[Seen], lasted_s: float) -> Summary:
         pictures_per_s=len(sizes) / each,
         camera_fps=_mean(robot.camera_fps for robot in robots),
         quality=_mean(robot.quality for robot in robots),
+        width_px=_mean(robot.width_px for robot in robots),
         picture_kb=sum(sizes) / len(sizes) / 1000 if sizes else None,
         mbit_s=sum(sizes) * 8 / each / 1e6,
         delay_mean_ms=_mean(delays),

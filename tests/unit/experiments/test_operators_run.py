@@ -50,6 +50,7 @@ async def test_pictures_and_commands_of_the_measured_time_are_noted(seat: Seat) 
     assert all(age > 0 and size > 1000 for _, size, age in robot.pictures)
     assert all(0 <= at <= run.lasted_s * 1000 for at, *_ in robot.pictures)
     assert robot.camera_fps is not None
+    assert robot.width_px == 640
     assert robot.simulator_cpu > 0
     assert 0 < run.busy <= 1
 
