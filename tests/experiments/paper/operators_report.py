@@ -22,7 +22,8 @@ COMPARED = 90
 HELD_UP = 0.97
 HEADER = (
     "| quality | way | pictures/s | camera's own | width, pixels | KB a picture | Mbit/s a robot "
-    "| delay between, mean, ms | p95 | age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
+    "| delay between, mean, ms | p95 "
+    "| age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
     "| machine busy, % |"
 )
 
