@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
-from pages import chromium, log_in
+from pages import be_logged_in, chromium
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from stack import ROOT, Stack
 
@@ -51,7 +51,7 @@ def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) 
     opened = context.new_page()
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
-    log_in(opened, stack)
+    be_logged_in(opened, stack)
     yield opened
     if errors or FAILED in request.node.stash:
         name = re.sub(r"\W+", "_", request.node.name)

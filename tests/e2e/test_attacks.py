@@ -136,7 +136,7 @@ def test_a_ticket_ends_with_the_token_that_got_it(stack: Stack) -> None:
     eve = Person(stack, "attacked-eve", (ROBOT, "drive"))
     stolen = [eve.ticket(ROBOT, "drive") for _ in range(24)]
     assert open_ros(stack, ROBOT, stolen.pop()).code == OPEN
-    stack.robotether("user", "remove", "attacked-eve", "--yes")
+    stack.admin.remove("users", "attacked-eve")
     # The relay looks once a second; what it let in until then it ends then.
     refused = {"401 token_invalid", "404 robot_unknown"}
     stack.wait(

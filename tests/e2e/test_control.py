@@ -176,7 +176,7 @@ def test_a_new_policy_ends_a_motion_and_not_the_drive(ann: Page, stack: Stack) -
     with SimWatch(stack, ROBOT) as watch:
         ann.keyboard.down("w")
         watch.wait_pose("moving", _moving)
-        _set_subscriptions(ann, stack, "99")
+        _set_subscriptions(ann, stack, 99)
         expect_live(ann, seconds=10)
         expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
@@ -184,10 +184,10 @@ def test_a_new_policy_ends_a_motion_and_not_the_drive(ann: Page, stack: Stack) -
         ann.keyboard.down("w")
         watch.wait_pose("moving again", _moving)
         ann.keyboard.up("w")
-    _set_subscriptions(ann, stack, "null")
+    _set_subscriptions(ann, stack, None)
 
 
-def _set_subscriptions(page: Page, stack: Stack, value: str) -> None:
+def _set_subscriptions(page: Page, stack: Stack, value: int | None) -> None:
     """Change the policy, and wait until the page has opened its connection anew."""
     with page.expect_websocket():
-        stack.robotether("robot", "set", ROBOT, f"policy.limits.subscriptions={value}")
+        stack.admin.set_robot(ROBOT, {"policy.limits.subscriptions": value})

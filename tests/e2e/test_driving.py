@@ -43,11 +43,11 @@ def watch(stack: Stack) -> Iterator[SimWatch]:
 
 @contextmanager
 def _robot_is(stack: Stack, kind: str) -> Iterator[None]:
-    stack.robotether("robot", "set", ROBOT, f"page.kind={kind}")
+    stack.admin.set_robot(ROBOT, {"page.kind": kind})
     try:
         yield
     finally:
-        stack.robotether("robot", "set", ROBOT, "page.kind=null")
+        stack.admin.set_robot(ROBOT, {"page.kind": None})
 
 
 def _expect_gamepad(page: Page, state: str) -> None:

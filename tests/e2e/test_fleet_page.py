@@ -54,12 +54,12 @@ FRAMES_IN = """(ms) => new Promise((done) => {
 def _crowd(stack: Stack) -> Iterator[None]:
     """500 robots more, at two sites, which are offline."""
     for site in ("odd", "even"):
-        stack.robotether("site", "add", site)
+        stack.admin.ask("POST", "/sites", {"name": site})
     stack.sql(INSERT)
     yield
     stack.sql("DELETE FROM robots WHERE name LIKE 'crowd-%'")
     for site in ("odd", "even"):
-        stack.robotether("site", "remove", site, "--yes")
+        stack.admin.remove("sites", site)
 
 
 @pytest.fixture
@@ -236,9 +236,8 @@ def test_a_picture_comes_when_it_is_pointed_at(fleet: Page) -> None:
 
 def test_the_keyboard_gets_a_picture_and_a_camera_by_its_setting(fleet: Page, stack: Stack) -> None:
     """The settings' first camera is the one that is shown."""
-    stack.robotether(
-        "robot", "set", "sim2", 'page.cameras=[{"topic": "/rear/image_raw", "name": "Rear"}]'
-    )
+    rear = {"topic": "/rear/image_raw", "name": "Rear"}
+    stack.admin.set_robot("sim2", {"page.cameras": [rear]})
     asked: list[str] = []
     fleet.on("request", lambda request: "/video/" in request.url and asked.append(request.url))
     try:
@@ -249,7 +248,7 @@ def test_the_keyboard_gets_a_picture_and_a_camera_by_its_setting(fleet: Page, st
         assert all("topic=%2Frear%2Fimage_raw" in url for url in asked)
         assert len(asked) == 1
     finally:
-        stack.robotether("robot", "set", "sim2", "page.cameras=null")
+        stack.admin.set_robot("sim2", {"page.cameras": None})
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])

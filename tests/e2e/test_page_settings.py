@@ -21,14 +21,17 @@ SETTINGS = f"/robots/{ROBOT}/settings"
 @pytest.fixture
 def people(stack: Stack) -> Iterator[dict[str, str]]:
     """Passwords of mia, who manages sim3, and dan, who drives it; drivers may switch its lights."""
-    found = {name: stack.robotether("user", "add", name).split()[-1] for name in ("mia", "dan")}
-    stack.robotether("grant", "mia", ROBOT, "manage")
-    stack.robotether("grant", "dan", ROBOT, "drive")
-    stack.robotether("robot", "set", ROBOT, 'policy.drive.publish=["/lights"]')
-    yield found
-    stack.robotether("robot", "set", ROBOT, "page=null", "buttons=null", "policy=null")
+    admin = stack.admin
+    found = {name: admin.add_user(name) for name in ("mia", "dan")}
+    admin.grant("mia", ROBOT, "manage")
+    admin.grant("dan", ROBOT, "drive")
+    admin.set_robot(ROBOT, {"policy.drive.publish": ["/lights"]})
     for name in found:
-        stack.robotether("user", "remove", name, "--yes")
+        stack.wait_for_right(name, ROBOT)
+    yield found
+    admin.set_robot(ROBOT, {"page": None, "buttons": None, "policy": None})
+    for name in found:
+        admin.remove("users", name)
 
 
 @contextmanager
@@ -71,7 +74,7 @@ def _wait_until_relay_has_read(stack: Stack) -> None:
     """Wait until the relay knows what the database holds now: a right that is given last shows it."""
     token = stack.token("news", user="dan")
     assert _control(stack, "sim1", token) is None
-    stack.robotether("grant", "dan", "sim1", "observe")
+    stack.admin.grant("dan", "sim1", "observe")
     stack.wait("the relay knows a new grant", lambda: _control(stack, "sim1", token), "relay")
 
 
@@ -127,7 +130,7 @@ def test_buttons_are_put_in_order_and_removed(
         {"name": name, "kind": "publish", "topic": "/lights", "type": "std_msgs/Bool"}
         for name in ("One", "Two")
     ]
-    stack.robotether("robot", "set", ROBOT, f"buttons={json.dumps(buttons)}")
+    stack.admin.set_robot(ROBOT, {"buttons": buttons})
     with _opened(browser, stack, "mia", people["mia"], **PHONE) as mia:
         mia.goto(f"{stack.url}{SETTINGS}")
         expect_no_sideways_scroll(mia)

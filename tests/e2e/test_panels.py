@@ -39,8 +39,8 @@ NOTE_LEAVING = """() => {
 
 
 def _set(stack: Stack, **settings: Any) -> None:
-    changes = [f"{path.replace('__', '.')}={json.dumps(value)}" for path, value in settings.items()]
-    stack.robotether("robot", "set", ROBOT, *changes)
+    changes = {path.replace("__", "."): value for path, value in settings.items()}
+    stack.admin.set_robot(ROBOT, changes)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -20,9 +20,9 @@ def _done(page: Page, message: str) -> None:
 @pytest.fixture
 def password(stack: Stack) -> Iterator[str]:
     """That of ida, a user of these tests; afterwards user, group and site are gone."""
-    yield stack.robotether("user", "add", "ida").split()[-1]
-    for kind, name in (("user", "ida"), ("group", "e2e-crew"), ("site", "e2e-lab")):
-        stack.robotether(kind, "remove", name, "--yes")
+    yield stack.admin.add_user("ida")
+    for kind, name in (("users", "ida"), ("groups", "e2e-crew"), ("sites", "e2e-lab")):
+        stack.admin.remove(kind, name)
 
 
 def test_member_of_a_group_sees_the_robots_of_a_site(

@@ -27,7 +27,7 @@ def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robo
     assert status == 202
     stack.robotether("robot", "approve", "thief", "--yes")
     yield robot
-    stack.robotether("robot", "disable", "thief")
+    stack.admin.remove("robots", "thief")
 
 
 def _session_line(running: subprocess.Popen[str], seconds: float = 5) -> dict[str, object]:

@@ -96,10 +96,9 @@ class Person:
     def __init__(self, stack: Stack, name: str, *grants: tuple[str, str]) -> None:
         self.stack = stack
         self.name = name
-        printed = stack.robotether("user", "add", name)
-        self.password = printed.split()[-1]
+        self.password = stack.admin.add_user(name)
         for robot, level in grants:
-            stack.robotether("grant", name, robot, level)
+            stack.admin.grant(name, robot, level)
         self.token = stack.token("attacks", name)
         self.program = Program(stack, self.token)
         self.bearer = {"Authorization": f"Bearer {self.token}"}

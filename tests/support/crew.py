@@ -19,21 +19,15 @@ class Crew:
     def __init__(self, stack: Stack, browser: Browser) -> None:
         self.stack = stack
         self._browser = browser
-        self._made: set[str] = set()
         self._open = ExitStack()
 
     def let(self, name: str, level: str, robot: str) -> None:
         """Give a user, made now if there is none of that name, a level on a robot."""
-        if name not in self._made and name not in self._users():
-            self.stack.tool(
-                "tools/compose", "exec", "-T", "web", "robotether", "user", "add", name, "--password-stdin",
-                stdin=PASSWORD,
-            )  # fmt: skip
-        self._made.add(name)
-        self.stack.robotether("grant", name, robot, level)
-
-    def _users(self) -> set[str]:
-        return {line.split()[0] for line in self.stack.robotether("user", "list").splitlines()}
+        admin = self.stack.admin
+        if name not in admin.users():
+            admin.add_user(name, PASSWORD)
+        if admin.grant(name, robot, level):
+            self.stack.wait_for_right(name, robot)
 
     def visit(self, name: str) -> Page:
         """A user's own browser on the fleet page; `admin` is there from the beginning."""

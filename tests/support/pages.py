@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from http import HTTPStatus
 from typing import Protocol
 
 from browser_network import LAUNCHER, browser_network
 from playwright.sync_api import Browser, Page, Playwright, expect
 
+CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
 
 
@@ -39,6 +42,26 @@ def log_in(page: Page, site: Site, name: str = "admin", password: str | None = N
     page.get_by_test_id("login-password").fill(password or site.admin_password)
     page.get_by_test_id("login-submit").click()
     page.wait_for_url(f"{site.url}/", timeout=10_000)
+
+
+def be_logged_in(page: Page, site: Site) -> None:
+    """Be the admin on the fleet page: log in beside the browser, which then has the cookie and one page to load."""
+    http, door = page.context.request, f"{site.url}/login"
+    form = CSRF.search(http.get(door).text())
+    assert form is not None, f"{door} has no form"
+    answer = http.post(
+        door,
+        form={
+            "csrf_token": form[1],
+            "name": "admin",
+            "password": site.admin_password,
+            "next": "",
+        },
+        headers={"Referer": door},
+        max_redirects=0,
+    )
+    assert answer.status == HTTPStatus.SEE_OTHER, answer.text()
+    page.goto(f"{site.url}/")
 
 
 def open_robot(page: Page, site: Site, name: str) -> None:

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 import docker
 from docker.models.containers import Container
 from local_network import free_port, insecure_tls
+from stack_admin import Admin
 
 ROOT = Path(__file__).resolve().parents[2]
 # Two runs beside each other are two projects.
@@ -156,6 +157,16 @@ class Stack:
                 raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
             time.sleep(0.1)
 
+    def wait_for_right(self, user: str, robot: str) -> None:
+        """Wait until the relay, which looks for new rights once a second, has seen this one."""
+        headers = {"Authorization": f"Bearer {self.token(f'right-{time.monotonic_ns()}', user)}"}
+        path = f"/api/v1/robots/{robot}/control"
+        self.wait(
+            f"{user} sees {robot}",
+            lambda: self.request("GET", path, headers=headers)[0] == HTTPStatus.OK,
+            "relay",
+        )
+
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
         """Wait until the engine calls the service's container healthy."""
         self.wait(
@@ -189,28 +200,25 @@ class Stack:
                 return error.code, _parsed(error.read())
 
     def token(self, name: str, user: str = "admin") -> str:
-        """A new API token: the last word that the command prints."""
-        return self.robotether("token", "create", "--user", user, "--name", name).split()[-1]
+        """A new API token."""
+        return self.admin.token(name, user)
 
     def online(self, robot: str) -> bool:
-        """Whether the server says that the robot's tunnel is up; asked often, so without a new process."""
+        """Whether the server says that the robot's tunnel is up."""
         try:
-            status, answer = self._ask_for(robot)
-            if status == HTTPStatus.UNAUTHORIZED:
-                # A test has removed all tokens.
-                del self._own_token
-                status, answer = self._ask_for(robot)
+            status, answer = self.admin.try_to("GET", f"/robots/{robot}")
         except OSError:
             return False
         return status == HTTPStatus.OK and bool(answer["online"])
 
-    def _ask_for(self, robot: str) -> tuple[int, Any]:
-        bearer = {"Authorization": f"Bearer {self._own_token}"}
-        return self.request("GET", f"/api/v1/robots/{robot}", headers=bearer)
-
     @cached_property
-    def _own_token(self) -> str:
-        return self.token("of-the-stack")
+    def admin(self) -> Admin:
+        """The admin, for what tests change."""
+        return Admin(self.request, self._first_token)
+
+    def _first_token(self, name: str) -> str:
+        """The last word that the command prints."""
+        return self.robotether("token", "create", "--user", "admin", "--name", name).split()[-1]
 
 
 def _parsed(body: bytes) -> Any:

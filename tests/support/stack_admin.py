@@ -1,0 +1,89 @@
+"""What a test changes as the admin of its stack, through the API.
+
+The command `robotether` would do the same and start a Python for each change, some 0.8 s of a processor that browser
+and robots of the test need; what the command itself does, its own tests and those of the images say.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from typing import Any, Protocol
+
+from robotether_server import setting_paths
+
+
+class Request(Protocol):
+    """One HTTPS request to the stack."""
+
+    def __call__(
+        self, method: str, path: str, body: dict[str, Any] | None, headers: dict[str, str]
+    ) -> tuple[int, Any]:
+        """Return the status and the parsed answer."""
+
+
+class Admin:
+    """The stack's admin with a token of its own, made when it is first needed."""
+
+    def __init__(self, request: Request, make_token: Callable[[str], str]) -> None:
+        self._request = request
+        self._make_token = make_token
+        self._token: str | None = None
+
+    def try_to(self, method: str, path: str, body: dict[str, Any] | None = None) -> tuple[int, Any]:
+        """Send one request to a path below /api/v1; status and answer."""
+        status, answer = self._send(method, path, body)
+        if status == HTTPStatus.UNAUTHORIZED:
+            # A test has removed all tokens.
+            self._token = None
+            status, answer = self._send(method, path, body)
+        return status, answer
+
+    def ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
+        """Send one request that must succeed; its answer."""
+        status, answer = self.try_to(method, path, body)
+        assert status < HTTPStatus.BAD_REQUEST, f"{method} {path} got {status}: {answer}"
+        return answer
+
+    def token(self, name: str, user: str = "admin") -> str:
+        """Return a new API token of a user."""
+        return str(self.ask("POST", "/tokens", {"name": name, "user": user})["token"])
+
+    def users(self) -> set[str]:
+        """Return the names of all users."""
+        return {one["name"] for one in self.ask("GET", "/users")["users"]}
+
+    def add_user(self, name: str, password: str | None = None) -> str:
+        """Add a user who is no admin; the password, which the server makes unless there is one."""
+        given = {} if password is None else {"password": password}
+        answer = self.ask("POST", "/users", {"name": name, "role": "user", **given})
+        return password or str(answer["password"])
+
+    def remove(self, kind: str, name: str) -> None:
+        """Remove one of the `users`, `groups`, `sites` or `robots`."""
+        self.ask("DELETE", f"/{kind}/{name}")
+
+    def grant(self, user: str, robot: str, level: str) -> bool:
+        """Give a user a level on a robot; whether there was no grant of theirs before."""
+        given = {"user": user, "robot": robot, "level": level}
+        status, answer = self.try_to("POST", "/grants", given)
+        assert status in {HTTPStatus.OK, HTTPStatus.CREATED}, answer
+        return status == HTTPStatus.CREATED
+
+    def set_robot(self, robot: str, changes: Mapping[str, Any]) -> None:
+        """Change settings by their paths, such as `page.kind`; None takes one back to its default."""
+        settings = self.ask("GET", f"/robots/{robot}")["settings"]
+        for path, value in changes.items():
+            if value is None:
+                settings = setting_paths.take_out(settings, path)
+            else:
+                settings = setting_paths.put(settings, path, value)
+        self.ask("PATCH", f"/robots/{robot}", {"settings": settings})
+
+    def _send(self, method: str, path: str, body: dict[str, Any] | None) -> tuple[int, Any]:
+        if self._token is None:
+            self._token = self._make_token(f"stack-{time.monotonic_ns()}")
+        return self._request(
+            method, f"/api/v1{path}", body, {"Authorization": f"Bearer {self._token}"}
+        )
