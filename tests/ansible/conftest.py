@@ -27,9 +27,9 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 
 @pytest.fixture(scope="module")
-def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
+def hosts(wheelhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
     """The hosts of one module; each test boots those that it needs."""
-    with RobotHosts(tmp_path_factory.mktemp("hosts")) as booted:
+    with RobotHosts(tmp_path_factory.mktemp("hosts"), wheelhouse) as booted:
         yield booted
 
 

@@ -1,7 +1,8 @@
 """What is wrong with an enrolment is said in a sentence with what to do, leaves nothing behind, and can be mended.
 
-All cases are played at once, each on a machine of its own, as a site with many robots would meet them; then what was
-wrong is mended and all are played again.
+All cases are played at once, as a site with many robots would meet them, each on a machine of its own, or, where it
+ends before a look at the machine or with no more than that, on one that the inventory has under all their names; then
+what was wrong is mended and all are played again.
 """
 
 from __future__ import annotations
@@ -9,8 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
@@ -39,6 +39,11 @@ class Case:
     mends: str = "true"
     options: dict[str, Any] = field(default_factory=dict)
     ends: str = NOTHING_CHANGED
+
+    @property
+    def needs_own_machine(self) -> bool:
+        """Whether something is done to the machine, by the test or by the playbook before it takes it back."""
+        return self.ends != NOTHING_CHANGED or self.breaks != "true" or bool(self.options)
 
 
 def _wrong(variable: str, value: Any, *says: str, **more: Any) -> Case:
@@ -100,11 +105,10 @@ class Bad:
 
 
 @pytest.fixture(scope="module")
-def bad(site: Site, hosts: RobotHosts, wheelhouse: Path) -> Bad:
-    """Every case on a machine of its own, and what it left there."""
-    site.variables["agent_wheelhouse"] = str(wheelhouse)
-    machines = hosts.boot_all(*CASES, options={name: case.options for name, case in CASES.items()})
-    by_name = {machine.name: machine for machine in machines}
+def bad(site: Site, hosts: RobotHosts) -> Bad:
+    """Every case, and what it left on its machine."""
+    by_name = _boot(hosts)
+    machines = list(hosts.booted)
     variables = {name: _variables(case) for name, case in CASES.items()}
     variables["expired"] |= _expired_token(site)
     with ExitStack() as mending:
@@ -112,11 +116,27 @@ def bad(site: Site, hosts: RobotHosts, wheelhouse: Path) -> Bad:
         for name, case in CASES.items():
             by_name[name].run(case.breaks)
             mending.callback(by_name[name].run, case.mends)
-        before = {name: machine.footprint() for name, machine in by_name.items()}
-        played = site.play("enroll.yml", *machines, per_robot=variables)
-        left = {name: machine.footprint() ^ before[name] for name, machine in by_name.items()}
+        before = [machine.footprint() for machine in machines]
+        played = site.play("enroll.yml", *by_name.values(), per_robot=variables)
+        changed = {
+            id(machine.container): machine.footprint() ^ was
+            for machine, was in zip(machines, before, strict=True)
+        }
+    left = {name: changed[id(machine.container)] for name, machine in by_name.items()}
+    for machine in machines:
+        # Each takes its share of the processor, whether or not anybody plays with it.
+        if machine.name not in MENDED:
+            hosts.remove(machine)
     rows = [row[0] for row in site.stack.sql("SELECT name FROM robots")]
     return Bad(by_name, left, rows, played)
+
+
+def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
+    """The machine of each case by its name."""
+    own = {name: case.options for name, case in CASES.items() if case.needs_own_machine}
+    *alone, shared = hosts.boot_all(*own, "shared", options=own)
+    by_name = {machine.name: machine for machine in alone}
+    return {name: by_name.get(name) or replace(shared, name=name) for name in CASES}
 
 
 def _variables(case: Case) -> dict[str, Any]:

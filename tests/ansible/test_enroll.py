@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from playbooks import Played, Site
+from playbooks import FROM_INDEX, Played, Site
 from programs import Program
 from robot_hosts import NEWER_IMAGE, ROOT, RobotHost, RobotHosts, newer_systemd_boots
 
@@ -38,8 +38,8 @@ def enrolled(site: Site, hosts: RobotHosts) -> Enrolled:
     """A robot after check, first and second run."""
     robot = hosts.boot("turtle")
     before = robot.footprint()
-    # As a site does: with the wheel of this checkout, built by the playbook itself.
-    of_checkout = {"robotether_wheel_file": ""}
+    # As a site does: with the wheel of this checkout, built by the playbook itself, and the rest from the index.
+    of_checkout = {"robotether_wheel_file": "", "robotether_agent_environment": FROM_INDEX}
     check = site.play("enroll.yml", robot, check=True, **of_checkout)
     changed = before ^ robot.footprint()
     rows = site.stack.sql("SELECT name FROM robots")
@@ -168,13 +168,11 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
     assert site.stack.online("rover")
 
 
-def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts, wheelhouse: Path) -> None:
+def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
     """A row that an admin made before gets the robot's key; kernel settings that a container refuses are told."""
     scout = hosts.boot("scout")
     site.stack.robotether("robot", "add", "scout", "--mac", scout.mac)
-    played = site.play_well(
-        "enroll.yml", scout, agent_wheelhouse=str(wheelhouse), robotether_tuning_bbr="true"
-    )
+    played = site.play_well("enroll.yml", scout, robotether_tuning_bbr="true")
     assert site.stack.online("scout")
     played.must_say("scout keeps its kernel settings: they are read-only here")
 

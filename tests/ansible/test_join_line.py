@@ -285,7 +285,6 @@ def test_mac_of_another_robot_waits(
     finally:
         # It holds a token, and would be in as soon as the first one's row is gone.
         hosts.remove(host)
-        hosts.booted.remove(host)
 
 
 def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
@@ -339,7 +338,6 @@ def test_clones_of_an_image_are_robots_of_their_own(
     finally:
         for clone in clones:
             hosts.remove(clone)
-            hosts.booted.remove(clone)
         hosts.engine.images.remove(image.id, force=True)
 
 

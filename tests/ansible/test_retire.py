@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from playbooks import Site
@@ -19,11 +18,11 @@ class Enrolled:
 
 
 @pytest.fixture(scope="module")
-def enrolled(site: Site, hosts: RobotHosts, wheelhouse: Path) -> Enrolled:
+def enrolled(site: Site, hosts: RobotHosts) -> Enrolled:
     """A robot that is to be retired."""
     robot = hosts.boot("veteran")
     before = robot.footprint()
-    site.play_well("enroll.yml", robot, agent_wheelhouse=str(wheelhouse))
+    site.play_well("enroll.yml", robot)
     return Enrolled(robot, before)
 
 

@@ -14,9 +14,8 @@ BROKEN = '\n\ndef run(settings, environ):\n    raise RuntimeError("broken on pur
 
 
 @pytest.fixture(scope="module")
-def robots(site: Site, hosts: RobotHosts, wheelhouse: Path) -> list[RobotHost]:
+def robots(site: Site, hosts: RobotHosts) -> list[RobotHost]:
     """Two enrolled robots."""
-    site.variables["agent_wheelhouse"] = str(wheelhouse)
     booted = hosts.boot_all("first", "second")
     site.play_well("enroll.yml", *booted)
     return booted

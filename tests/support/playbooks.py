@@ -19,10 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, RobotHost, RobotHosts
+from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, WHEELS, RobotHost, RobotHosts
 from stack import Stack
 
 ANSIBLE = ROOT / "ansible"
+# How a robot's pip gets what the agent needs: from the package index, this machine's way, as behind an inspecting
+# proxy; or from a folder that the tests' hosts have, which costs neither the network nor a copy of each wheel.
+FROM_INDEX = {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
+FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELS}
 RECAP = re.compile(
     r"^(?P<host>\S+)\s+: ok=(?P<ok>\d+)\s+changed=(?P<changed>\d+)\s+unreachable=(?P<unreachable>\d+)"
     r"\s+failed=(?P<failed>\d+)\s+skipped=(?P<skipped>\d+)\s+rescued=(?P<rescued>\d+)",
@@ -131,10 +135,7 @@ class Site:
             "robotether_agent_tls_fingerprint": self.fingerprint,
             # A container's interface is virtual, so the agent's rule finds none by itself.
             "robotether_agent_interface": "eth0",
-            # This machine's way to the package index, as behind an inspecting proxy.
-            "robotether_agent_environment": str(
-                {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
-            ),
+            "robotether_agent_environment": str(FROM_WHEELS if self.hosts.wheels else FROM_INDEX),
             **self.variables,
         }
         lines = [

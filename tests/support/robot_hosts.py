@@ -37,6 +37,7 @@ USER = "pi"
 # In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
 CA_BUNDLE = "/etc/ssl/site-ca.pem"
 PIP_CACHE = "/var/cache/pip"
+WHEELS = "/var/cache/wheels"
 # What systemd needs beyond Docker's usual: to mount, and its own control group, on cgroup v1 and v2.
 SYSTEMD: dict[str, Any] = {
     "cap_add": ["SYS_ADMIN", "NET_ADMIN"],
@@ -193,9 +194,13 @@ class RobotHost:
 
 @dataclass
 class RobotHosts:
-    """The hosts of one test module, on a network of their own; all are removed at the end."""
+    """The hosts of one test module, on a network of their own; all are removed at the end.
+
+    Each finds the folder `wheels`, if there is one, as WHEELS.
+    """
 
     folder: Path
+    wheels: Path | None = None
     engine: docker.DockerClient = field(default_factory=docker.from_env)
     booted: list[RobotHost] = field(default_factory=list)
 
@@ -223,7 +228,7 @@ class RobotHosts:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for host in self.booted:
+        for host in list(self.booted):
             self.remove(host)
         self.network.remove()
 
@@ -252,10 +257,7 @@ class RobotHosts:
             ports={"22/tcp": ("127.0.0.1", ssh_port)},
             mac_address=mac,
             network=self.network.name,
-            volumes={
-                "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
-                "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
-            },
+            volumes=self._volumes(),
             **{**SYSTEMD, **options},
         )
         host = RobotHost(name, mac, ssh_port, container, self.key)
@@ -276,7 +278,17 @@ class RobotHosts:
 
     def remove(self, host: RobotHost) -> None:
         """Throw a host away."""
+        self.booted.remove(host)
         host.container.remove(force=True, v=True)
+
+    def _volumes(self) -> dict[str, dict[str, str]]:
+        """What of this machine a host sees, as the engine wants it."""
+        of_wheels = {str(self.wheels): {"bind": WHEELS, "mode": "ro"}} if self.wheels else {}
+        return {
+            "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
+            "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
+            **of_wheels,
+        }
 
     def _let_in(self, host: RobotHost) -> None:
         public = self.key.with_suffix(".pub").read_bytes()
