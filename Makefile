@@ -3,10 +3,10 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 VENV := .venv
 PYTEST := $(VENV)/bin/pytest
-# Two files at once, each beside a stack of its own.
-BY_FILE := -n 2 --dist loadfile
+# Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
+BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-ansible test-server lint bench experiments enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -21,21 +21,23 @@ down: ## stop the stack and the simulated robots; data stays
 	@tools/compose --demo down
 
 images: ## build all images
-	@tools/ensure_docker && tools/ensure_base_image && tools/build demo
+	@[ -n "$$IMAGES_ARE_BUILT" ] || { tools/ensure_docker && tools/ensure_base_image && tools/build demo; }
 
 venv: $(VENV)/.complete ## the Python tools that tests and checks need
 
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-test: lint test-unit frontend-test test-images test-e2e test-ansible ## everything: checks, unit, images, end to end, playbooks (some 30 minutes on two cores)
+test: venv ## everything: checks, unit, images, end to end, playbooks (some 25 minutes on two cores)
+	@$(MAKE) --no-print-directory --jobs=2 lint images
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit frontend-test test-running test-ansible
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 3 --timeout 120 --timeout-method thread tests/unit tests/fuzz
+	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread tests/unit tests/fuzz
 
 frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
@@ -46,6 +48,10 @@ test-images: venv images ## ask the daemons in the images what is in force
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/e2e
+
+test-running: venv images ## both of these two, with two stacks less to start
+	@tools/ensure_test_hosts
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images tests/e2e
 
 test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
