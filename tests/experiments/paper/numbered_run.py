@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,9 @@ MORE_THAN_SILENCE_S = 30.0
 BEGINS_IN_NS = 200_000_000
 # Those that a message passes.
 SERVICES = ("nginx", "relay", "sshd")
+# The relay lets one user have 32 connections; one that has ended may still count.
+PAIRS_A_USER = 25
+USER = "x-numbered"
 
 
 @dataclass(frozen=True)
@@ -108,8 +111,18 @@ class Generator:
 
 def run(world: World, pairs: Sequence[Pair], plan: Plan) -> dict[str, Any]:
     """Send the messages of a plan between all pairs at once, and return what became of them."""
-    operators = [operator_end(world, pair, number, plan) for number, pair in enumerate(pairs)]
-    robots = [robot_end(pair, number, plan) for number, pair in enumerate(pairs)]
+    with tokens(world, len(pairs)) as given:
+        operators = [
+            operator_end(world, pair, number, plan, given[number])
+            for number, pair in enumerate(pairs)
+        ]
+        robots = [robot_end(pair, number, plan) for number, pair in enumerate(pairs)]
+        return _run(world, pairs, plan, operators, robots)
+
+
+def _run(
+    world: World, pairs: Sequence[Pair], plan: Plan, operators: Sequence[End], robots: Sequence[End]
+) -> dict[str, Any]:
     senders, receivers = (operators, robots) if plan.to_robot else (robots, operators)
     with (
         _generator(world, receivers, "receivers") as hears,
@@ -137,7 +150,22 @@ def run(world: World, pairs: Sequence[Pair], plan: Plan) -> dict[str, Any]:
     }
 
 
-def operator_end(world: World, pair: Pair, number: int, plan: Plan) -> End:
+@contextmanager
+def tokens(world: World, how_many: int) -> Iterator[list[str]]:
+    """An API token for each operator: the world's own for as many as one user may be, then those of more users."""
+    names = [f"{USER}-{os.getpid()}-{at}" for at in range(PAIRS_A_USER, how_many, PAIRS_A_USER)]
+    given = [world.token]
+    with ExitStack() as made:
+        for name in names:
+            world.api("POST", "/users", {"name": name, "role": "admin"})
+            made.callback(world.api, "DELETE", f"/users/{name}")
+            create = ("robotether", "token", "create", "--days", "1")
+            printed = world.exec("web", *create, "--user", name, "--name", "numbered")
+            given.append(printed.split()[-1])
+        yield [given[number // PAIRS_A_USER] for number in range(how_many)]
+
+
+def operator_end(world: World, pair: Pair, number: int, plan: Plan, token: str) -> End:
     """The end outside: through the site's door, with tickets."""
     site, robot = f"{pair.operator.machine}:{world.door_port}", pair.robot.name
     return End(
@@ -148,7 +176,7 @@ def operator_end(world: World, pair: Pair, number: int, plan: Plan) -> End:
         namespace=pair.operator.inside.name,
         url=f"wss://{site}/robots/{robot}/ros?ticket=",
         tickets=f"https://{site}/api/v1/tickets",
-        token=world.token,
+        token=token,
         robot=robot,
     )
 

@@ -10,14 +10,14 @@ slowed down, so that it also works beside others. Needs root; IPv4 alone.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from ipaddress import IPv4Network
 from itertools import count
-from pathlib import Path
 
 import namespaces
 from link import Shape
@@ -34,19 +34,34 @@ _numbers = count(1)
 
 
 @dataclass(frozen=True)
+class LineCounts:
+    """What a line has carried and dropped, each way; bytes with the headers of IP and Ethernet."""
+
+    to_server_bytes: int
+    from_server_bytes: int
+    to_server_dropped: int
+    from_server_dropped: int
+
+    def since(self, before: LineCounts) -> dict[str, int]:
+        """What came to it after `before`, as JSON carries it."""
+        earlier = asdict(before)
+        return {name: value - earlier[name] for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
 class ServerLine:
-    """Both ends that are there inside `with`, and the cable's own count of bytes."""
+    """Both ends that are there inside `with`, and the two devices whose queues are the line."""
 
     operators: Uplink
     robots: Uplink
-    device: str
+    # As tc names them: where it is, and its name.
+    to_server: tuple[str, ...]
+    from_server: tuple[str, ...]
 
-    def passed_bytes(self) -> tuple[int, int]:
-        """What went to the server so far and what came from it, with the headers of IP and Ethernet."""
-        return self._passed("rx"), self._passed("tx")
-
-    def _passed(self, way: str) -> int:
-        return int(Path("/sys/class/net", self.device, "statistics", f"{way}_bytes").read_text())
+    def counts(self) -> LineCounts:
+        """What passed so far, and what found the queue full."""
+        up, down = shaped(self.to_server), shaped(self.from_server)
+        return LineCounts(up["bytes"], down["bytes"], up["drops"], down["drops"])
 
 
 def line_profile(mbit_s: float) -> Profile:
@@ -65,9 +80,9 @@ def server_line(mbit_s: float, machine: str) -> Iterator[ServerLine]:
         line = _namespace(made, "line", addresses.cable[1])
         join(line, addresses)
         line.sysctl("net.ipv4.ip_forward", "1")
-        # The machine's end is the way from the server, the other one that to it.
-        shape((), addresses.device, profile.down)
-        shape(("-n", line.name), CABLE, profile.up)
+        to_server, from_server = ("-n", line.name, CABLE), (addresses.device,)
+        shape(to_server, profile.up)
+        shape(from_server, profile.down)
         ends = []
         for name, network in zip(
             ("operators", "robots"),
@@ -77,18 +92,30 @@ def server_line(mbit_s: float, machine: str) -> Iterator[ServerLine]:
             uplink = Uplink(profile, machine)
             uplink.inside = _behind(made, line, name, network)
             ends.append(uplink)
-        yield ServerLine(*ends, device=addresses.device)
+        yield ServerLine(*ends, to_server, from_server)
 
 
-def shape(where: tuple[str, ...], device: str, limit: Shape) -> None:
+def shape(device: tuple[str, ...], limit: Shape) -> None:
     """Let what leaves by a device pass no faster than it says; what finds the queue full is dropped."""
     assert limit.rate_bit_s is not None
     rate, queue = f"{limit.rate_bit_s:.0f}bit", str(limit.queue_bytes)
     bucket = ("tbf", "rate", rate, "burst", str(BURST_BYTES), "limit", queue)
-    command = ["tc", *where, "qdisc", "add", "dev", device, "root", *bucket]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    *where, name = device
+    _tc(*where, "qdisc", "add", "dev", name, "root", *bucket)
+
+
+def shaped(device: tuple[str, ...]) -> dict[str, int]:
+    """What a shaped device counts: `bytes` that left, `drops` of packets."""
+    *where, name = device
+    [counts] = json.loads(_tc(*where, "-s", "-j", "qdisc", "show", "dev", name))
+    return {one: int(counts[one]) for one in ("bytes", "drops")}
+
+
+def _tc(*words: str) -> str:
+    done = subprocess.run(["tc", *words], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RuntimeError(f"cannot limit {device} to {rate}: {done.stderr.strip()}")
+        raise RuntimeError(f"cannot run tc {' '.join(words)}: {done.stderr.strip()}")
+    return done.stdout
 
 
 def _behind(made: ExitStack, line: Namespace, name: str, network: IPv4Network) -> Namespace:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 from namespaces import PLACE, Namespace
-from paper.server_limit import line_profile, server_line
+from paper.server_limit import LineCounts, line_profile, server_line
 
 pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root")
 
@@ -57,9 +57,9 @@ def test_both_ends_share_the_line() -> None:
             for thread in threads:
                 thread.join(30)
             took_s = time.monotonic() - begun
-        to_server, from_server = line.passed_bytes()
-    assert 2 * SENT_BYTES < to_server < 2.4 * SENT_BYTES
-    assert from_server < SENT_BYTES / 5
+        counts = line.counts()
+    assert 2 * SENT_BYTES < counts.to_server_bytes < 2.4 * SENT_BYTES
+    assert counts.from_server_bytes < SENT_BYTES / 5
     needed_s = 2 * SENT_BYTES * 8 / 4e6
     assert 0.9 * needed_s < took_s < 2 * needed_s + 1
 
@@ -76,7 +76,18 @@ def test_an_end_says_whose_it_is() -> None:
 def test_nothing_is_left() -> None:
     """No namespace and no cable."""
     with server_line(4, MACHINE) as line:
-        device, names = line.device, [line.operators.inside.name, line.robots.inside.name]
+        [device], names = line.from_server, [line.operators.inside.name, line.robots.inside.name]
         assert all((PLACE / name).exists() for name in names)
     assert not any((PLACE / name).exists() for name in names)
     assert device not in {name for _, name in socket.if_nameindex()}
+
+
+def test_counts_are_told_from_a_moment_on() -> None:
+    """Each by its name."""
+    before, after = LineCounts(1, 2, 3, 4), LineCounts(11, 22, 33, 44)
+    assert after.since(before) == {
+        "to_server_bytes": 10,
+        "from_server_bytes": 20,
+        "to_server_dropped": 30,
+        "from_server_dropped": 40,
+    }

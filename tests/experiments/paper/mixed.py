@@ -1,0 +1,316 @@
+"""Experiment 3: start and high rate again, with robots and operators behind the networks of the paper's Table 2.
+
+A third of the pairs each is behind a fixed line, a 4G link and another 4G link; then all are behind a link that loses
+packets, and behind one that is hardly a link. A pair's operator and robot are behind networks of the same kind, each
+robot behind one of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+from sections import Section
+
+from paper import numbered_report
+from paper.enrolled import Enrolled
+from paper.fleet import OPENS_WITHIN_S, Fleet, Worker, robots_of
+from paper.numbered_report import flattened
+from paper.numbered_run import Pair, Plan, run
+from paper.operator import connector
+from paper.profiles import LOSSY, MIXED, WORST, Profile
+from paper.robots import WholeRobot, wait_all_online
+from paper.step import (
+    Comparison,
+    Data,
+    Part,
+    Report,
+    Results,
+    Scale,
+    Step,
+    Values,
+    quantile,
+    succeeded,
+)
+from paper.uplinks import Uplink
+from paper.world import World
+
+RATE_HZ, WORST_HZ = 100, 10
+ONLINE_WITHIN_S = 90
+STEP_S = 12
+# Whose like the paper has: its robots and operators were behind fixed lines and 4G, and none was lost.
+PAPERS = "mixed"
+START_COLUMNS = (
+    "networks",
+    "robot and operator behind",
+    "got their message",
+    "p50 s",
+    "p99 s",
+    "max s",
+)
+START_TEXT = (
+    "Light robots (the real agent with its own OpenSSH tunnels, as in the start of many), each behind a network "
+    "of its own, all started at once; their operators are behind one network of the same kind. The time is from "
+    "the order to start until the robot's subscriber has got one std_msgs/String, with ticket and connection in "
+    "it. Each robot that got none in 60 s counts."
+)
+TEXT = (
+    "As the high rate: whole robots, latency in ms from the moment in which a message was due. Each robot and "
+    "each operator is behind a network of its own, both of a pair of the same kind, so that a message crosses two"
+    " of them and cannot arrive before the sum of their delays. Links are emulated in order, as a radio link "
+    "retransmits; what is lost or does not fit into the link's queue is TCP's to send again, and the messages "
+    "behind it wait. On the worst network 10 messages a second are sent, as 100 with their headers and "
+    "acknowledgements are more than half of its 500 kbit/s."
+)
+CAPTION = "The share of messages that came later than a latency, by the networks; both axes are logarithmic."
+ROBOTS_A_NETWORK, QUICK_ROBOTS_A_NETWORK = 2, 1
+REPETITIONS, REPETITIONS_WORSE = 10, 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Which networks the pairs are behind, one a pair."""
+
+    name: str
+    title: str
+    profiles: tuple[Profile, ...]
+
+
+def wheres(scale: Scale) -> tuple[Where, Where, Where]:
+    """A third each, all where packets are lost, all on the worst."""
+    each = QUICK_ROBOTS_A_NETWORK if scale.quick else ROBOTS_A_NETWORK
+    count = each * len(MIXED)
+    return (
+        Where(
+            name="mixed", title="a third each on fixed line, 4G, other 4G", profiles=MIXED * each
+        ),
+        Where(name="lossy", title=f"all on {LOSSY.name}", profiles=(LOSSY,) * count),
+        Where(name="worst", title=f"all on {WORST.name}", profiles=(WORST,) * count),
+    )
+
+
+def steps(scale: Scale) -> list[Step]:
+    """All starts, then all runs of numbered messages."""
+    mixed, lossy, worst = wheres(scale)
+    if scale.quick:
+        return [start_step(mixed, 1, 1), numbered_step(mixed, Plan(count=300, rate_hz=RATE_HZ))]
+    count = 100_000 if scale.full else 20_000
+    return [
+        *(start_step(mixed, number, REPETITIONS) for number in range(1, REPETITIONS + 1)),
+        *(
+            start_step(where, number, REPETITIONS_WORSE)
+            for where in (lossy, worst)
+            for number in range(1, REPETITIONS_WORSE + 1)
+        ),
+        numbered_step(mixed, Plan(count=count, rate_hz=RATE_HZ)),
+        numbered_step(lossy, Plan(count=2000, rate_hz=RATE_HZ)),
+        numbered_step(worst, Plan(count=2000, rate_hz=WORST_HZ)),
+    ]
+
+
+def start_step(where: Where, number: int, of: int) -> Step:
+    """One start of all robots at once."""
+    return Step(
+        name=f"start-{where.name}-{number}",
+        title=f"start of {len(where.profiles)} robots, {where.title}, {number} of {of}",
+        expected_s=STEP_S,
+        run=partial(start, where, number),
+    )
+
+
+def numbered_step(where: Where, plan: Plan) -> Step:
+    """One run of numbered messages."""
+    return Step(
+        name=where.name,
+        title=f"{len(where.profiles)} pairs at {plan.rate_hz:g} Hz, {where.title}",
+        expected_s=STEP_S + 1.5 * len(where.profiles) + plan.planned_s,
+        run=partial(numbered, where, plan),
+    )
+
+
+def start(where: Where, number: int, world: World) -> Values:
+    """Start light robots at once; seconds to each one's first message, by its network: {"message_s": {NAME: [...]}}."""
+    kinds = list(dict.fromkeys(where.profiles))
+    robots = robots_of(world, len(where.profiles))
+    with (
+        world.uplinks(kinds) as operators,
+        world.uplinks(where.profiles) as uplinks,
+        tempfile.TemporaryDirectory(prefix="rt-mixed-") as logs,
+    ):
+        placed = list(zip(robots, uplinks, strict=True))
+        sides = {
+            one: [pair for pair in placed if pair[1].profile == one.profile] for one in operators
+        }
+        return asyncio.run(_start(world, sides, f"{where.name}-{number}", Path(logs)))
+
+
+async def _start(
+    world: World,
+    sides: Mapping[Uplink, Sequence[tuple[Enrolled, Uplink]]],
+    run_name: str,
+    logs: Path,
+) -> dict[str, Any]:
+    async with AsyncExitStack() as stack:
+        fleets = [
+            await stack.enter_async_context(_fleet(world, operator, robots, logs))
+            for operator, robots in sides.items()
+        ]
+        measured = await asyncio.gather(*(fleet.start(run_name) for fleet in fleets))
+        await asyncio.gather(*(fleet.end() for fleet in fleets))
+    kinds = [operator.profile.name for operator in sides]
+    return {
+        name: dict(zip(kinds, (one[name] for one in measured), strict=True))
+        for name in ("message_s", "failures")
+    }
+
+
+@asynccontextmanager
+async def _fleet(
+    world: World, operator: Uplink, robots: Sequence[tuple[Enrolled, Uplink]], logs: Path
+) -> AsyncIterator[Fleet]:
+    """Robots of one kind of network, each a process behind its own, and the operators behind theirs."""
+    headers = {"Authorization": f"Bearer {world.token}"}
+    async with AsyncExitStack() as stack:
+        sides = []
+        for one, uplink in robots:
+            log = stack.enter_context((logs / one.name).open("ab"))
+            sides.append(await Worker.start(uplink, [one], log))
+            stack.push_async_callback(sides[-1].end)
+        for side in sides:
+            await side.has_done("open", OPENS_WITHIN_S)
+        http = aiohttp.ClientSession(connector=connector(operator), headers=headers)
+        await stack.enter_async_context(http)
+        fleet = Fleet(world, [one for one, _ in robots], sides, http)
+        board = asyncio.ensure_future(fleet.board.follow())
+        stack.push_async_callback(_cancelled, board)
+        yield fleet
+
+
+async def _cancelled(task: asyncio.Future[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+def numbered(where: Where, plan: Plan, world: World) -> Values:
+    """Send numbered messages to whole robots: {"runs": {NAME: what numbered_run.run returns}}."""
+    with _pairs(where, world) as pairs:
+        title = f"{len(pairs)} pairs, {where.title}"
+        return {"runs": {where.name: {"title": title, **run(world, pairs, plan)}}}
+
+
+@contextmanager
+def _pairs(where: Where, world: World) -> Iterator[list[Pair]]:
+    with ExitStack() as stack:
+        operators = stack.enter_context(world.uplinks(where.profiles))
+        uplinks = stack.enter_context(world.uplinks(where.profiles))
+        enrolled = world.enrol(world.names("mixed", len(uplinks)))
+        stack.callback(world.remove, enrolled)
+        robots = [
+            stack.enter_context(WholeRobot(world, *placed, "bus"))
+            for placed in zip(enrolled, uplinks, strict=True)
+        ]
+        wait_all_online(robots, ONLINE_WITHIN_S)
+        yield [Pair(*ends) for ends in zip(operators, robots, strict=True)]
+
+
+def report(scale: Scale, results: Results) -> Report:
+    """Tables, figure and data of the steps that succeeded."""
+    done = succeeded(results)
+    named = flattened({name: one for name, one in done.items() if "runs" in one})
+    runs = {one["title"]: one for one in named.values()}
+    starts = {
+        where: [done[step] for step in done if step.startswith(f"start-{where.name}-")]
+        for where in wheres(scale)
+    }
+    starts = {where: some for where, some in starts.items() if some}
+    sections, plots = [], []
+    if starts:
+        sections.append(Section("Start on mixed networks", START_TEXT, start_table(starts)))
+    if runs:
+        sections += [
+            Section("Messages on mixed networks", TEXT, numbered_report.delivery_table(runs)),
+            Section("What they cost", numbered_report.COST_TEXT, numbered_report.cost_table(runs)),
+        ]
+        plots.append(numbered_report.latency_plot("mixed-latency", CAPTION, runs))
+    return Report(
+        sections=sections,
+        comparisons=_comparisons(starts, named),
+        plots=plots,
+        data=[*numbered_report.latency_data(named), *([start_data(starts)] if starts else [])],
+        shortfalls=[*_late_starts(starts), *numbered_report.shortfalls(runs)],
+    )
+
+
+Starts = Mapping[Where, Sequence[Values]]
+
+
+def start_table(starts: Starts) -> list[str]:
+    """Markdown lines: a row for each kind of network of each place."""
+    rows = []
+    for where, some in starts.items():
+        for kind in some[0]["message_s"]:
+            times = [seconds for one in some for seconds in one["message_s"][kind]]
+            came = [seconds for seconds in times if seconds is not None]
+            cells = [f"{quantile(came, part):.2f}" if came else "-" for part in (0.5, 0.99, 1)]
+            rows.append((where.title, kind, f"{len(came)} of {len(times)}", *cells))
+    return numbered_report.table(START_COLUMNS, rows)
+
+
+def start_data(starts: Starts) -> Data:
+    """Each start of each robot."""
+    rows = [
+        (where.name, number, kind, "" if seconds is None else seconds)
+        for where, some in starts.items()
+        for number, one in enumerate(some, 1)
+        for kind, times in one["message_s"].items()
+        for seconds in times
+    ]
+    about = (
+        "Seconds from the order to start until a robot's first message; empty: none came in time"
+    )
+    return Data(
+        name="start", about=about, header=("networks", "repetition", "network", "seconds"), rows=rows
+    )  # fmt: skip
+
+
+def _comparisons(starts: Starts, named: Mapping[str, Values]) -> list[Comparison]:
+    rows = []
+    for where, some in starts.items():
+        if where.name == PAPERS:
+            times = _times(some)
+            rows.append(
+                Comparison(
+                    what=f"start, {where.title}: robots that got their message, of {len(times)}",
+                    against="paper",
+                    reference=100,
+                    ours=100 * sum(seconds is not None for seconds in times) / len(times),
+                    unit="%",
+                    better="equal",
+                )
+            )
+    rows += [
+        numbered_report.compared(one["title"], one) for name, one in named.items() if name == PAPERS
+    ]
+    return rows
+
+
+def _late_starts(starts: Starts) -> list[str]:
+    return [
+        f"Start, {where.title}: {missing} robots of {len(_times(some))} got no message in time."
+        for where, some in starts.items()
+        if (missing := _times(some).count(None))
+    ]
+
+
+def _times(some: Sequence[Values]) -> list[float | None]:
+    return [seconds for one in some for times in one["message_s"].values() for seconds in times]
+
+
+PART = Part(name="mixed", title="Mixed networks", steps=steps, report=report)
