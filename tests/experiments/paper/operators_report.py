@@ -155,7 +155,7 @@ def _comparisons(summaries: Mapping[tuple[str, int | None, str], Summary]) -> It
             values = (getattr(plain, measure.name), getattr(ours, measure.name))
             if quality == COMPARED and measure.name in FIRST_TABLE and None not in values:
                 yield Comparison(
-                    what=f"three operators, {measure.what}, quality {quality}, {NETWORKS[network].name}",
+                    what=f"{measure.what}, quality {quality}, {NETWORKS[network].name}",
                     against=NAMES[PLAIN],
                     reference=values[0],
                     ours=values[1],
@@ -166,7 +166,7 @@ def _comparisons(summaries: Mapping[tuple[str, int | None, str], Summary]) -> It
     if ours_all:
         sent = sum(one.commands for one in ours_all)
         yield Comparison(
-            what="three operators, commands that came while video went on",
+            what="commands that came while video went on",
             against="all sent",
             reference=sent,
             ours=sent - sum(one.lost for one in ours_all),
@@ -205,7 +205,7 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
         if worse:
             key = max(worse, key=lambda key: _factor(*worse[key]))
             yield (
-                f"{measure.what}: worse than that of plain MJPEG and rosbridge through a bare ssh -R in {len(worse)} "
+                f"{measure.what[0].upper()}{measure.what[1:]}: worse than that of plain MJPEG and rosbridge through a bare ssh -R in {len(worse)} "
                 f"of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} {measure.unit} "
                 f"({_where(*key)})."
             )

@@ -84,7 +84,7 @@ def test_where_plain_is_better_is_said() -> None:
     [line] = [
         line
         for line in report(SCALE, results).shortfalls
-        if line.startswith("age of pictures, p95")
+        if line.startswith("Age of pictures, p95")
     ]
     assert "in 2 of 3 runs, at the most 80.0 beside 40.0 ms" in line
     assert "quality 50" in line
