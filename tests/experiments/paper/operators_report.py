@@ -205,8 +205,8 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
         if worse:
             key = max(worse, key=lambda key: _factor(*worse[key]))
             yield (
-                f"{measure.what[0].upper()}{measure.what[1:]}: worse than that of plain MJPEG and rosbridge through a bare ssh -R in {len(worse)} "
-                f"of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} {measure.unit} "
+                f"{measure.what[0].upper()}{measure.what[1:]}: worse than plain MJPEG and rosbridge through a bare "
+                f"ssh -R in {len(worse)} of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} {measure.unit} "
                 f"({_where(*key)})."
             )
 
