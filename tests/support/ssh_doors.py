@@ -1,6 +1,7 @@
 """What answers at a server's SSH port, without the SSH behind it: for tests of how the agent gets there.
 
 speaks     says its name at once, as sshd does
+late       says its name after 2 s, as an sshd does that has too much to do
 shy        says its name when spoken to, as nginx's port 443 makes it look
 silent     accepts and says nothing, as a captive portal may
 babbles    says what is not SSH
@@ -14,8 +15,9 @@ from typing import Literal
 
 from door_server import DoorServer
 
-Mode = Literal["speaks", "shy", "silent", "babbles", "closes"]
+Mode = Literal["speaks", "late", "shy", "silent", "babbles", "closes"]
 
+LATE_S = 2.0
 BANNER = b"SSH-2.0-door\r\n"
 
 
@@ -32,6 +34,8 @@ class Door(DoorServer):
         self.visitors += 1
         if self.mode == "closes":
             return
+        if self.mode == "late":
+            await asyncio.sleep(LATE_S)
         if self.mode == "shy":
             self.heard += await reader.readline()
         if self.mode == "babbles":

@@ -16,9 +16,11 @@ from robotether_agent.tasks import within
 
 SSH = b"SSH-"
 OUR_WORDS = b"SSH-2.0-robotether\r\n"
-# A server that speaks first does so one round trip after the connection stands.
-SPEAK_AFTER_S = 1.0
-TIMEOUT_S = 4.0
+# A server that speaks first does so one round trip after the connection stands, unless it has much to do. To be spoken
+# to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
+SPEAK_AFTER_S = 3.0
+# As long as sshd lets a login take.
+TIMEOUT_S = 15.0
 HTTPS = 443
 
 

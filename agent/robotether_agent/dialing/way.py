@@ -11,7 +11,7 @@ import logging
 import socket
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import repeat
@@ -21,7 +21,7 @@ from time import monotonic
 from robotether_agent import netlink
 from robotether_agent.dialing.banner import Banner
 from robotether_agent.dialing.http_proxy import Proxy, ask_for
-from robotether_agent.dialing.race import Race, after
+from robotether_agent.dialing.race import Race
 from robotether_agent.dialing.resolver import Resolver
 from robotether_agent.dialing.socket_options import is_established
 from robotether_agent.dialing.tcp import connect
@@ -32,6 +32,13 @@ from robotether_agent.tasks import first_of, within
 NEXT_PORT_AFTER_S = 0.5
 # While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
 TRY_EVERY_S = (0.4, 0.6)
+# A server that has taken a connection and says nothing yet has too much to do, and each further one is more of it: many
+# robots that ask twice a second keep it from ever answering. So while one stands, the next port and the next attempt
+# come later, and whoever asked waits longer: about as long as sshd lets a login take.
+BUSY_NEXT_PORT_AFTER_S = 3.0
+# Twice as long for each one that stands, up to a limit.
+BUSY_TRY_AFTER_S, BUSY_TRY_LIMIT_S = (2.0, 3.0), 5.0
+BUSY_PATIENCE_S = 15.0
 # After a change of the network a moment passes until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
 # Then whoever asked hears that nothing answers, and may ask again.
@@ -76,6 +83,10 @@ class Way:
         self._resolver = resolver or Resolver()
         self._banner = Banner()
         self._spares: list[_Reached] = []
+        # Connections that the other end has taken, and on which it has said nothing yet.
+        self._standing = 0
+        self._none_stands = asyncio.Event()
+        self._none_stands.set()
         # An agent that ends between a find and an open must leave no connection.
         weakref.finalize(self, _drop_all, self._spares)
 
@@ -87,7 +98,8 @@ class Way:
     async def find(self, targets: Sequence[Target]) -> Target:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
-        Raises ServerUnreachable when something refuses, and NoAnswer after PATIENCE_S of silence.
+        Raises ServerUnreachable when something refuses, and NoAnswer after PATIENCE_S of silence, or after
+        BUSY_PATIENCE_S of it on a connection that stands.
         """
         for spare in self._spares:
             if spare.target in targets and spare.is_fresh():
@@ -99,10 +111,15 @@ class Way:
                 drop=_Reached.drop,
                 eager=False,
             )
-            try:
-                return await within(PATIENCE_S, self._keep_winner(race))
-            except asyncio.TimeoutError as error:
-                raise race.problem from error
+            found: list[Target] = []
+
+            async def find() -> None:
+                found.append(await self._keep_winner(race))
+
+            await first_of(find(), self._lose_patience())
+            if not found:
+                raise race.problem
+            return found[0]
 
     async def open(self, target: Target) -> socket.socket:
         """Return a connection to `target`: the one in hand, or a new one."""
@@ -127,12 +144,12 @@ class Way:
 
     async def _reach_any(self, targets: Sequence[Target]) -> _Reached:
         attempts = [partial(self._reach, target) for target in targets]
-        race = Race(attempts, pause=after(NEXT_PORT_AFTER_S), drop=_Reached.drop)
+        race = Race(attempts, pause=self._pause_before_port, drop=_Reached.drop)
         return await race.winner()
 
     async def _reach(self, target: Target) -> _Reached:
         connection = await self._connect(target)
-        with _closed_on_failure(connection):
+        with _closed_on_failure(connection), self._stands():
             is_unused = await self._banner.check(connection, target.port, self._name(target))
         if not is_unused:
             connection.close()
@@ -149,11 +166,35 @@ class Way:
     def _name(self, target: Target) -> str:
         return str(target) if self._proxy is None else f"{target} through {self._proxy}"
 
+    @contextmanager
+    def _stands(self) -> Iterator[None]:
+        self._standing += 1
+        self._none_stands.clear()
+        try:
+            yield
+        finally:
+            self._standing -= 1
+            if not self._standing:
+                self._none_stands.set()
+
+    async def _lose_patience(self) -> None:
+        await asyncio.sleep(PATIENCE_S)
+        with suppress(asyncio.TimeoutError):
+            await within(BUSY_PATIENCE_S - PATIENCE_S, self._none_stands.wait())
+
+    async def _pause_before_port(self) -> None:
+        await asyncio.sleep(NEXT_PORT_AFTER_S)
+        if self._standing:
+            await asyncio.sleep(BUSY_NEXT_PORT_AFTER_S - NEXT_PORT_AFTER_S)
+
     async def _pause(self, network: netlink.Network) -> None:
         """Wait until the next attempt is due, or the network may be another one."""
 
         async def is_due() -> None:
             await asyncio.sleep(self._rng.uniform(*TRY_EVERY_S))
+            if self._standing:
+                longer_s = self._rng.uniform(*BUSY_TRY_AFTER_S) * 2 ** (self._standing - 1)
+                await asyncio.sleep(min(longer_s, BUSY_TRY_LIMIT_S))
 
         async def has_changed() -> None:
             await network.changed()

@@ -9,6 +9,7 @@ from random import Random
 import pytest
 from fake_proxy import FakeProxy
 from local_network import free_port
+from robotether_agent.dialing import banner
 from robotether_agent.dialing import way as way_module
 from robotether_agent.dialing.http_proxy import proxy_of
 from robotether_agent.dialing.resolver import Resolver
@@ -110,6 +111,38 @@ async def test_it_is_found_soon_after_it_answers():
         since = loop.time()
         assert await asyncio.wait_for(finding, 5) == at(door.port, "h")
         assert loop.time() - since < way_module.TRY_EVERY_S[1] + 0.5
+
+
+async def test_a_busy_server_is_not_asked_twice_a_second(monkeypatch):
+    """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
+    monkeypatch.setattr(way_module, "BUSY_PATIENCE_S", 6.5)
+    async with Door("silent") as busy, Door("silent") as other:
+        finding = asyncio.ensure_future(Way(rng=Random(1)).find([at(busy.port), at(other.port)]))
+        await asyncio.wait({finding}, timeout=2.2)
+        assert (busy.visitors, other.visitors) == (1, 0)
+        with pytest.raises(NoAnswer):
+            await finding
+        assert busy.visitors + other.visitors <= 4
+
+
+async def test_a_busy_server_is_waited_for(monkeypatch):
+    """The connection that it has taken is used as soon as it speaks, however late that is."""
+    monkeypatch.setattr(way_module, "PATIENCE_S", 1.0)
+    async with Door("late") as door:
+        way = Way()
+        target = await way.find([at(door.port)])
+        assert await words(await way.open(target)) == BANNER
+        assert door.visitors == 1
+
+
+async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
+    """Nothing stands any more, so the usual patience counts."""
+    monkeypatch.setattr(way_module, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 0.1)
+    monkeypatch.setattr(banner, "TIMEOUT_S", 0.3)
+    async with Door("silent") as door:
+        with pytest.raises(NoAnswer):
+            await asyncio.wait_for(Way().find([at(door.port)]), 5)
 
 
 async def test_a_connection_in_hand_is_used_for_the_next_dial():
