@@ -204,10 +204,11 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
                 worse[key] = (one, other)
         if worse:
             key = max(worse, key=lambda key: _factor(*worse[key]))
+            one, other = worse[key]
             yield (
                 f"{measure.what[0].upper()}{measure.what[1:]}: worse than plain MJPEG and rosbridge through a bare "
-                f"ssh -R in {len(worse)} of {len(pairs)} runs, at the most {worse[key][0]:.1f} beside {worse[key][1]:.1f} {measure.unit} "
-                f"({_where(*key)})."
+                f"ssh -R in {len(worse)} of {len(pairs)} runs, at the most {one:.1f} beside {other:.1f} "
+                f"{measure.unit} ({_where(*key)})."
             )
 
 
