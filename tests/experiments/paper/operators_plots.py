@@ -62,13 +62,23 @@ def draw(drawing: Drawing, *, summaries: Summaries, rows: Sequence[Row]) -> None
     for (name, label, scale), line in zip(rows, panels, strict=True):
         for axes, way in zip(line, TITLES, strict=True):
             _draw_panel(axes, summaries, name, way)
-            axes.set_yscale(scale)
+            _scale(axes, scale)
         line[0].set_ylabel(label)
     for axes, title in zip(panels[0], TITLES.values(), strict=True):
         axes.set_title(title)
     for axes in panels[-1]:
         axes.set(xlabel="JPEG quality", xticks=sorted(QUALITIES))
     drawing.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+
+
+def _scale(axes: Axes, scale: str) -> None:
+    axes.set_yscale(scale)
+    if scale == "linear":
+        axes.set_ylim(bottom=0)
+    else:
+        # As plain numbers, where the usual ones are powers of ten.
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
 
 
 def _draw_panel(axes: Axes, summaries: Summaries, name: str, way: str) -> None:
