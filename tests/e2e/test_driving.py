@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from crew import release_all
+from fingers import Fingers
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble, Way
 from pages import expect_no_sideways_scroll, open_live, open_robot
 from playwright.sync_api import Page, expect
@@ -261,34 +262,6 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
     page.get_by_test_id("gamepad-open").click()
     page.get_by_test_id("gamepad-forget").click()
     _expect_gamepad(page, "unknown")
-
-
-class Fingers:
-    """Fingers on the screen, each on a stick; Chromium itself makes the events."""
-
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._devtools = page.context.new_cdp_session(page)
-        self._points: dict[str, tuple[float, float]] = {}
-
-    def put(self, stick: str, *, up: float, left: float) -> None:
-        """Press the middle of a stick, unless this finger is on it already, and move there; 1 is at the rim."""
-        box = self._page.get_by_test_id(stick).bounding_box()
-        assert box is not None
-        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-        if stick not in self._points:
-            self._points[stick] = (x, y)
-            self._send("touchStart", self._points)
-        self._points[stick] = (x - left * box["width"] / 2, y - up * box["height"] / 2)
-        self._send("touchMove", self._points)
-
-    def lift(self, stick: str) -> None:
-        """Take the finger from a stick; the others stay."""
-        self._send("touchEnd", {stick: self._points.pop(stick)})
-
-    def _send(self, kind: str, points: dict[str, tuple[float, float]]) -> None:
-        touches = [{"x": x, "y": y, "id": sum(map(ord, stick))} for stick, (x, y) in points.items()]
-        self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
 
 
 def _choose_two_sticks(page: Page) -> None:

@@ -68,3 +68,23 @@ async def pump(source: socket.socket, sink: socket.socket) -> None:
     loop = asyncio.get_running_loop()
     while data := await loop.sock_recv(source, CHUNK):
         await loop.sock_sendall(sink, data)
+
+
+async def drain(source: socket.socket, got: list[int]) -> None:
+    """Take what comes, as the server's end does, and note how many bytes each time."""
+    loop = asyncio.get_running_loop()
+    while data := await loop.sock_recv(source, CHUNK):
+        got.append(len(data))
+
+
+def cubic_uplink(link: Link) -> tuple[socket.socket, socket.socket]:
+    """Connect the robot's end to the server's by TCP at cubic; both ends in that order."""
+    with link.server.entered():
+        listener = socket.create_server((link.server.address, 0))
+    with link.robot.entered():
+        here = socket.socket()
+        here.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b"cubic")
+        here.connect(listener.getsockname())
+    there, _ = listener.accept()
+    listener.close()
+    return here, there

@@ -18,6 +18,7 @@ from robotether_agent.media import door as door_module
 from robotether_agent.media.budget import Budget
 from robotether_agent.media.connection_state import Reading
 from robotether_agent.media.door import MediaDoor
+from slow_uplink import cubic_uplink, drain, pump
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 WITHIN_S = 5
@@ -326,20 +327,6 @@ def test_a_url_names_its_port() -> None:
         MediaDoor("http://127.0.0.1")
 
 
-async def pump(viewer: socket.socket, uplink: socket.socket) -> None:
-    """What ssh does with a stream: take what it can send."""
-    loop = asyncio.get_running_loop()
-    while data := await loop.sock_recv(viewer, 65536):
-        await loop.sock_sendall(uplink, data)
-
-
-async def drain(uplink: socket.socket, got: list[int]) -> None:
-    """The server's end of the uplink."""
-    loop = asyncio.get_running_loop()
-    while data := await loop.sock_recv(uplink, 65536):
-        got.append(len(data))
-
-
 async def round_trips_ms(here: socket.socket, there: socket.socket, count: int) -> list[float]:
     """Datagrams up the same link; they come back on a way of their own."""
     loop = asyncio.get_running_loop()
@@ -351,19 +338,6 @@ async def round_trips_ms(here: socket.socket, there: socket.socket, count: int) 
         found.append((time.perf_counter() - sent) * 1000)
         await asyncio.sleep(0.02)
     return found
-
-
-def tcp_uplink(link: Link) -> tuple[socket.socket, socket.socket]:
-    """A TCP connection from robot to server, at cubic."""
-    with link.server.entered():
-        listener = socket.create_server((link.server.address, 0))
-    with link.robot.entered():
-        here = socket.socket()
-        here.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b"cubic")
-        here.connect(listener.getsockname())
-    there, _ = listener.accept()
-    listener.close()
-    return here, there
 
 
 @pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
@@ -382,7 +356,7 @@ async def test_control_beside_video_is_quick_on_a_real_path(camera: Camera, is_p
     camera.handler = stream
     up = Shape(rate_bit_s=4.97e6, delay_s=0.019)
     with Link(up=up, down=Shape(delay_s=0.019)) as link:
-        here, there = tcp_uplink(link)
+        here, there = cubic_uplink(link)
         with link.robot.entered():
             control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with link.server.entered():

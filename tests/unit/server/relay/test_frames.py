@@ -201,68 +201,6 @@ async def test_the_status_comes_at_once_and_at_each_change(camera, watch):
         await each.text("status", state="live", fps=15)
 
 
-async def test_a_connection_that_breaks_is_opened_again(camera, watch):
-    """The viewer is told and stays; numbers go on although the robot's begin anew."""
-    viewer = await watch()
-    await camera.heard("credit")
-    for _ in range(3):
-        await viewer.credit()
-        await camera.show(JPEG)
-        seen = await viewer.picture()
-    camera.texts.clear()
-    await camera.cut()
-    assert "broke" in (await viewer.text("status", state="down"))["detail"]
-    await camera.heard("credit", frames=2, taken=None)
-    camera.number = 0
-    await viewer.credit()
-    await camera.show(JPEG)
-    assert (await viewer.picture()).number == seen.number + 1
-    await viewer.credit()
-    await camera.heard("credit", taken=1)
-
-
-async def test_a_robot_without_the_service_says_so(robot, watch):
-    """The close code of an older agent, with the word that clients look for."""
-    viewer = await watch()
-    code, reason = await closing(viewer.socket)
-    assert code == 4506
-    assert reason.startswith("frames_unknown: ")
-
-
-@pytest.mark.parametrize(("mode", "word"), [("any_page", "frames_unknown"), ("full", "HTTP 503")])
-async def test_what_the_robot_answers_instead_is_told(camera, watch, mode, word, monkeypatch):
-    """A page in place of an upgrade is no service; a refusal is not the same as none."""
-    monkeypatch.setattr("robotether_server.relay.feed_link.FIRST_WITHIN_S", 0.1)
-    camera.mode = mode
-    code, reason = await closing((await watch()).socket)
-    assert code == 4506
-    assert word in reason
-
-
-async def test_a_robot_without_a_video_port(robot, watch, monkeypatch):
-    """A tunnel to nothing is 4506."""
-    monkeypatch.setattr("robotether_server.relay.feed_link.FIRST_WITHIN_S", 0.1)
-    await robot._close_ports()
-    code, reason = await closing((await watch()).socket)
-    assert (code, "frames_unknown" in reason) == (4506, False)
-
-
-async def test_an_offline_robot_has_no_pictures(relay, sim1, watch):
-    """Its viewers are told at once."""
-    code, reason = await closing((await watch()).socket)
-    assert code == 4503
-    assert "sim1 is offline" in reason
-
-
-async def test_a_lost_link_ends_its_viewers(camera, robot, relay, watch):
-    """And its feed, so that a robot that is back begins anew."""
-    viewer = await watch()
-    await camera.heard("credit")
-    await robot.session.close()
-    assert (await closing(viewer.socket))[0] == 4505
-    assert relay.relay.feeds.count() == 0
-
-
 async def test_an_ended_right_ends_the_connection(camera, watch, records, sim1):
     """Taking the grant away closes with 4001."""
     viewer = await watch()
