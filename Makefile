@@ -49,7 +49,7 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/e2e
 
-test-running: venv images ## both of these two, with two stacks less to start
+test-running: venv images ## the tests of images and end to end in one go, with two stacks less to start
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images tests/e2e
 
