@@ -62,6 +62,7 @@ def draw(drawing: Drawing, *, summaries: Summaries, rows: Sequence[Row]) -> None
     for (name, label, scale), line in zip(rows, panels, strict=True):
         for axes, way in zip(line, TITLES, strict=True):
             _draw_panel(axes, summaries, name, way)
+        for axes in line:
             _scale(axes, scale)
         line[0].set_ylabel(label)
     for axes, title in zip(panels[0], TITLES.values(), strict=True):
@@ -72,6 +73,7 @@ def draw(drawing: Drawing, *, summaries: Summaries, rows: Sequence[Row]) -> None
 
 
 def _scale(axes: Axes, scale: str) -> None:
+    """Only when all that shares the axis is drawn, as its ends stay where they are then."""
     axes.set_yscale(scale)
     if scale == "linear":
         axes.set_ylim(bottom=0)
