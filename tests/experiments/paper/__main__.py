@@ -115,7 +115,8 @@ def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
     folder = QUICK_PAGE if scale.quick else PAGE
     write_page(folder, chapters, scale, journal)
     ours = [one for one in chapters if one.part in asked]
-    sys.stdout.write(f"{summary(ours)}\nthe page is {folder / 'index.html'}\n")
+    sys.stdout.write(f"{summary(ours)}\ntracebacks, if any, are in {journal.log}\n")
+    sys.stdout.write(f"the page is {folder / 'index.html'}\n")
     return 0 if all(one.is_fine for one in ours) else FAILED
 
 

@@ -37,7 +37,7 @@ FRAME = """<!DOCTYPE html>
 <style>{style}</style>
 </head>
 <body>
-{contents}{body}</body>
+{body}</body>
 </html>
 """
 
@@ -54,8 +54,9 @@ def render(markdown: str) -> str:
         if tag == "h2"
     ]
     body = reader.renderer.render(tokens, reader.options, {})
-    contents = f"<nav><ul>\n{''.join(links)}</ul></nav>\n" if links else ""
-    return FRAME.format(title=html.escape(title), style=STYLE, contents=contents, body=body)
+    contents = f"</h1>\n<nav><ul>\n{''.join(links)}</ul></nav>"
+    body = body.replace("</h1>", contents, 1) if links else body
+    return FRAME.format(title=html.escape(title), style=STYLE, body=body)
 
 
 def _named_headings(tokens: list[Token]) -> list[tuple[str, str, str]]:

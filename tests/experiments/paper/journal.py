@@ -14,7 +14,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -39,6 +39,8 @@ class Kept:
     commit: str
     # RFC 3339, UTC.
     began: str
+    # The process that measured it, as `Journal.sittings` calls it.
+    sitting: str
 
 
 def now() -> str:
@@ -72,7 +74,8 @@ class Journal:
         self.folder = folder / scale_name(scale)
         self.folder.mkdir(parents=True, exist_ok=True)
         started = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-        self._stamp = f"{started}-{os.getpid()}"
+        # What this process's sitting is called.
+        self.sitting = f"{started}-{os.getpid()}"
 
     @property
     def log(self) -> Path:
@@ -92,19 +95,18 @@ class Journal:
         """Move what is kept of a part away, so that it is measured anew."""
         source = self.folder / part.name
         if any(source.glob("*.json")):
-            target = self.folder / OLD / self._stamp / part.name
+            target = self.folder / OLD / self.sitting / part.name
             target.parent.mkdir(parents=True, exist_ok=True)
             source.rename(target)
 
     def write_sitting(self, sitting: Mapping[str, Any]) -> None:
         """Keep on what, and with which versions, this process measures; again when more is known."""
-        write_json(self.folder / SITTINGS / f"{self._stamp}.json", sitting)
+        write_json(self.folder / SITTINGS / f"{self.sitting}.json", sitting)
 
-    def sittings(self) -> list[Mapping[str, Any]]:
-        """Of all processes that measured for this scale, the first first."""
-        return [
-            json.loads(path.read_text()) for path in sorted((self.folder / SITTINGS).glob("*.json"))
-        ]
+    def sittings(self, kept: Iterable[Kept]) -> list[Mapping[str, Any]]:
+        """What is known of the processes that measured these, the first first."""
+        names = sorted({one.sitting for one in kept})
+        return [json.loads((self.folder / SITTINGS / f"{name}.json").read_text()) for name in names]
 
     @contextmanager
     def held(self, parts: Sequence[Part]) -> Iterator[None]:

@@ -10,7 +10,7 @@ import math
 import statistics
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,7 +32,13 @@ HOW = """Run it with `make experiments` on Debian with root or sudo; `QUICK=1` r
 elsewhere, `FULL=1` has the paper's 1000 repetitions of the start, `ONLY=PART,...` runs these parts alone, and an
 interrupted run goes on where it was.
 """
-COMPARISONS = "| part | what | reference | it has | ours | ratio | better is | verdict |"
+COMPARISONS = "| part | what | against | reference | ours | ratio | better is | verdict |"
+MOST_TITLES = 5
+AIMS = {
+    "lower": "lower is better",
+    "higher": "higher is better",
+    "equal": "it has to be equal",
+}
 QUICK = "**A quick run**: everything once and small, to see that it works. Its figures are no measurements."
 
 
@@ -69,6 +75,11 @@ class Chapter:
         return not (self.failed or self.missing or self.problems or self.unmet)
 
 
+def all_kept(chapters: Iterable[Chapter]) -> list[Kept]:
+    """The kept outcomes of all parts."""
+    return [step for one in chapters for step in one.kept.values()]
+
+
 def short(comparison: Comparison) -> bool:
     """Whether ours falls short; what is no number does."""
     return not math.isfinite(comparison.ours) or comparison.falls_short
@@ -103,7 +114,7 @@ def markdown(
     pieces = [
         HEAD,
         *([QUICK] if scale.quick else []),
-        _circumstances(chapters, sittings),
+        _circumstances(all_kept(chapters), sittings),
         HOW,
         "## Beside the reference",
         _comparisons(chapters),
@@ -119,8 +130,7 @@ def _list(lines: Sequence[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
 
 
-def _circumstances(chapters: Sequence[Chapter], sittings: Sequence[Mapping[str, Any]]) -> str:
-    kept = [step for one in chapters for step in one.kept.values()]
+def _circumstances(kept: Sequence[Kept], sittings: Sequence[Mapping[str, Any]]) -> str:
     if not kept:
         return "Nothing has been measured yet."
     loads = [step.outcome.load for step in kept]
@@ -131,7 +141,7 @@ def _circumstances(chapters: Sequence[Chapter], sittings: Sequence[Mapping[str, 
         f"Versions: {_each(sittings, _versions)}.",
         f"Commit: {', '.join(f'{plain(name)} ({count} steps)' for name, count in commits.items())}{several}.",
         f"Date: {min(step.began for step in kept)} to {max(step.began for step in kept)}; the {len(kept)} steps took "
-        f"{duration(sum(step.outcome.took_s for step in kept))}, in {len(sittings)} sittings.",
+        f"{duration(sum(step.outcome.took_s for step in kept))}; sittings: {len(sittings)}.",
         f"Stack: {_each(sittings, lambda one: plain(str(one.get('stack', 'not said'))))}.",
         f"Load when a step began: median {statistics.median(loads):.1f}, most {max(loads):.1f}.",
     ]
@@ -187,7 +197,7 @@ def _shortfalls(chapters: Sequence[Chapter]) -> list[str]:
         lines += [f"{title}: {plain(problem)}" for problem in one.problems]
         lines += [
             f"{title}: {plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
-            f"{plain(number(row.reference))} {plain(row.unit)}, and {plain(row.better)} is better."
+            f"{plain(number(row.reference))} {plain(row.unit)}, and {AIMS[row.better]}."
             for row in one.report.comparisons
             if short(row)
         ]
@@ -210,7 +220,7 @@ def _chapter(one: Chapter, written: Sequence[str]) -> str:
         f"## {plain(one.part.title)}",
         f"{len(one.kept) - len(one.failed)} of {len(one.steps)} steps succeeded, {len(one.failed)} failed, "
         f"{len(one.missing)} have not run; {duration(took_s)}.",
-        _list([_failure(one, name) for name in one.failed]),
+        _list(_failures(one)),
     ]
     for section in one.report.sections:
         text += [f"### {section.title}", section.text, "\n".join(section.table)]
@@ -226,5 +236,13 @@ def _chapter(one: Chapter, written: Sequence[str]) -> str:
     return "\n\n".join(piece.strip("\n") for piece in text if piece)
 
 
-def _failure(one: Chapter, name: str) -> str:
-    return f"Failed: {plain(one.steps[name])}: {plain(one.kept[name].outcome.failure)}"
+def _failures(one: Chapter) -> list[str]:
+    """A line a reason: how many steps failed for it, and which."""
+    by_reason: dict[str, list[str]] = {}
+    for name in one.failed:
+        by_reason.setdefault(one.kept[name].outcome.failure, []).append(plain(one.steps[name]))
+    return [
+        f"{len(titles)} failed: {plain(reason)} ({'; '.join(titles[:MOST_TITLES])}"
+        f"{f'; and {len(titles) - MOST_TITLES} more' if len(titles) > MOST_TITLES else ''})"
+        for reason, titles in by_reason.items()
+    ]

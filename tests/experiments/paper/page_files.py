@@ -9,7 +9,7 @@ from pathlib import Path
 from paper import csv_files, figures
 from paper.html_page import render
 from paper.journal import Journal
-from paper.page import Chapter, logged, markdown
+from paper.page import Chapter, all_kept, logged, markdown
 from paper.step import Scale
 
 # Writes one file.
@@ -20,7 +20,7 @@ def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, journal:
     """Write page, figures and data; files of an earlier page that this one has not are removed."""
     folder.mkdir(parents=True, exist_ok=True)
     written = _write_files(folder, chapters, journal)
-    text = markdown(chapters, scale, journal.sittings(), written)
+    text = markdown(chapters, scale, journal.sittings(all_kept(chapters)), written)
     (folder / "index.md").write_text(text)
     (folder / "index.html").write_text(render(text))
     for old in [*folder.glob("*.svg"), *folder.glob("*.csv")]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -134,7 +135,9 @@ class Runner:
         return outcome
 
     def _kept(self, outcome: Outcome, began: str) -> Kept:
-        return Kept(outcome=outcome, commit=self.commit, began=began)
+        return Kept(
+            outcome=outcome, commit=self.commit, began=began, sitting=self.journal.sitting
+        )
 
     def _check_answers(self, world: World, before: str) -> None:
         end = time.monotonic() + self.answer_s
@@ -147,8 +150,12 @@ class Runner:
             )
 
     def _log(self, where: str) -> None:
+        text = f"{now()} {where}\n{traceback.format_exc()}\n"
         with self.journal.log.open("a") as log:
-            log.write(f"{now()} {where}\n{traceback.format_exc()}\n")
+            log.write(text)
+        if self.scale.quick:
+            # Continuous integration keeps what is printed, and no files.
+            sys.stderr.write(text)
 
 
 def _problem_of(world: World) -> str:

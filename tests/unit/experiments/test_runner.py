@@ -92,7 +92,7 @@ def test_outcomes_are_kept_with_commit_and_load(bench: Bench) -> None:
     assert kept.outcome.values == {"value": 1}
     assert kept.commit == "abc"
     assert kept.outcome.load >= 0
-    [sitting] = bench.journal.sittings()
+    [sitting] = bench.journal.sittings([kept])
     assert sitting["versions"] == {"nginx": "1.2"}
     assert sitting["cores"] > 0
 
