@@ -40,7 +40,16 @@ COST_TEXT = (
 
 def delivery_table(runs: Mapping[str, Values]) -> list[str]:
     """Markdown lines: a row a run, by the titles; times in ms."""
-    return table(COLUMNS, (_delivery(title, run) for title, run in runs.items()))
+    return table(COLUMNS, (_delivery(title, run) for title, run in with_networks(runs).items()))
+
+
+def with_networks(runs: Mapping[str, Values]) -> dict[str, Values]:
+    """The runs, and behind each what it was on each kind of network, if there were several."""
+    found: dict[str, Values] = {}
+    for title, run in runs.items():
+        found[title] = run
+        found |= {f"of these {kind}": part for kind, part in run["networks"].items()}
+    return found
 
 
 def cost_table(runs: Mapping[str, Values]) -> list[str]:
@@ -81,7 +90,7 @@ def latency_plot(name: str, caption: str, runs: Mapping[str, Values]) -> Plot:
 
     def draw(drawing: Drawing) -> None:
         axes = drawing.subplots()
-        for title, run in runs.items():
+        for title, run in _apart(runs).items():
             points = thinned(Histogram.of(run["latency"]).exceeded_by())
             axes.step(*zip(*points, strict=True), where="post", label=title, linewidth=1.2)
         axes.set(xscale="log", yscale="log", xlabel="latency from when a message was due, ms",
@@ -89,6 +98,14 @@ def latency_plot(name: str, caption: str, runs: Mapping[str, Values]) -> Plot:
         axes.legend(fontsize=8)
 
     return Plot(name=name, caption=caption, draw=draw)
+
+
+def _apart(runs: Mapping[str, Values]) -> dict[str, Values]:
+    """One curve for each run; for each kind of network, where a run has several."""
+    curves: dict[str, Values] = {}
+    for title, run in runs.items():
+        curves |= run["networks"] or {title: run}
+    return curves
 
 
 def thinned(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -99,13 +116,17 @@ def thinned(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def latency_data(named: Mapping[str, Values]) -> list[Data]:
-    """A file a run, by the runs' names: how many messages had which latency."""
+    """A file a run, by the runs' names: how many messages had which latency on which network."""
     return [
         Data(
             name=f"latency-{name}",
             about=f"{run['title']}: messages by latency from when they were due, to 0.01 ms, from 100 ms to 4 digits",
-            header=("latency_ms", "messages"),
-            rows=[(f"{ms:.2f}", count) for ms, count in Histogram.of(run["latency"]).rows()],
+            header=("network", "latency_ms", "messages"),
+            rows=[
+                (kind, f"{ms:.2f}", count)
+                for kind, part in (run["networks"] or {"": run}).items()
+                for ms, count in Histogram.of(part["latency"]).rows()
+            ],
         )
         for name, run in named.items()
     ]
@@ -134,14 +155,20 @@ def _delivery(title: str, run: Values) -> Sequence[str]:
 
 def _cost(title: str, run: Values) -> Sequence[str]:
     used, messages = run["cpu_s"], max(1, run["received"])
-    known = sum(used[name] for name in (*SERVICES, "robots", "senders", "receivers"))
     return (
         title,
         *(f"{used[name] / messages * MICROSECONDS:.0f}" for name in (*SERVICES, "robots")),
         *(_percent(used[name] / run["took_s"]) for name in ("senders", "receivers")),
         _percent(busy(run)),
-        _percent(max(0.0, used["machine"] - known) / (run["took_s"] * run["cores"])),
+        _percent(_others(run)),
     )
+
+
+def _others(run: Values) -> float:
+    """The share of all cores that was used by what has nothing to do with a run."""
+    used = run["cpu_s"]
+    known = sum(used[name] for name in (*SERVICES, "robots", "senders", "receivers"))
+    return float(max(0.0, used["machine"] - known) / (run["took_s"] * run["cores"]))
 
 
 def _shortfalls(title: str, run: Values) -> Iterable[str]:
@@ -163,9 +190,10 @@ def _shortfalls(title: str, run: Values) -> Iterable[str]:
     if busy(run) > FULL:
         p99 = Histogram.of(run["latency"]).quantile_ms(0.99)
         late = "" if p99 is None else f" (p99 {number(p99)} ms)"
+        others = _percent(_others(run))
         yield (
-            f"{title}: the machine was {_percent(busy(run))} busy with all ends of it, so that latency{late} is that "
-            "of a full machine, not of the way."
+            f"{title}: the machine was {_percent(busy(run))} busy ({others} with other work), so that latency{late} is "
+            "that of a full machine with all ends on it, not of the way."
         )
 
 

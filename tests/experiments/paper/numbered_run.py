@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from paper.fleet_costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered import FRAME_BYTES, joined
 from paper.numbered_worker import MORE_S, PATIENCE, SILENCE_S, End
+from paper.step import Values
 
 if TYPE_CHECKING:
     from paper.robots import WholeRobot
@@ -147,6 +148,29 @@ def _run(
         "cpu_s": {**used, "senders": sent["cpu_s"], "receivers": came["cpu_s"]},
         "cores": os.cpu_count(),
         **joined(sent["ends"], came["ends"]),
+        "networks": by_network(pairs, plan, sent["ends"], came["ends"]),
+    }
+
+
+def by_network(
+    pairs: Sequence[Pair], plan: Plan, sent: Sequence[Values], came: Sequence[Values]
+) -> dict[str, Any]:
+    """The same of the pairs behind each kind of network, where there are several."""
+    kinds: dict[str, set[int]] = {}
+    for number, pair in enumerate(pairs):
+        kinds.setdefault(pair.operator.profile.name, set()).add(number)
+    if len(kinds) == 1:
+        return {}
+    return {
+        kind: {
+            "pairs": len(some),
+            **asdict(plan),
+            **joined(
+                [one for one in sent if one["pair"] in some],
+                [one for one in came if one["pair"] in some],
+            ),
+        }
+        for kind, some in kinds.items()
     }
 
 
