@@ -27,7 +27,7 @@ WAYS: Mapping[str, Way] = {OURS: ours, PLAIN: plain}
 USUAL, QUICK = Times(settle_s=5, measure_s=8), Times(settle_s=1.5, measure_s=4)
 # Networks, robots and their agents, and all of it taken down again.
 SET_UP_S, CONNECT_S = 6.0, 2.0
-ONLINE_WITHIN_S = 30.0
+ONLINE_WITHIN_S = 60.0
 # What a robot's machine has where nobody chose; this machine's own default may be another.
 CONGESTION_CONTROL = "cubic"
 

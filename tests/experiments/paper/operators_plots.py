@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+from matplotlib.ticker import LogFormatter
+
 from paper.operators_plan import NETWORKS, OURS, PLAIN, QUALITIES
 from paper.operators_values import Summary
 from paper.step import Plot
@@ -79,8 +81,8 @@ def _scale(axes: Axes, scale: str) -> None:
         axes.set_ylim(bottom=0)
     else:
         # As plain numbers, where the usual ones are powers of ten.
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
+        axes.yaxis.set_major_formatter(LogFormatter())
+        axes.yaxis.set_minor_formatter(LogFormatter())
 
 
 def _draw_panel(axes: Axes, summaries: Summaries, name: str, way: str) -> None:

@@ -23,7 +23,7 @@ from paper.uplinks import Uplink
 from paper.world import World
 
 CAMERA = "/camera/image_raw"
-ONLINE_WITHIN_S = 30.0
+ONLINE_WITHIN_S = 60.0
 
 
 @dataclass(frozen=True)
