@@ -1,7 +1,7 @@
 """What answers at a server's SSH port, without the SSH behind it: for tests of how the agent gets there.
 
 speaks     says its name at once, as sshd does
-late       says its name after 2 s, as an sshd does that has too much to do
+late       says its name when the test lets it (`may_speak`), as an sshd does that has too much to do
 shy        says its name when spoken to, as nginx's port 443 makes it look
 silent     accepts and says nothing, as a captive portal may
 babbles    says what is not SSH
@@ -17,7 +17,6 @@ from door_server import DoorServer
 
 Mode = Literal["speaks", "late", "shy", "silent", "babbles", "closes"]
 
-LATE_S = 2.0
 BANNER = b"SSH-2.0-door\r\n"
 
 
@@ -29,13 +28,14 @@ class Door(DoorServer):
         self.mode = mode
         self.visitors = 0
         self.heard = b""
+        self.may_speak = asyncio.Event()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.visitors += 1
         if self.mode == "closes":
             return
         if self.mode == "late":
-            await asyncio.sleep(LATE_S)
+            await self.may_speak.wait()
         if self.mode == "shy":
             self.heard += await reader.readline()
         if self.mode == "babbles":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from contextlib import contextmanager
 from random import Random
 
 import pytest
@@ -17,6 +18,8 @@ from robotether_agent.dialing.way import Way
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from robotether_agent.ssh_command import Target
 from ssh_doors import BANNER, Door
+
+WAIT_S = 20.0
 
 
 def at(port: int, host: str = "127.0.0.1") -> Target:
@@ -39,6 +42,25 @@ async def words(connection: socket.socket) -> bytes:
     """What the server says first."""
     with connection:
         return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(connection, 64), 5)
+
+
+@pytest.fixture
+def quiet_network(monkeypatch):
+    """A machine on which nothing of the network changes; each change is a reason to try again."""
+
+    @contextmanager
+    def listening():
+        yield QuietNetwork()
+
+    monkeypatch.setattr(way_module.netlink, "listening", listening)
+
+
+class QuietNetwork:
+    """Nothing ever changes."""
+
+    async def changed(self) -> None:
+        """Never return."""
+        await asyncio.Event().wait()
 
 
 async def test_what_was_found_is_what_is_opened():
@@ -113,25 +135,30 @@ async def test_it_is_found_soon_after_it_answers():
         assert loop.time() - since < way_module.TRY_EVERY_S[1] + 0.5
 
 
-async def test_a_busy_server_is_not_asked_twice_a_second(monkeypatch):
+async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
     """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
     monkeypatch.setattr(way_module, "BUSY_PATIENCE_S", 6.5)
     async with Door("silent") as busy, Door("silent") as other:
         finding = asyncio.ensure_future(Way(rng=Random(1)).find([at(busy.port), at(other.port)]))
-        await asyncio.wait({finding}, timeout=2.2)
+        await asyncio.wait({finding}, timeout=1.5)
         assert (busy.visitors, other.visitors) == (1, 0)
         with pytest.raises(NoAnswer):
             await finding
         assert busy.visitors + other.visitors <= 4
 
 
-async def test_a_busy_server_is_waited_for(monkeypatch):
+async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
     """The connection that it has taken is used as soon as it speaks, however late that is."""
-    monkeypatch.setattr(way_module, "PATIENCE_S", 1.0)
-    async with Door("late") as door:
+    monkeypatch.setattr(way_module, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(way_module, "TRY_EVERY_S", (60.0, 60.0))
+    async with Door("late") as door, asyncio.timeout(WAIT_S):
         way = Way()
-        target = await way.find([at(door.port)])
-        assert await words(await way.open(target)) == BANNER
+        with way._stands():
+            finding = asyncio.ensure_future(way.find([at(door.port)]))
+            while way._standing < 2:
+                await asyncio.sleep(0.01)
+        door.may_speak.set()
+        assert await words(await way.open(await finding)) == BANNER
         assert door.visitors == 1
 
 
