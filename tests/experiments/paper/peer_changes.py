@@ -1,7 +1,8 @@
 """How soon a message passes on any of the ways that are compared: after the robot's start, and after a new address.
 
-Nobody's protocol is asked whether it is connected; an operator tries as a program does that wants to drive, one attempt
-after the other, and the first message that has come back from the robot counts.
+Nobody's protocol is asked whether it is connected. An operator's program tries again and again to have the robot's
+odometry on a new connection, side by side with the attempts before, as a way that leads nowhere yet may swallow an
+attempt or refuse it; the first message that came because it was asked for counts.
 """
 
 from __future__ import annotations
@@ -13,37 +14,54 @@ from contextlib import suppress
 
 import aiohttp
 
-from paper.peer_echo import LAST_S, Echo, http_of, stop
-from paper.peer_way import Way
+from paper.peer_echo import LAST_S, Echo, connected, http_of, stop
+from paper.peer_way import OBSERVE, Way
 
-# An attempt that went into nothing is given up for a new one; and all of it, which counts as never.
-ATTEMPT_S, PAUSE_S, GIVE_UP_S = 0.5, 0.02, 60.0
-HELD_HZ = 20
+# How often a new attempt begins, how long one lasts, and after which time it counts as never.
+EVERY_S, ATTEMPT_S, GIVE_UP_S = 0.2, 1.0, 60.0
+# Of an operator who gives a tunnel time to notice.
+PATIENT_EVERY_S, PATIENT_GIVE_UP_S = 15.0, 180.0
+HELD_HZ, LOOKS_EVERY_S = 20, 0.01
 TELEMETRY, TELEMETRY_TYPE = "/odom", "nav_msgs/Odometry"
 
 
 async def connect_s(way: Way) -> float | None:
-    """Seconds from the start of the robot's client program to the first message that came back; None: never."""
+    """Seconds from the start of the robot's client program to the first message from it; None: never."""
     since = time.monotonic()
     await asyncio.to_thread(way.connect)
-    return await first_answer_s(way, since)
+    return await first_message_s(way, since)
 
 
-async def first_answer_s(way: Way, since: float) -> float | None:
-    """Seconds from `since` until a message on a new connection has come back; None after GIVE_UP_S."""
-    while time.monotonic() < since + GIVE_UP_S:
-        with suppress(aiohttp.ClientError, OSError, TimeoutError, TypeError):
-            return await asyncio.wait_for(_attempt(way), ATTEMPT_S) - since
-        way.check()
-        await asyncio.sleep(PAUSE_S)
-    return None
+async def first_message_s(
+    way: Way, since: float, every_s: float = EVERY_S, give_up_s: float = GIVE_UP_S
+) -> float | None:
+    """Seconds from `since` until a message has come on a new connection; one is tried each `every_s`."""
+    first: asyncio.Future[float] = asyncio.get_running_loop().create_future()
+    attempts = []
+    try:
+        while time.monotonic() < since + give_up_s:
+            attempts.append(asyncio.ensure_future(_attempt(way, first)))
+            await asyncio.wait([first], timeout=every_s)
+            if first.done():
+                return first.result() - since
+            way.check()
+        return None
+    finally:
+        for attempt in attempts:
+            await stop(attempt)
 
 
-async def _attempt(way: Way) -> float:
-    """The moment at which a message has come back on a connection that is made for it."""
-    async with http_of(way) as http:
-        await Echo.open(http, way)
-        return time.monotonic()
+async def _attempt(way: Way, first: asyncio.Future[float]) -> None:
+    """Try once, and tell `first` the moment of the message."""
+    with suppress(aiohttp.ClientError, OSError, TimeoutError, TypeError):
+        async with asyncio.timeout(ATTEMPT_S), http_of(way) as http:
+            socket = await connected(http, await asyncio.to_thread(way.ros_url, OBSERVE))
+            wanted = {"op": "subscribe", "topic": TELEMETRY, "type": TELEMETRY_TYPE}
+            await socket.send_json(wanted)
+            while '"publish"' not in await socket.receive_str():
+                pass
+            if not first.done():
+                first.set_result(time.monotonic())
 
 
 async def recover_s(way: Way, after_s: float) -> float | None:
@@ -62,9 +80,17 @@ async def recover_s(way: Way, after_s: float) -> float | None:
                 holding.result()
             await asyncio.to_thread(way.readdress)
             since = time.monotonic()
-            return await _first(_held_answer_s(held, holding, since), first_answer_s(way, since))
+            return await _first(_held_answer_s(held, holding, since), first_message_s(way, since))
         finally:
             await stop(holding)
+
+
+async def recover_patiently_s(way: Way) -> float | None:
+    """As recover_s, with an operator whose connections are closed, and who tries each PATIENT_EVERY_S only."""
+    await asyncio.to_thread(way.readdress)
+    since = time.monotonic()
+    await asyncio.sleep(PATIENT_EVERY_S)
+    return await first_message_s(way, since, PATIENT_EVERY_S, PATIENT_GIVE_UP_S)
 
 
 async def _hold(held: Echo) -> None:
@@ -91,7 +117,7 @@ async def _held_answer_s(held: Echo, holding: asyncio.Future[None], since: float
     while held.answered_of < since:
         if holding.done() or time.monotonic() > since + GIVE_UP_S:
             return None
-        await asyncio.sleep(PAUSE_S)
+        await asyncio.sleep(LOOKS_EVERY_S)
     return time.monotonic() - since
 
 

@@ -15,20 +15,20 @@ from local_network import insecure_tls
 from openssh_server import descendants, wait_until
 from picture_viewers import Taker, look_at_frames
 
-from paper.peer_way import CAMERA, STARTS_WITHIN_S, Way
+from paper.peer_plan import FRAMES, OURS
+from paper.peer_way import CAMERA, DRIVE, OBSERVE, STARTS_WITHIN_S, Way
 from paper.robots import WholeRobot
 from paper.uplinks import Uplink
 from paper.world import World
 
 # What carries a robot's and an operator's data; web and database only let them in.
 CARRIERS = ("nginx", "relay", "sshd")
-FRAMES = "frames protocol"
 
 
 class Robotether(Way):
     """The whole of it."""
 
-    key, title = "robotether", "Robotether"
+    key = OURS
     videos: Sequence[str] = (FRAMES,)
     _robot: WholeRobot
 
@@ -62,15 +62,15 @@ class Robotether(Way):
     def words(self) -> str:
         return self._robot.logs()
 
-    def ros_url(self) -> str:
-        ticket = self._world.ticket(self._robot.name, "drive")
+    def ros_url(self, mode: str = DRIVE) -> str:
+        ticket = self._world.ticket(self._robot.name, mode)
         return f"wss://{self._world.door}/robots/{self._robot.name}/ros?ticket={ticket}"
 
     def local_ros_url(self) -> str:
         return self._robot.ros_url
 
     async def look(self, http: aiohttp.ClientSession, video: str, take: Taker) -> None:
-        ticket = await asyncio.to_thread(self._world.ticket, self._robot.name, "observe")
+        ticket = await asyncio.to_thread(self._world.ticket, self._robot.name, OBSERVE)
         base = f"https://{self._world.door}/robots/{self._robot.name}/video"
         await look_at_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", take)
 

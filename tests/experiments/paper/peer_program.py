@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from namespaces import Namespace
@@ -71,13 +72,11 @@ class Program:
 
 
 def cpu_s(pids: Iterable[int]) -> dict[int, float]:
-    """Seconds that each process has computed so far, user and system, all its threads; one that has ended is left out."""
+    """Seconds that each process has computed so far, user and system, all threads; those that ended are left out."""
     taken = {}
     for pid in pids:
-        try:
+        with suppress(OSError):
             taken[pid] = ticks(pid) * TICK_S
-        except OSError:
-            continue
     return taken
 
 

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 
 from openssh_server import OpenSshServer
 
+from paper.peer_plan import SSH
 from paper.peer_way import ROS_PORT, VIDEO_PORT, PlainWay
 
 # Many guides say 30 s three times, which would take three times as long to notice.
@@ -20,7 +21,7 @@ ALIVE_S, ALIVE_TIMES = 10, 3
 class AutoSsh(PlainWay):
     """A bare `ssh -R`."""
 
-    key, title = "ssh", "bare ssh -R, autossh"
+    key = SSH
     _sshd: OpenSshServer
 
     def prepare(self, made: ExitStack) -> None:

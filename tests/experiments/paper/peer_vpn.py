@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from namespaces import Namespace, ip
+from namespaces import Namespace
 from openssh_server import wait_until
 
 from paper.peer_program import Program
@@ -79,7 +79,7 @@ class Vpn(PlainWay):
 class WireGuard(Vpn):
     """WireGuard as wireguard-go has it, set up as wg-quick does, with the keep-alive that its manual names."""
 
-    key, title = "wireguard", "WireGuard in user space"
+    key = "wireguard"
     PORT, KEEPALIVE_S = 51820, 25
 
     def make_keys(self) -> None:
@@ -87,16 +87,14 @@ class WireGuard(Vpn):
         self.device = f"wgs{os.getpid()}"
         self._robot_device = f"wgr{os.getpid()}"
         server, robot = (output("wg", "genkey") for _ in range(2))
-        self._setting(self.device, server, robot, ROBOT_ADDRESS, f"ListenPort = {self.PORT}", "")
-        there = f"Endpoint = {self.server.address}:{self.PORT}\n"
-        there += f"PersistentKeepalive = {self.KEEPALIVE_S}"
-        self._setting(self._robot_device, robot, server, SERVER_ADDRESS, "", there)
-
-    def _setting(self, device: str, own: str, other: str, reach: str, here: str, there: str) -> None:
-        public = output("wg", "pubkey", given=other)
-        lines = ["[Interface]", f"PrivateKey = {own}", here]
-        lines += ["[Peer]", f"PublicKey = {public}", f"AllowedIPs = {reach}/32", there]
-        self.put(f"{device}.conf", "\n".join(lines) + "\n")
+        there = (
+            f"Endpoint = {self.server.address}:{self.PORT}",
+            f"PersistentKeepalive = {self.KEEPALIVE_S}",
+        )
+        lines = [*_interface(server), f"ListenPort = {self.PORT}", *_peer(robot, ROBOT_ADDRESS)]
+        self.put(f"{self.device}.conf", "\n".join(lines) + "\n")
+        lines = [*_interface(robot), *_peer(server, SERVER_ADDRESS), *there]
+        self.put(f"{self._robot_device}.conf", "\n".join(lines) + "\n")
 
     def start_server(self, made: ExitStack) -> Program:
         return self._start(self.server, self.device, SERVER_ADDRESS)
@@ -119,10 +117,19 @@ class WireGuard(Vpn):
         return self.start(namespace, device, "sh", "-c", textwrap.dedent(script))
 
 
+def _interface(private: str) -> tuple[str, ...]:
+    return "[Interface]", f"PrivateKey = {private}"
+
+
+def _peer(private: str, address: str) -> tuple[str, ...]:
+    public = output("wg", "pubkey", given=private)
+    return "[Peer]", f"PublicKey = {public}", f"AllowedIPs = {address}/32"
+
+
 class OpenVpn(Vpn):
     """OpenVPN over UDP as its sample files have it: TLS with certificates, and keep-alives of 10 and 120 s."""
 
-    key, title, device = "openvpn", "OpenVPN, UDP", "tun0"
+    key, device = "openvpn", "tun0"
 
     def make_keys(self) -> None:
         self._authority()
@@ -137,7 +144,9 @@ class OpenVpn(Vpn):
             self.put(f"{name}.conf", common + own + certificates.format(self.folder / name))
 
     def _authority(self) -> None:
-        self._openssl("req", "-x509", "-days", "2", "-subj", "/CN=ca", "-out", "ca.crt", *NEW_KEY, "ca.key")
+        self._openssl(
+            "req", "-x509", "-days", "2", "-subj", "/CN=ca", "-out", "ca.crt", *NEW_KEY, "ca.key"
+        )
 
     def _certificate(self, name: str, use: str) -> None:
         self._openssl("req", "-subj", f"/CN={name}", "-out", f"{name}.csr", *NEW_KEY, f"{name}.key")
@@ -167,7 +176,7 @@ NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"
 class Nebula(Vpn):
     """Nebula with its example's settings; the server is the lighthouse."""
 
-    key, title, device = "nebula", "nebula", "nebula1"
+    key, device = "nebula", "nebula1"
     PORT = 4242
 
     def make_keys(self) -> None:
@@ -203,7 +212,9 @@ class Nebula(Vpn):
         self._client = [self._start(self.inside, "robot")]
 
     def _start(self, namespace: Namespace, name: str) -> Program:
-        return self.start(namespace, f"nebula-{name}", "nebula", "-config", str(self.folder / f"{name}.yml"))
+        return self.start(
+            namespace, f"nebula-{name}", "nebula", "-config", str(self.folder / f"{name}.yml")
+        )
 
 
 def output(*command: str, folder: Path | None = None, given: str | None = None) -> str:

@@ -23,6 +23,7 @@ from namespaces import Namespace
 from openssh_server import listens, wait_until
 from picture_viewers import Taker, look_at_stream
 
+from paper.peer_plan import DEFAULT_QUALITY, FITTING_QUALITY, STRAIGHT, TITLES
 from paper.peer_program import Program
 
 if TYPE_CHECKING:
@@ -31,19 +32,17 @@ if TYPE_CHECKING:
 SIM_ROBOT = Path(__file__).resolve().parents[3] / "images" / "sim_robot"
 ROS_PORT, VIDEO_PORT = 9090, 8080
 CAMERA = "/camera/image_raw"
+DRIVE, OBSERVE = "drive", "observe"
 STARTS_WITHIN_S = 20.0
 # What Debian's kernels have; a way that chooses nothing gets this one, whatever this machine was set to.
 CONGESTION_CONTROL = "cubic"
-# web_video_server's own quality, which makes more than the slow link takes, and one that fits.
-DEFAULT_QUALITY, FITTING_QUALITY = "quality 95", "quality 80"
 
 
 class Way(ABC):
     """One way; inside `with` the server's side stands and the robot's ROS runs, `connect` starts the robot's side."""
 
-    # For steps' names, and for people.
+    # In TITLES.
     key: str
-    title: str
     # What of the camera can be looked at.
     videos: Sequence[str] = (DEFAULT_QUALITY, FITTING_QUALITY)
 
@@ -52,6 +51,11 @@ class Way(ABC):
         self.folder: Path
         self._client: list[Program] = []
         self._made = ExitStack()
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return TITLES[self.key]
 
     @property
     def inside(self) -> Namespace:
@@ -111,7 +115,7 @@ class Way(ABC):
         self.uplink.readdress()
 
     @abstractmethod
-    def ros_url(self) -> str:
+    def ros_url(self, mode: str = DRIVE) -> str:
         """Where the operator's next rosbridge connection goes; may ask the server, so it may block."""
 
     def local_ros_url(self) -> str:
@@ -142,7 +146,8 @@ class PlainWay(Way):
     def robot_address(self) -> str:
         """The robot's address as the operator knows it."""
 
-    def ros_url(self) -> str:
+    def ros_url(self, mode: str = DRIVE) -> str:
+        # Who has such a way may do everything.
         return f"ws://{self.robot_address()}:{ROS_PORT}/"
 
     async def look(self, http: aiohttp.ClientSession, video: str, take: Taker) -> None:
@@ -171,7 +176,7 @@ class PlainWay(Way):
 class Straight(PlainWay):
     """No tunnel: the operator reaches the robot's own address over the link. The limit of all others."""
 
-    key, title = "straight", "straight rosbridge, no tunnel"
+    key = STRAIGHT
 
     def prepare(self, made: ExitStack) -> None:
         self.simulator(made)

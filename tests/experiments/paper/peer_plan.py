@@ -1,0 +1,70 @@
+"""What is compared in peers.py, how long each way is measured, and what its steps are called. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from paper.profiles import SLOW_4G
+from paper.step import Scale
+
+LINK = SLOW_4G
+OURS, STRAIGHT, SSH = "robotether", "straight", "ssh"
+# In the page's order.
+TITLES: Mapping[str, str] = {
+    STRAIGHT: "straight rosbridge, no tunnel",
+    SSH: "bare ssh -R, autossh",
+    "wireguard": "WireGuard in user space",
+    "openvpn": "OpenVPN, UDP",
+    "nebula": "nebula",
+    OURS: "Robotether",
+}
+# web_video_server's own quality, which makes more than the link takes, and one that fits.
+DEFAULT_QUALITY, FITTING_QUALITY = "quality 95", "quality 80"
+FRAMES = "frames protocol"
+LATENCY, LOAD, CHANGES = "latency", "load", "changes"
+# For what is measured at each step, in seconds; for the progress bar alone.
+EXPECTED_S = {LATENCY: 55.0, LOAD: 17.0, CHANGES: 30.0}
+GIVEN_UP_S = 65.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """How much is measured."""
+
+    ways: Sequence[str] = tuple(TITLES)
+    measures: Sequence[str] = (LATENCY, LOAD, CHANGES)
+    # Of round trips, idle and behind each video; and until a video fills what it fills.
+    seconds: float = 10.0
+    settle_s: float = 5.0
+    # How many of a way's videos are looked at.
+    videos: int = 2
+    load_s: float = 6.0
+    load_settle_s: float = 2.0
+    connects: int = 5
+    recovers: int = 5
+    # Each of a bare `ssh -R`'s takes minutes; it is followed by one for which the operator waits.
+    ssh_recovers: int = 2
+
+    def recovers_of(self, key: str) -> int:
+        """How often a way's robot gets another address."""
+        return self.ssh_recovers if key == SSH else self.recovers
+
+    def expected_s(self, key: str, measure: str) -> float:
+        """About how long a step takes."""
+        if self != Plan():
+            return 14.0
+        return 5 * GIVEN_UP_S if (key, measure) == (SSH, CHANGES) else EXPECTED_S[measure]
+
+
+def plan_of(scale: Scale) -> Plan:
+    """What a run of this scale measures."""
+    if not scale.quick:
+        return Plan()
+    ways = (STRAIGHT, SSH, OURS)
+    return Plan(ways=ways, measures=(LATENCY,), seconds=3.0, settle_s=2.0, videos=1)
+
+
+def name_of(key: str, measure: str) -> str:
+    """A step's name."""
+    return f"{key}-{measure}"
