@@ -8,7 +8,6 @@ met exactly is not; the page is written before.
 from __future__ import annotations
 
 import argparse
-import importlib
 import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +15,7 @@ from contextlib import AbstractContextManager
 from types import FrameType
 from typing import NoReturn
 
+from paper import high_rate, mixed, operators, peers, spiral, startup
 from paper.circumstances import ROOT
 from paper.journal import Journal, JournalBusyError
 from paper.page import Chapter, chapter
@@ -25,8 +25,9 @@ from paper.step import Comparison, Part, Scale
 from paper.words import number
 from paper.world import World
 
-# All experiments, in the page's order, each a module with its PART.
-NAMES = ("startup", "high_rate", "mixed", "spiral", "operators", "peers")
+# All experiments, in the page's order.
+PARTS = (startup.PART, high_rate.PART, mixed.PART, spiral.PART, operators.PART, peers.PART)
+NAMES = tuple(part.name for part in PARTS)
 ARTIFACTS = ROOT / "tests" / "artifacts"
 JOURNALS = ARTIFACTS / "experiments"
 PAGE, QUICK_PAGE = ROOT / "docs" / "experiments", ARTIFACTS / "experiments-quick"
@@ -120,20 +121,6 @@ def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
     return 0 if all(one.is_fine for one in ours) else FAILED
 
 
-def load(names: Iterable[str], chosen: Sequence[str]) -> dict[str, Part]:
-    """The parts by their names."""
-    found = {}
-    for name in names:
-        try:
-            found[name] = importlib.import_module(f"paper.{name}").PART
-        # TODO: until all parts are written; then they are imported by name at the top.
-        except (ImportError, AttributeError, SyntaxError) as error:  # noqa: PERF203
-            if name in chosen:
-                raise
-            sys.stderr.write(f"experiments: {name} cannot be loaded yet: {error}\n")
-    return found
-
-
 def _end(_signal: int, _frame: FrameType | None) -> NoReturn:
     """As Ctrl-C, so that the stack is removed."""
     raise KeyboardInterrupt
@@ -141,5 +128,4 @@ def _end(_signal: int, _frame: FrameType | None) -> NoReturn:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, _end)
-    asked_for = arguments()
-    sys.exit(run(asked_for, load(NAMES, asked_for.only)))
+    sys.exit(run(arguments(), {part.name: part for part in PARTS}))

@@ -119,7 +119,7 @@ def markdown(
         "## Beside the reference",
         _comparisons(chapters),
         "## What falls short",
-        _list(_shortfalls(chapters)) or "Nothing that was measured.",
+        *(_shortfalls(chapters) or ["Nothing that was measured."]),
         *_missing(chapters),
         *(_chapter(one, written) for one in chapters if one.kept),
     ]
@@ -189,20 +189,21 @@ def _comparison(one: Chapter, row: Comparison) -> str:
 
 
 def _shortfalls(chapters: Sequence[Chapter]) -> list[str]:
-    lines = []
-    for one in chapters:
-        title = plain(one.part.title)
-        if one.failed:
-            lines.append(f"{title}: {len(one.failed)} of {len(one.kept)} steps failed.")
-        lines += [f"{title}: {plain(problem)}" for problem in one.problems]
-        lines += [
-            f"{title}: {plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
-            f"{plain(number(row.reference))} {plain(row.unit)}, and {AIMS[row.better]}."
-            for row in one.report.comparisons
-            if short(row)
-        ]
-        lines += [f"{title}: {plain(line)}" for line in one.report.shortfalls]
-    return lines
+    """A heading and a list for each part that something falls short in."""
+    lists = [(one.part.title, _short_lines(one)) for one in chapters]
+    return [f"**{plain(title)}**\n\n{_list(lines)}" for title, lines in lists if lines]
+
+
+def _short_lines(one: Chapter) -> list[str]:
+    failed = f"{len(one.failed)} of {len(one.kept)} steps failed."
+    compared = [
+        f"{plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
+        f"{plain(number(row.reference))} {plain(row.unit)}, and {AIMS[row.better]}."
+        for row in one.report.comparisons
+        if short(row)
+    ]
+    said = [plain(line) for line in [*one.problems, *one.report.shortfalls]]
+    return [*([failed] if one.failed else []), *compared, *said]
 
 
 def _missing(chapters: Sequence[Chapter]) -> list[str]:

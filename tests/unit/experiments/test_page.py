@@ -83,7 +83,7 @@ def test_comparison_has_paper_ours_ratio_and_verdict(journal: Journal) -> None:
     text = page(journal, chapter(one, DEFAULT, journal))
     assert r"| Part startup | time \| start | paper | 2 s | 1 s | 0.5 | lower | met |" in text
     assert "| 3 s | 1.5 | lower | **falls short** |" in text
-    assert r"- Part startup: time \| start is 3 s; paper has 2 s, and lower is better." in text
+    assert r"- time \| start is 3 s; paper has 2 s, and lower is better." in text
 
 
 def test_what_is_no_number_falls_short() -> None:
@@ -100,7 +100,7 @@ def test_failed_steps_are_counted_and_told(journal: Journal) -> None:
     text = page(journal, made)
     assert "1 of 2 steps succeeded, 1 failed, 0 have not run; 3.0 s." in text
     assert r"- 1 failed: OSError: \<b\>\|x\|\</b\> (repetition 1)" in text
-    assert "Part startup: 1 of 2 steps failed." in text
+    assert "**Part startup**\n\n- 1 of 2 steps failed." in text
     assert not made.is_fine
 
 
@@ -149,7 +149,7 @@ def test_report_that_raises_is_a_problem_of_its_part_alone(journal: Journal) -> 
         keep(journal, one, {"s-0": GOOD, "s-1": GOOD})
     made = [chapter(one, DEFAULT, journal) for one in (broken, good)]
     text = page(journal, *made)
-    assert "- Part a: its report could not be made: ZeroDivisionError: no values" in text
+    assert "**Part a**\n\n- its report could not be made: ZeroDivisionError: no values" in text
     assert "### How\n\nText\n\n| x |" in text
     assert [one.is_fine for one in made] == [False, True]
 
@@ -157,7 +157,7 @@ def test_report_that_raises_is_a_problem_of_its_part_alone(journal: Journal) -> 
 def test_part_that_could_not_be_prepared_says_why(journal: Journal) -> None:
     """Beside that its steps are missing."""
     text = page(journal, chapter(part(report=EMPTY), DEFAULT, journal, "OSError: no network"))
-    assert "- Part startup: could not be prepared: OSError: no network" in text
+    assert "- could not be prepared: OSError: no network" in text
 
 
 def test_unequal_is_not_fine_and_lower_is_no_error(journal: Journal) -> None:
