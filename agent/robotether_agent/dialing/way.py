@@ -38,7 +38,7 @@ TRY_EVERY_S = (0.4, 0.6)
 BUSY_NEXT_PORT_AFTER_S = 3.0
 # Twice as long for each one that stands, up to a limit.
 BUSY_TRY_AFTER_S, BUSY_TRY_LIMIT_S = (2.0, 3.0), 5.0
-BUSY_PATIENCE_S = 15.0
+BUSY_PATIENCE_S, BUSY_ANSWER_S = 15.0, 0.5
 # After a change of the network a moment passes until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
 # Then whoever asked hears that nothing answers, and may ask again.
@@ -181,6 +181,8 @@ class Way:
         await asyncio.sleep(PATIENCE_S)
         with suppress(asyncio.TimeoutError):
             await within(BUSY_PATIENCE_S - PATIENCE_S, self._none_stands.wait())
+            # The last one may have ended because it was answered; the race has yet to hear of that.
+            await asyncio.sleep(BUSY_ANSWER_S)
 
     async def _pause_before_port(self) -> None:
         await asyncio.sleep(NEXT_PORT_AFTER_S)
