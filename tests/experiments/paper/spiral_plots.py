@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 SIZE_INCH = (10.0, 5.2)
+# Where it hides no robot.
+BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2, "fontsize": "small"}
 OURS, IDEAL, STEPS, ARRIVALS = "tab:blue", "black", "tab:orange", "tab:green"
 
 
@@ -51,7 +53,6 @@ def draw(drawing: Drawing, *, plan: Plan, runs: Sequence[Run], title: str) -> No
     drawing.suptitle(title)
     _draw_ways(ways, plan, runs)
     _draw_ends(near, plan, runs)
-    drawing.tight_layout()
 
 
 def _draw_ways(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
@@ -63,7 +64,7 @@ def _draw_ways(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
     axes.plot(*zip(*ideal, strict=True), color=IDEAL, linewidth=0.8, linestyle="--", label="ideal")
     axes.set_aspect("equal")
     axes.set(xlabel="x, m", ylabel="y, m", title="all ways")
-    axes.legend(loc="upper right", fontsize="small")
+    axes.legend(**BELOW)
 
 
 def _draw_ends(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
@@ -77,10 +78,12 @@ def _draw_ends(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
     ):
         if ends:
             xs, ys = zip(*_from_mm(ideal, ends), strict=True)
-            axes.scatter(xs, ys, marker=mark, color=colour, s=30, linewidths=1, label=label)
+            axes.scatter(
+                xs, ys, marker=mark, color=colour, s=30, linewidths=1, alpha=0.8, label=label
+            )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x from the ideal end, mm", ylabel="y from the ideal end, mm", title="ends")
-    axes.legend(loc="upper right", fontsize="small")
+    axes.legend(**BELOW)
 
 
 def _from_mm(ideal: Pose, ends: Sequence[Pose]) -> list[tuple[float, float]]:

@@ -39,7 +39,7 @@ def _ends_section(plan: Plan, results: Results, runs: Sequence[Run]) -> Section:
         f"{spiral_course.FIRST_SPEED_M_S:g} m/s and {spiral_course.SPEED_STEP_M_S:g} m/s more each time, at "
         f"{spiral_course.TURN_RAD_S:g} rad/s, until {LENGTH_M:g} m are commanded, then zero.{_shortened(plan)} "
         f"{plan.pairs} pair(s) on each of {len(NETWORKS)} networks drive at the same time, {plan.repetitions} time(s). "
-        f"{len(results) - len(failures(results))} of these repetitions have run. Each robot is the agent with its guard "
+        f"{len(results) - len(failures(results))} of these have run. Each robot is the real agent and guard "
         "with a simulator of turtlesim's kinematics, behind an uplink of its own; the operators of one network share "
         "one uplink of the same kind. The guard of these robots waits 1 s for a command, as 0.5 s is what lies between "
         "two. Where a robot is, is read at its own rosbridge; the ideal end is computed in closed form for commands at "
