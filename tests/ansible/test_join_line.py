@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import subprocess
 import tarfile
@@ -86,7 +85,7 @@ def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
     good, said = machine.install("sh -s -- --uninstall --yes < " + INSTALLER, "")
     assert good, said
     if row := rows(stack).get(machine.host.mac):
-        stack.robotether("robot", "remove", row["name"], "--yes")
+        stack.admin.remove("robots", row["name"])
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +114,7 @@ def without_token(line: str) -> str:
 
 def rows(stack: Stack) -> dict[str, dict[str, Any]]:
     """The server's robots by MAC."""
-    return {row["mac"]: row for row in json.loads(stack.robotether("robot", "list", "--json"))}
+    return {row["mac"]: row for row in stack.admin.ask("GET", "/robots")["robots"]}
 
 
 def online(stack: Stack, mac: str) -> bool:
