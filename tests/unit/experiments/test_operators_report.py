@@ -13,9 +13,9 @@ from seen_robot import seen
 SCALE = Scale()
 
 
-def outcome(**ways: Any) -> Outcome:
+def outcome(busy: float = 0.4, **ways: Any) -> Outcome:
     """A step that succeeded, with a robot for each way."""
-    runs = {way: Run(lasted_s=1.0, busy=0.4, robots=[robot]) for way, robot in ways.items()}
+    runs = {way: Run(lasted_s=1.0, busy=busy, robots=[robot]) for way, robot in ways.items()}
     return Outcome(values={way: run.as_values() for way, run in runs.items()})
 
 
@@ -96,6 +96,13 @@ def test_a_camera_that_the_machine_holds_up_is_said() -> None:
     assert any("11.0" in line and "machine" in line for line in report(SCALE, results).shortfalls)
     results = {step_name("4g-7", 90): outcome(ours=seen(camera_fps=15.0))}
     assert not report(SCALE, results).shortfalls
+
+
+def test_a_machine_that_has_nothing_left_is_said() -> None:
+    """In how many runs."""
+    results = {step_name("4g-7", 90): outcome(busy=0.97, ours=seen(camera_fps=15.0))}
+    [line] = report(SCALE, results).shortfalls
+    assert "over 95% busy in 1 of 1 runs" in line
 
 
 def test_no_picture_of_ours_is_said() -> None:
