@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from paper.spiral_plan import NETWORKS, plan_of
+from paper.spiral_plan import NETWORKS, Drive, Plan, plan_of
 from paper.spiral_report import report
-from paper.spiral_run import repetition
+from paper.spiral_run import drive
 from paper.step import Part, Report, Results, Scale, Step
 
 # What starting a robot, and everything else but the drive, takes.
@@ -18,18 +18,20 @@ ROBOT_S, OTHER_S = 1.2, 10.0
 
 
 def steps(scale: Scale) -> Sequence[Step]:
-    """One a repetition: every network and every pair at the same time."""
+    """One for all that are driven at the same time."""
     plan = plan_of(scale)
-    robots = plan.pairs * len(NETWORKS)
-    return [
-        Step(
-            name=name,
-            title=f"{robots} spirals at once over {len(NETWORKS)} networks, repetition {number} of {plan.repetitions}",
-            expected_s=plan.duration_s + robots * ROBOT_S + OTHER_S,
-            run=partial(repetition, plan=plan),
-        )
-        for number, name in enumerate(plan.names, 1)
-    ]
+    return [_step(plan, each) for each in plan.drives]
+
+
+def _step(plan: Plan, each: Drive) -> Step:
+    robots = plan.pairs * len(each.networks)
+    where = ", ".join(NETWORKS[network].name for network in each.networks)
+    return Step(
+        name=each.name,
+        title=f"{robots} spirals at once, {where}, repetition {each.repetition} of {plan.repetitions}",
+        expected_s=plan.duration_s + robots * ROBOT_S + OTHER_S,
+        run=partial(drive, plan=plan, what=each),
+    )
 
 
 def _report(scale: Scale, results: Results) -> Report:

@@ -20,8 +20,7 @@ class Run:
     """One robot's spiral; lengths in m, times in ms from its first command's sending."""
 
     network: str
-    # The step's name.
-    repetition: str
+    repetition: int
     pair: int
     # Why it was not driven to its end; empty when it was.
     failure: str
@@ -55,9 +54,11 @@ class Spread:
 
 
 def runs(results: Results) -> list[Run]:
-    """Every run of the repetitions that succeeded, in their order."""
+    """Every run of the drives that succeeded, in their order."""
     return [
-        _run(name, pair) for name, values in succeeded(results).items() for pair in values["pairs"]
+        _run(values["repetition"], pair)
+        for values in succeeded(results).values()
+        for pair in values["pairs"]
     ]
 
 
@@ -104,10 +105,10 @@ def failed(given: Sequence[Run]) -> Iterator[str]:
     """A sentence for each run that was not driven to its end."""
     for run in given:
         if run.failure:
-            yield f"spiral, {run.repetition}, {run.network}, pair {run.pair}: {run.failure}"
+            yield f"spiral on {run.network}, repetition {run.repetition}, pair {run.pair}: {run.failure}"
 
 
-def _run(repetition: str, pair: Mapping[str, Any]) -> Run:
+def _run(repetition: int, pair: Mapping[str, Any]) -> Run:
     return Run(
         network=pair["network"],
         repetition=repetition,

@@ -108,4 +108,4 @@ def _ways(network: str, runs: Sequence[Run]) -> Data:
 
 
 def _title(run: Run) -> str:
-    return f"{run.network}-{run.repetition.rpartition('-')[2]}-{run.pair}"
+    return f"{run.network}-{run.repetition}-{run.pair}"

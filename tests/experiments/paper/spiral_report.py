@@ -22,7 +22,7 @@ NONE = "-"
 
 
 def report(plan: Plan, results: Results) -> Report:
-    """The page's part; of repetitions that failed or have not run there are none of the runs."""
+    """The page's part; of drives that failed or have not run there are none of the runs."""
     runs = spiral_ends.runs(results)
     return Report(
         sections=[_ends_section(plan, results, runs), _causes_section(plan, runs)],
@@ -38,8 +38,7 @@ def _ends_section(plan: Plan, results: Results, runs: Sequence[Run]) -> Section:
         f"An operator's program publishes a twist at {spiral_course.RATE_HZ:g} Hz without looking at the robot: "
         f"{spiral_course.FIRST_SPEED_M_S:g} m/s and {spiral_course.SPEED_STEP_M_S:g} m/s more each time, at "
         f"{spiral_course.TURN_RAD_S:g} rad/s, until {LENGTH_M:g} m are commanded, then zero.{_shortened(plan)} "
-        f"{plan.pairs} pair(s) on each of {len(NETWORKS)} networks drive at the same time, {plan.repetitions} time(s). "
-        f"{len(results) - len(failures(results))} of these have run. Each robot is the real agent and guard "
+        f"{_how_often(plan, results)} Each robot is the real agent and guard "
         "with a simulator of turtlesim's kinematics, behind an uplink of its own; the operators of one network share "
         "one uplink of the same kind. The guard of these robots waits 1 s for a command, as 0.5 s is what lies between "
         "two. Where a robot is, is read at its own rosbridge; the ideal end is computed in closed form for commands at "
@@ -54,6 +53,15 @@ def _ends_section(plan: Plan, results: Results, runs: Sequence[Run]) -> Section:
         f"| {LENGTH_M:.3f} | {NONE} |",
     ]
     return Section("Ends of the spirals", text, table)
+
+
+def _how_often(plan: Plan, results: Results) -> str:
+    order = "all networks at once" if plan.networks_at_once else "one network after the other"
+    ran = len(results) - len(failures(results))
+    return (
+        f"{plan.pairs} pair(s) drive at the same time, on {len(NETWORKS)} networks, {order}, {plan.repetitions} "
+        f"time(s): {ran} of {len(plan.drives)} such drives were measured."
+    )
 
 
 def _shortened(plan: Plan) -> str:

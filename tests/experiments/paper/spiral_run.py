@@ -1,4 +1,4 @@
-"""One repetition: on every network so many robots are driven along the spiral, all at the same time, and watched.
+"""One drive: so many robots are driven along the spiral at the same time, and watched.
 
 Used by spiral.py. Operators are programs in this process, each with a connection of its own; robots are watched by
 spiral_watch.py in another.
@@ -23,7 +23,7 @@ from sim_robot.kinematics import STANDING, Pose, Velocity
 from paper.operator import Operator, connector
 from paper.robots import WholeRobot, running, wait_all_online
 from paper.spiral_course import INTERVAL_S, in_frame_of
-from paper.spiral_plan import NETWORKS, Plan, profile_of
+from paper.spiral_plan import NETWORKS, Drive, Plan
 from paper.spiral_watch import BEGINS_WITHIN_S, CMD_VEL, POSE, STANDS_WITHIN_S, TYPES
 from paper.step import Values
 from paper.uplinks import Uplink
@@ -108,15 +108,15 @@ class Driver:
             self.problem = self.problem or str(error)
 
 
-def repetition(world: World, plan: Plan) -> Values:
+def drive(world: World, plan: Plan, what: Drive) -> Values:
     """Start the robots, drive them all, and tell what each pair did; a pair's failure does not fail the others."""
-    everywhere = [network for network in NETWORKS for _ in range(plan.pairs)]
-    wanted_uplinks = [profile_of(network) for network in (*NETWORKS, *everywhere)]
+    everywhere = [network for network in what.networks for _ in range(plan.pairs)]
+    wanted_uplinks = [NETWORKS[network] for network in (*what.networks, *everywhere)]
     enrolled = world.enrol(world.names("spiral", len(everywhere)), SETTINGS)
     try:
         with world.uplinks(wanted_uplinks) as made:
-            operators = dict(zip(NETWORKS, made, strict=False))
-            behind = zip(enrolled, made[len(NETWORKS) :], strict=True)
+            operators = dict(zip(what.networks, made, strict=False))
+            behind = zip(enrolled, made[len(what.networks) :], strict=True)
             with running(
                 [WholeRobot(world, one, uplink, "simulator") for one, uplink in behind]
             ) as robots:
@@ -125,7 +125,8 @@ def repetition(world: World, plan: Plan) -> Values:
                     Pair(network, number % plan.pairs + 1, robot, operators[network])
                     for number, (network, robot) in enumerate(zip(everywhere, robots, strict=True))
                 ]
-                return {"pairs": asyncio.run(_drive_all(world, pairs, plan.wanted))}
+                told = asyncio.run(_drive_all(world, pairs, plan.wanted))
+                return {"repetition": what.repetition, "pairs": told}
     finally:
         world.remove(enrolled)
 

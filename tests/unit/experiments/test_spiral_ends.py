@@ -15,7 +15,7 @@ WANTED = velocities_within(2)
 def run(pair: int = 1, **changes: object) -> Run:
     usual: dict[str, object] = {
         "network": "fixed",
-        "repetition": "repetition-01",
+        "repetition": 1,
         "pair": pair,
         "failure": "",
         "sent_ms": [0, 500, 1000, 1500, 2000],
@@ -28,18 +28,20 @@ def run(pair: int = 1, **changes: object) -> Run:
     return Run(**{**usual, **changes})  # type: ignore[arg-type]
 
 
-def test_outcomes_become_runs_and_failed_repetitions_none() -> None:
-    """A repetition that failed has no pairs to tell of."""
+def test_outcomes_become_runs_and_failed_drives_none() -> None:
+    """A drive that failed has no pairs to tell of."""
     pair = {
         "network": "4g", "pair": 3, "failure": "", "sent_ms": [0], "arrived_ms": [9], "end": [1, 2, 3], "steps": 4,
         "travelled_m": 5, "way": [[6, 7]],
     }  # fmt: skip
     results = {
-        "repetition-01": Outcome(values={"pairs": [pair, {**pair, "end": None, "pair": 4}]}),
-        "repetition-02": Outcome(failure="no robots"),
+        "repetition-07": Outcome(
+            values={"repetition": 7, "pairs": [pair, {**pair, "end": None, "pair": 4}]}
+        ),
+        "repetition-08": Outcome(failure="no robots"),
     }
     first, second = spiral_ends.runs(results)
-    assert (first.network, first.repetition, first.pair) == ("4g", "repetition-01", 3)
+    assert (first.network, first.repetition, first.pair) == ("4g", 7, 3)
     assert (first.end, first.way, first.latencies_ms) == (Pose(1, 2, 3), [(6, 7)], [9])
     assert second.end is None
 
@@ -49,7 +51,7 @@ def test_only_completed_runs_have_ends() -> None:
     given = [run(1), run(2, failure="the connection ended")]
     assert spiral_ends.ends(given) == [Pose(1.0, 2.0, 0.5)]
     assert list(spiral_ends.failed(given)) == [
-        "spiral, repetition-01, fixed, pair 2: the connection ended"
+        "spiral on fixed, repetition 1, pair 2: the connection ended"
     ]
 
 

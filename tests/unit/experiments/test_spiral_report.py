@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from paper.spiral import PART
 from paper.spiral_course import punctual, stepped_ends, way_of
 from paper.spiral_files import files
-from paper.spiral_plan import NETWORKS, plan_of
+from paper.spiral_plan import NETWORKS, Drive, plan_of
 from paper.spiral_report import report
 from paper.step import Outcome, Report, Scale
 
@@ -38,13 +38,17 @@ def pair(network: str, number: int, failure: str = "") -> dict[str, Any]:
     }
 
 
-def repetition(lost: str = "") -> Outcome:
+def drive(what: Drive, lost: str = "") -> Outcome:
     pairs = [
         pair(network, number, "the robot got 3 of 63 commands" if network == lost else "")
-        for network in NETWORKS
+        for network in what.networks
         for number in range(1, PLAN.pairs + 1)
     ]
-    return Outcome(values=json.loads(json.dumps({"pairs": pairs})))
+    return Outcome(values=json.loads(json.dumps({"repetition": what.repetition, "pairs": pairs})))
+
+
+def driven(repetitions: int, lost: str = "") -> dict[str, Outcome]:
+    return {what.name: drive(what, lost) for what in PLAN.drives if what.repetition <= repetitions}
 
 
 def text_of(made: Report) -> str:
@@ -53,7 +57,7 @@ def text_of(made: Report) -> str:
 
 def test_all_runs_of_all_repetitions_are_told() -> None:
     """Both networks that the paper has stand beside its sigmas."""
-    made = report(PLAN, {name: repetition() for name in PLAN.names})
+    made = report(PLAN, driven(10))
     assert text_of(made).count("50 of 50") == len(NETWORKS) + 1
     rows = {(row.what, row.against): row for row in made.comparisons}
     assert len(rows) == len(NETWORKS) + 4
@@ -66,12 +70,11 @@ def test_all_runs_of_all_repetitions_are_told() -> None:
 
 def test_lost_runs_and_repetitions_are_counted_and_named() -> None:
     """A network on which nobody got to the end has a row without figures."""
-    made = report(
-        PLAN, {"repetition-01": repetition(lost="4g"), "repetition-02": Outcome(failure="no stack")}
-    )
+    failed = {"repetition-02-fixed": Outcome(failure="no stack")}
+    made = report(PLAN, {**driven(1, lost="4g"), **failed})
     assert f"| {NETWORKS['4g'].name} | 0 of 50 | - |" in text_of(made)
     assert f"| {NETWORKS['fixed'].name} | 5 of 50 | " in text_of(made)
-    assert "spiral, repetition-02: no stack" in made.shortfalls
+    assert "spiral, repetition-02-fixed: no stack" in made.shortfalls
     assert sum("pair" in sentence for sentence in made.shortfalls) == PLAN.pairs
     assert [row.ours for row in made.comparisons if row.better == "equal"] == [10.0, 0.0, 10.0]
 
@@ -91,7 +94,7 @@ def test_a_quick_run_says_that_it_is_shortened_and_compares_no_ends() -> None:
         {**one, "sent_ms": one["sent_ms"][:commands], "arrived_ms": one["arrived_ms"][:commands]}
         for one in (pair(network, 1) for network in NETWORKS)
     ]
-    made = report(plan, {"repetition-01": Outcome(values={"pairs": pairs})})
+    made = report(plan, {"repetition-01": Outcome(values={"repetition": 1, "pairs": pairs})})
     assert "only the first 20 s" in text_of(made)
     assert {row.unit for row in made.comparisons} == {"%"}
     assert made.shortfalls == []
@@ -99,7 +102,7 @@ def test_a_quick_run_says_that_it_is_shortened_and_compares_no_ends() -> None:
 
 def test_each_network_has_a_figure() -> None:
     """It can be drawn, also where some runs failed."""
-    made = report(PLAN, {"repetition-01": repetition(lost="4g")})
+    made = report(PLAN, driven(1, lost="4g"))
     assert [plot.name for plot in made.plots] == ["spiral-fixed", "spiral-4g-jitter"]
     drawing = Figure()
     made.plots[0].draw(drawing)
@@ -111,7 +114,7 @@ def test_each_network_has_a_figure() -> None:
 
 def test_files_of_the_whole_experiment_stay_small() -> None:
     """With all 150 runs each is under 300 KB, and each row has a value a column."""
-    for data in report(PLAN, {name: repetition() for name in PLAN.names}).data:
+    for data in report(PLAN, driven(10)).data:
         written = "\n".join(",".join(map(str, row)) for row in [data.header, *data.rows])
         assert len(written) < LIMIT_BYTES, data.name
         assert {len(row) for row in data.rows} == {len(data.header)}, data.name
@@ -119,7 +122,7 @@ def test_files_of_the_whole_experiment_stay_small() -> None:
 
 def test_what_failed_is_in_the_files() -> None:
     """With its reason, and empty where nobody saw anything."""
-    runs = report(PLAN, {"repetition-01": repetition(lost="4g")})
+    runs = report(PLAN, driven(1, lost="4g"))
     [ends] = [data for data in runs.data if data.name == "spiral-ends"]
     [lost, *_] = [dict(zip(ends.header, row, strict=True)) for row in ends.rows if row[3]]
     assert lost["failure"] == "the robot got 3 of 63 commands"
@@ -127,10 +130,10 @@ def test_what_failed_is_in_the_files() -> None:
     assert files(PLAN, []) == []
 
 
-@pytest.mark.parametrize(("scale", "steps"), [(WHOLE, 10), (QUICK, 1)])
-def test_a_step_is_a_repetition(scale: Scale, steps: int) -> None:
+@pytest.mark.parametrize(("scale", "steps"), [(WHOLE, 30), (QUICK, 1)])
+def test_a_step_is_what_is_driven_at_once(scale: Scale, steps: int) -> None:
     """Names are unique, and the report knows them."""
     made = PART.steps(scale)
     assert len({step.name for step in made}) == len(made) == steps
-    assert [step.name for step in made] == plan_of(scale).names
+    assert [step.name for step in made] == [drive.name for drive in plan_of(scale).drives]
     assert PART.report(scale, {}).comparisons == []
