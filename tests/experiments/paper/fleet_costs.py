@@ -142,9 +142,12 @@ class Reading:
 
 
 def cpu_between(first: Reading, last: Reading) -> dict[str, float]:
-    """Seconds of processor time by who used them; `rest` is what this machine did beside, the engine's for instance."""
+    """Seconds of processor time by who used them; `rest` is what this machine did beside, the engine's for instance.
+
+    A container that was restarted meanwhile counts from its new start on.
+    """
     services = {
-        name: round(use.cpu_s - first.services[name].cpu_s, 3)
+        name: round(since(first.services[name].cpu_s, use.cpu_s), 3)
         for name, use in last.services.items()
     }
     robots = last.robots_cpu_s - first.robots_cpu_s
@@ -157,6 +160,11 @@ def cpu_between(first: Reading, last: Reading) -> dict[str, float]:
         "operators": round(operators, 3),
         "rest": round(rest, 3),
     }
+
+
+def since(first: float, last: float) -> float:
+    """How much a counter has grown; one that is lower than before began anew."""
+    return last - first if last >= first else last
 
 
 def memory_between(first: Reading, last: Reading) -> dict[str, int]:

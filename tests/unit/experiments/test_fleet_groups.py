@@ -1,0 +1,66 @@
+"""How runs are put together, failed and missing ones included."""
+
+from __future__ import annotations
+
+from fleet_runs import run
+from paper.fleet_groups import Group, groups
+from paper.step import Outcome
+
+PLANNED = ["start-2-1", "start-2-2", "whole-2", "reconnect-2-server"]
+
+
+def one(*outcomes: Outcome, planned: int = 2) -> Group:
+    """Starts of two robots."""
+    return Group("start", 2, "", planned, outcomes)
+
+
+def test_steps_are_told_by_their_names():
+    """What has not run yet has a group all the same."""
+    found = groups(PLANNED, {"start-2-2": run(1.0, 2.0)})
+    told = [
+        (group.kind, group.count, group.what, group.planned, len(group.outcomes)) for group in found
+    ]
+    assert told == [
+        ("start", 2, "", 2, 1),
+        ("whole", 2, "", 1, 0),
+        ("reconnect", 2, "server", 1, 0),
+    ]
+
+
+def test_a_late_robot_has_failed_and_is_told_apart_from_one_that_never_came():
+    """60 s are enough, more are not."""
+    group = one(run(1.0, 60.0), run(60.1, None))
+    assert (group.wanted, group.in_time, group.late) == (4, 2, 1)
+    assert group.success == 50.0
+    assert group.message_s == [1.0, 60.0, 60.1]
+
+
+def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
+    """Nothing that did not work gets better by falling over."""
+    group = one(run(1.0, 1.0), Outcome(failure="a worker ended"))
+    assert (group.wanted, group.in_time, group.success) == (4, 2, 50.0)
+
+
+def test_nothing_has_run():
+    """There are no figures then, and no error."""
+    group = one()
+    assert (group.wanted, group.success, group.message_s) == (0, 0.0, [])
+    assert group.per_robot("cpu_s", ["sshd"]) is None
+
+
+def test_costs_are_of_robots_that_came():
+    """A robot that never was online costs nobody anything that could be told."""
+    group = one(run(1.0, None), run(1.0, 2.0))
+    assert group.per_robot("cpu_s", ["sshd", "relay"]) == 4.0
+    assert group.per_robot("memory_bytes", ["sshd", "unknown"]) == 4000 / 3
+
+
+def test_what_went_wrong_is_added_up():
+    """Over all runs."""
+    group = one(
+        run(1.0, 2.0, wrong=1, received=3, waits={"closed with 4503": 2}, limits=["b"]),
+        run(1.0, 2.0, wrong=2, waits={"closed with 4503": 1}, limits=["a", "b"]),
+    )
+    assert (group.wrong, group.doubled) == (3, 1)
+    assert group.waits == {"closed with 4503": 3}
+    assert group.limits == ["a", "b"]
