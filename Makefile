@@ -72,7 +72,7 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (so
 	@tools/ensure_test_hosts
 	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
 
-experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1); needs root
+experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes PYTHONPATH=tests/support:tests/experiments:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only) $(if $(ONLY),--only $(ONLY))

@@ -8,12 +8,9 @@ met exactly is not; the page is written before.
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from types import FrameType
-from typing import NoReturn
 
 from paper import high_rate, mixed, operators, peers, spiral, startup
 from paper.circumstances import ROOT
@@ -121,11 +118,5 @@ def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
     return 0 if all(one.is_fine for one in ours) else FAILED
 
 
-def _end(_signal: int, _frame: FrameType | None) -> NoReturn:
-    """As Ctrl-C, so that the stack is removed."""
-    raise KeyboardInterrupt
-
-
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, _end)
     sys.exit(run(arguments(), {part.name: part for part in PARTS}))

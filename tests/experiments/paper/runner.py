@@ -101,7 +101,7 @@ class Runner:
         if steps and self._is_prepared(part, progress):
             for step in steps:
                 self._check_answers(world, f"{part.name}, {step.name}")
-                with progress.step(f"{part.title}: {step.title}", step.expected_s):
+                with progress.step(f"{part.name}: {step.title}", step.expected_s):
                     outcome = self._run_step(part, step, world)
                 if outcome.failure:
                     progress.say(f"FAILED {part.name}, {step.name}: {outcome.failure}")
@@ -135,9 +135,7 @@ class Runner:
         return outcome
 
     def _kept(self, outcome: Outcome, began: str) -> Kept:
-        return Kept(
-            outcome=outcome, commit=self.commit, began=began, sitting=self.journal.sitting
-        )
+        return Kept(outcome=outcome, commit=self.commit, began=began, sitting=self.journal.sitting)
 
     def _check_answers(self, world: World, before: str) -> None:
         end = time.monotonic() + self.answer_s
