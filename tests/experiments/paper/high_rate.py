@@ -44,8 +44,9 @@ LINE_TEXT = (
     "cable in front of the server, for all operators and robots together, by the kernel's token bucket with a queue"
     " of half a second, at least 64 KiB. What the line had to carry is counted on it, with all headers and "
     "acknowledgements, in Mbit/s over the time that punctual senders take. Where that is more than the line, "
-    "messages first wait in its queue, then in the sockets of those who send, which then send late: TCP loses none "
-    "of them, and the run takes longer."
+    "messages first wait in its queue, then in the sockets of those who send, which then send late, and the run takes "
+    "longer. TCP loses none of them; but the relay ends a driver's connection of which it hears nothing for 2.5 s, as "
+    "the robot must not wait longer for its driver, and what was under way on that connection is lost."
 )
 LINE_COLUMNS = (
     "run", "line Mbit/s", "offered to the server", "from the server", "packets dropped to it", "from it",

@@ -18,7 +18,7 @@ TOPIC, TYPE = "/numbered", "std_msgs/String"
 # The whole publish operation, as in the other experiments.
 FRAME_BYTES = 200
 # So many of the missing are named.
-NAMED_AT_MOST = 20
+NAMED_AT_MOST = 5
 NS_A_MS = 1_000_000
 
 

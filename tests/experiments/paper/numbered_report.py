@@ -176,7 +176,7 @@ def _shortfalls(title: str, run: Values) -> Iterable[str]:
         where = "; ".join(
             f"pair {pair}: {', '.join(map(str, some))}" for pair, some in run["missing"].items()
         )
-        yield f"{title}: {run['lost']:,} of {run['sent']:,} messages that were sent did not arrive ({where})."
+        yield f"{title}: {run['lost']:,} of {run['sent']:,} messages that were sent did not arrive (the first of {where})."
     if run["unsent"]:
         yield (
             f"{title}: {run['unsent']:,} messages could not be sent in the time: connections took less."

@@ -16,7 +16,7 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -98,6 +98,11 @@ class Dialled:
                 return
             await asyncio.sleep(AGAIN_S)
 
+    def note_end(self) -> None:
+        """Note why the connection has ended, if it has."""
+        if self._reading.done():
+            self.endings[self._why()] += 1
+
     async def send(self, text: str) -> None:
         """Hand one message to the connection; ConnectionError if it has ended."""
         await self._socket.send_str(text)
@@ -172,7 +177,8 @@ class Sender:
         return False
 
     def result(self) -> dict[str, Any]:
-        """What became of it."""
+        """What became of it, also after the last message."""
+        self.dialled.note_end()
         endings = self.dialled.endings
         return {
             "pair": self._end.pair,
@@ -212,7 +218,7 @@ async def _sleep_until(due_ns: int) -> None:
         await asyncio.sleep(left_ns / NS_A_S)
 
 
-async def _wait_for_last(receivers: list[Receiver], sent: asyncio.Future[Any]) -> None:
+async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any]) -> None:
     """Wait until each message has come, or after all were sent for SILENCE_S without any."""
     since_ns = 0
     while not all(one.account.complete for one in receivers):
@@ -256,39 +262,48 @@ async def work() -> None:
     """Serve one run."""
     ends = [End(**values) for values in (await _told())["ends"]]
     async with AsyncExitStack() as stack:
-        clients = {
-            one: await stack.enter_async_context(_session(one))
-            for one in {end.namespace for end in ends}
-        }
-        senders = [Sender(end, clients[end.namespace]) for end in ends if end.sends]
-        receivers = [Receiver(end, clients[end.namespace]) for end in ends if not end.sends]
-        both = [*senders, *receivers]
-        await asyncio.gather(*(one.dialled.dial() for one in both))
-        for one in both:
+        places = {end.namespace for end in ends}
+        clients = {one: await stack.enter_async_context(_session(one)) for one in places}
+        kind = Sender if ends[0].sends else Receiver
+        made = [kind(end, clients[end.namespace]) for end in ends]
+        await asyncio.gather(*(one.dialled.dial() for one in made))
+        for one in made:
             stack.push_async_callback(one.dialled.close)
         _tell({"ready": True})
         begun, cpu_s = time.monotonic(), time.process_time()
-        if senders:
-            begin_ns = (await _told())["begin_ns"]
-            offset_ns = NS_A_S / ends[0].rate_hz / len(senders)
-            # Pairs are not in step, as operators are not.
-            await asyncio.gather(
-                *(one.run(begin_ns + int(place * offset_ns)) for place, one in enumerate(senders))
-            )
-        if receivers:
-            sent = asyncio.ensure_future(_told())
-            kept = [asyncio.create_task(one.dialled.keep()) for one in receivers]
-            await _wait_for_last(receivers, sent)
-            for task in kept:
-                task.cancel()
-            await asyncio.gather(*kept, return_exceptions=True)
+        if ends[0].sends:
+            await _send_all(made, ends[0].rate_hz)
+        else:
+            await _receive_all(made)
+        values = [one.result() for one in made]
         _tell(
             {
-                "ends": [one.result() for one in both],
+                "ends": values,
                 "cpu_s": time.process_time() - cpu_s,
                 "took_s": time.monotonic() - begun,
             }
         )
+
+
+async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
+    """Send all, and stay connected until the receivers have seen what they will: an end could cut off what waits."""
+    begin_ns = (await _told())["begin_ns"]
+    # Pairs are not in step, as operators are not.
+    offset_ns = NS_A_S / rate_hz / len(senders)
+    begins = [begin_ns + int(place * offset_ns) for place in range(len(senders))]
+    await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
+    _tell({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
+    await _told()
+
+
+async def _receive_all(receivers: Sequence[Receiver]) -> None:
+    """Count what comes until all has come, or nothing more does."""
+    sent = asyncio.ensure_future(_told())
+    kept = [asyncio.create_task(one.dialled.keep()) for one in receivers]
+    await _wait_for_last(receivers, sent)
+    for task in kept:
+        task.cancel()
+    await asyncio.gather(*kept, return_exceptions=True)
 
 
 if __name__ == "__main__":
