@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,7 +12,11 @@ from typing import Any
 from sim_robot.kinematics import STANDING, Pose, Velocity
 
 from paper.spiral_course import Change, end_of
+from paper.spiral_plan import NETWORKS
 from paper.step import Results, spread, succeeded
+
+# Of runs that failed; the file has all.
+MOST_TOLD = 3
 
 
 @dataclass(frozen=True)
@@ -101,11 +105,20 @@ def off_m(given: Sequence[Run], ideal: Pose) -> list[float]:
     return [math.dist((end.x, end.y), (ideal.x, ideal.y)) for end in ends(given)]
 
 
-def failed(given: Sequence[Run]) -> Iterator[str]:
-    """A sentence for each run that was not driven to its end."""
-    for run in given:
-        if run.failure:
-            yield f"spiral on {run.network}, repetition {run.repetition}, pair {run.pair}: {run.failure}"
+def failed(network: str, given: Sequence[Run]) -> str:
+    """A sentence on those on one network that were not driven to their ends; empty when all were."""
+    here = on(network, given)
+    lost = [run for run in here if run.failure]
+    if not lost:
+        return ""
+    told = [f"repetition {run.repetition}, pair {run.pair}: {run.failure}" for run in lost]
+    more = (
+        f"; and {len(told) - MOST_TOLD} more, see spiral-ends.csv" if len(told) > MOST_TOLD else ""
+    )
+    return (
+        f"{len(lost)} of {len(here)} spirals on {NETWORKS[network].name} were not driven to the end: "
+        f"{'; '.join(told[:MOST_TOLD])}{more}."
+    )
 
 
 def _run(repetition: int, pair: Mapping[str, Any]) -> Run:

@@ -50,9 +50,17 @@ def test_only_completed_runs_have_ends() -> None:
     """The others are named, each with its reason."""
     given = [run(1), run(2, failure="the connection ended")]
     assert spiral_ends.ends(given) == [Pose(1.0, 2.0, 0.5)]
-    assert list(spiral_ends.failed(given)) == [
-        "spiral on fixed, repetition 1, pair 2: the connection ended"
-    ]
+    assert spiral_ends.failed("fixed", given) == (
+        "1 of 2 spirals on fixed, 94/89 Mbit/s were not driven to the end: repetition 1, pair 2: the connection ended."
+    )
+    assert spiral_ends.failed("4g", given) == ""
+
+
+def test_of_many_that_failed_some_are_told() -> None:
+    """And how many more there are."""
+    told = spiral_ends.failed("fixed", [run(pair, failure="why") for pair in range(1, 6)])
+    assert told.startswith("5 of 5 ")
+    assert (told.count("why"), "and 2 more" in told) == (3, True)
 
 
 def test_the_spread_is_that_of_a_sample() -> None:
