@@ -47,6 +47,8 @@ OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 LOG_LINES = 8
+# In place of an order that was done: the worker is no more.
+GONE = "gone"
 
 T = TypeVar("T")
 # What a world's stack has enrolled is kept for the next fleet in it.
@@ -132,12 +134,15 @@ class Worker:
 
     async def has_done(self, order: str, within_s: float) -> None:
         """Wait until it tells that the order is done."""
-        try:
+        done = None
+        with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(within_s):
-                while await self._done.get() != order:
-                    pass
-        except TimeoutError as error:
-            raise WorkerFailedError(f"a worker did not {order}:\n{self.log_tail()}") from error
+                done = await self._done.get()
+        if done != order:
+            why = (
+                f"it ended when told to {order}" if done == GONE else f"it did not {order} in time"
+            )
+            raise WorkerFailedError(f"a worker failed, {why}:\n{self.log_tail()}")
 
     async def end(self) -> None:
         """End it, its robots first."""
@@ -167,8 +172,8 @@ class Worker:
                 self._done.put_nowait(message["done"])
             else:
                 self.heard(message)
-        # Nobody waits longer for a worker that has ended.
-        self._done.put_nowait("end of the worker")
+        # Nobody waits for a worker that has ended.
+        self._done.put_nowait(GONE)
 
 
 @dataclass

@@ -66,14 +66,12 @@ class Board:
         async with self._http.get(f"{self._site}/api/v1/events", timeout=timeout) as response:
             response.raise_for_status()
             event = ""
-            while line := (await response.content.readuntil(b"\n")).decode().rstrip("\n"):
-                name, _, value = line.partition(": ")
+            while line := await response.content.readuntil(b"\n"):
+                name, _, value = line.decode().rstrip("\n").partition(": ")
                 if name == "event":
                     event = value
                 elif name == "data":
                     yield event, json.loads(value)
-                    # The empty line that ends each event.
-                    await response.content.readuntil(b"\n")
 
     async def _hear(self, event: str, data: Any) -> None:
         if event == "fleet":
