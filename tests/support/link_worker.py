@@ -25,6 +25,8 @@ TUNSETIFF = 0x400454CA
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
 DEVICE = "link0"
 PACKET_LIMIT = 65536
+# How much too late a wait ends on a machine that is awake: it is asked to end before, and the rest is waited in a loop.
+EARLY_S = 0.00006
 # What a processor may take to wake, in microseconds, for as long as who wrote it keeps the file open.
 NO_SLEEP = "/dev/cpu_dma_latency"
 # Packets that are read in one go, so that a flood does not keep what is due from leaving.
@@ -77,7 +79,7 @@ class Worker:
 
     def _pause_s(self) -> float | None:
         times = [at for direction, _, _ in self._ways if (at := direction.next_at()) is not None]
-        return max(0.0, min(times) - time.monotonic()) if times else None
+        return max(0.0, min(times) - time.monotonic() - EARLY_S) if times else None
 
     def _obey(self) -> bool:
         """Do what stdin says; False at its end."""
