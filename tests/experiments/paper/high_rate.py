@@ -97,8 +97,8 @@ class Case:
 def cases(scale: Scale) -> list[Case]:
     """What is run, in order."""
     if scale.quick:
-        together = [pairs(5, 500), back(5, 200), fast(2000)]
-        return [Case(runs=together), limited(2, 1, 300)]
+        together = [pairs(5, 300), back(5, 100), fast(1000)]
+        return [Case(runs=together), limited(2, 1, 200)]
     return [
         Case(runs=[pairs(5, 100_000)]),
         Case(runs=[back(5, 10_000)]),

@@ -27,14 +27,16 @@ COLUMNS = (
     "run", "pairs", "messages a pair", "Hz", "sent", "lost", "duplicated", "reordered", "redialled",
     "p50", "p99", "p99.9", "max", "sender late p50", "p99",
 )  # fmt: skip
-COST_COLUMNS = ("run", "µs a message: nginx", "relay", "sshd", "robots", "share of a core: senders", "receivers",
+COST_COLUMNS = ("run", "µs a message: nginx", "relay", "sshd", "robots",
+                "messages/s a core of the server", "share of a core: senders", "receivers",
                 "machine busy", "others' share")  # fmt: skip
 
 
 COST_TEXT = (
     "Processor time a message of each container on its way, and of the robots (agents, guards, OpenSSH and rosbridge); "
     "the two processes that send and receive, as shares of one core; and the share of all cores that was used at all, "
-    "also by what has nothing to do with this run, which is the last column."
+    "also by what has nothing to do with this run, which is the last column. What a core of the server would pass on "
+    "if it had nothing else to do is reckoned from the three containers' times."
 )
 
 
@@ -158,6 +160,7 @@ def _cost(title: str, run: Values) -> Sequence[str]:
     return (
         title,
         *(f"{used[name] / messages * MICROSECONDS:.0f}" for name in (*SERVICES, "robots")),
+        f"{run['received'] / max(0.001, sum(used[name] for name in SERVICES)):,.0f}",
         *(_percent(used[name] / run["took_s"]) for name in ("senders", "receivers")),
         _percent(busy(run)),
         _percent(_others(run)),
@@ -176,7 +179,8 @@ def _shortfalls(title: str, run: Values) -> Iterable[str]:
         where = "; ".join(
             f"pair {pair}: {', '.join(map(str, some))}" for pair, some in run["missing"].items()
         )
-        yield f"{title}: {run['lost']:,} of {run['sent']:,} messages that were sent did not arrive (the first of {where})."
+        lost = f"{run['lost']:,} of {run['sent']:,} messages that were sent did not arrive"
+        yield f"{title}: {lost} (the first of {where})."
     if run["unsent"]:
         yield (
             f"{title}: {run['unsent']:,} messages could not be sent in the time: connections took less."
