@@ -22,6 +22,7 @@ def a_run(**changes: Any) -> dict[str, Any]:
             "relay": 0.02,
             "sshd": 0.01,
             "robots": 0.1,
+            "links": 0.0,
             "machine": 1.0,
             "senders": 0.05,
             "receivers": 0.05,

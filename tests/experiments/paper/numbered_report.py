@@ -22,21 +22,23 @@ FULL = 0.95
 POINTS_A_DECADE = 60
 MICROSECONDS = 1e6
 SERVICES = ("nginx", "relay", "sshd")
+# What the experiment is made of beside the server.
+BESIDE = ("robots", "links", "senders", "receivers")
 
 COLUMNS = (
     "run", "pairs", "messages a pair", "Hz", "sent", "lost", "duplicated", "reordered", "redialled",
     "p50", "p99", "p99.9", "max", "sender late p50", "p99",
 )  # fmt: skip
 COST_COLUMNS = ("run", "µs a message: nginx", "relay", "sshd", "robots",
-                "messages/s a core of the server", "share of a core: senders", "receivers",
+                "messages/s a core of the server", "share of a core: senders", "receivers", "links",
                 "machine busy", "others' share")  # fmt: skip
 
 
 COST_TEXT = (
     "Processor time a message of each container on its way, and of the robots (agents, guards, OpenSSH and rosbridge); "
-    "the two processes that send and receive, as shares of one core; and the share of all cores that was used at all, "
-    "also by what has nothing to do with this run, which is the last column. What a core of the server would pass on "
-    "if it had nothing else to do is reckoned from the three containers' times."
+    "what a core of the server would pass on if it had nothing else to do, reckoned from the three containers' times; "
+    "the processes that send, receive and emulate networks, as shares of one core; and the share of all cores that was "
+    "used at all, also by what has nothing to do with this run, which is the last column."
 )
 
 
@@ -161,7 +163,7 @@ def _cost(title: str, run: Values) -> Sequence[str]:
         title,
         *(f"{used[name] / messages * MICROSECONDS:.0f}" for name in (*SERVICES, "robots")),
         f"{run['received'] / max(0.001, sum(used[name] for name in SERVICES)):,.0f}",
-        *(_percent(used[name] / run["took_s"]) for name in ("senders", "receivers")),
+        *(_percent(used[name] / run["took_s"]) for name in ("senders", "receivers", "links")),
         _percent(busy(run)),
         _percent(_others(run)),
     )
@@ -170,7 +172,7 @@ def _cost(title: str, run: Values) -> Sequence[str]:
 def _others(run: Values) -> float:
     """The share of all cores that was used by what has nothing to do with a run."""
     used = run["cpu_s"]
-    known = sum(used[name] for name in (*SERVICES, "robots", "senders", "receivers"))
+    known = sum(used[name] for name in (*SERVICES, *BESIDE))
     return float(max(0.0, used["machine"] - known) / (run["took_s"] * run["cores"]))
 
 

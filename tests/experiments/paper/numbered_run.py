@@ -19,6 +19,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from openssh_server import command_line, descendants
+
 from paper.fleet_costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered import FRAME_BYTES, joined
 from paper.numbered_worker import MORE_S, PATIENCE, SILENCE_S, End
@@ -38,6 +40,7 @@ SERVICES = ("nginx", "relay", "sshd")
 # The relay lets one user have 32 connections; one that has ended may still count.
 PAIRS_A_USER = 25
 USER = "x-numbered"
+LINK_WORKER = "link_worker.py"
 
 
 @dataclass(frozen=True)
@@ -228,12 +231,18 @@ def _generator(world: World, ends: Sequence[End], name: str) -> Iterator[Generat
         one.close()
 
 
+def link_workers() -> list[int]:
+    """The processes of this one that emulate networks."""
+    return [pid for pid in descendants(os.getpid()) if LINK_WORKER in command_line(pid)]
+
+
 def _used(world: World, pairs: Sequence[Pair]) -> dict[str, float]:
     """Seconds of this clock, and of processor time by who used it, until now."""
     roots = [pid for pair in pairs for pid in (pair.robot.agent_pid, pair.robot.ros_pid)]
     return {
         **{name: use_of(world.container(name)).cpu_s for name in SERVICES},
         "robots": trees_cpu_s(roots),
+        "links": trees_cpu_s(link_workers()),
         # One behind the other, as a share is made of them, and reading may take long where there is much to do.
         "took": time.monotonic(),
         "machine": machine_cpu_s(),
