@@ -14,7 +14,7 @@ from contextlib import suppress
 
 import aiohttp
 
-from paper.peer_echo import LAST_S, Echo, connected, http_of, stop
+from paper.peer_echo import Echo, connected, echoing, http_of, stop
 from paper.peer_way import OBSERVE, Way
 
 # How often a new attempt begins, how long one lasts, and after which time it counts as never.
@@ -55,13 +55,14 @@ async def _attempt(way: Way, first: asyncio.Future[float]) -> None:
     """Try once, and tell `first` the moment of the message."""
     with suppress(aiohttp.ClientError, OSError, TimeoutError, TypeError):
         async with asyncio.timeout(ATTEMPT_S), http_of(way) as http:
-            socket = await connected(http, await asyncio.to_thread(way.ros_url, OBSERVE))
-            wanted = {"op": "subscribe", "topic": TELEMETRY, "type": TELEMETRY_TYPE}
-            await socket.send_json(wanted)
-            while '"publish"' not in await socket.receive_str():
-                pass
-            if not first.done():
-                first.set_result(time.monotonic())
+            url = await asyncio.to_thread(way.ros_url, OBSERVE)
+            async with connected(http, url) as socket:
+                wanted = {"op": "subscribe", "topic": TELEMETRY, "type": TELEMETRY_TYPE}
+                await socket.send_json(wanted)
+                while '"publish"' not in await socket.receive_str():
+                    pass
+                if not first.done():
+                    first.set_result(time.monotonic())
 
 
 async def recover_s(way: Way, after_s: float) -> float | None:
@@ -69,8 +70,7 @@ async def recover_s(way: Way, after_s: float) -> float | None:
 
     The connection has stood for `after_s`, with messages both ways all the time; None: never.
     """
-    async with http_of(way) as http:
-        held = await asyncio.wait_for(Echo.open(http, way), LAST_S)
+    async with echoing(way) as held:
         # What a robot says by itself shows some ways where it is now.
         await held.tell("subscribe", TELEMETRY, TELEMETRY_TYPE)
         holding = asyncio.ensure_future(_hold(held))

@@ -12,7 +12,7 @@ import json
 import os
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import aiohttp
@@ -39,10 +39,10 @@ async def http_of(way: Way) -> AsyncIterator[aiohttp.ClientSession]:
         yield http
 
 
-async def connected(http: aiohttp.ClientSession, url: str) -> Socket:
+def connected(http: aiohttp.ClientSession, url: str) -> AbstractAsyncContextManager[Socket]:
     """A new rosbridge connection."""
     timeout = aiohttp.ClientWSTimeout(ws_close=CLOSES_WITHIN_S)
-    return await http.ws_connect(url, compress=0, max_msg_size=0, timeout=timeout)
+    return http.ws_connect(url, compress=0, max_msg_size=0, timeout=timeout)
 
 
 def new_topic(what: str) -> str:
@@ -62,16 +62,13 @@ class Echo:
         # When the last message that came back was sent, on time.monotonic's clock.
         self.answered_of = float("-inf")
 
-    @classmethod
-    async def open(cls, http: aiohttp.ClientSession, way: Way) -> Echo:
-        """Connect, and wait until a first message, number -1, has come back."""
-        echo = cls(await connected(http, await asyncio.to_thread(way.ros_url)))
+    async def begin(self) -> None:
+        """Wait until a first message, number -1, has come back."""
         for op in ("advertise", "subscribe"):
-            await echo.tell(op, echo._topic, MESSAGE_TYPE)
+            await self.tell(op, self._topic, MESSAGE_TYPE)
         # The robot takes them in order: the subscription is there before the message.
-        await echo.send(-1)
-        await echo.receive_until(-1)
-        return echo
+        await self.send(-1)
+        await self.receive_until(-1)
 
     async def tell(self, op: str, topic: str, kind: str) -> None:
         """Advertise or subscribe."""
@@ -100,11 +97,22 @@ class Echo:
             await self.receive()
 
 
+@asynccontextmanager
+async def echoing(way: Way) -> AsyncIterator[Echo]:
+    """A connection that has had a message back."""
+    async with AsyncExitStack() as stack:
+        async with asyncio.timeout(LAST_S):
+            http = await stack.enter_async_context(http_of(way))
+            url = await asyncio.to_thread(way.ros_url)
+            echo = Echo(await stack.enter_async_context(connected(http, url)))
+            await echo.begin()
+        yield echo
+
+
 async def round_trips(way: Way, seconds: float) -> list[float]:
     """Send a message each 1/RATE_HZ s without waiting for the one before; the round trips in ms, in order."""
     count = int(seconds * RATE_HZ)
-    async with http_of(way) as http:
-        echo = await asyncio.wait_for(Echo.open(http, way), LAST_S)
+    async with echoing(way) as echo:
         receiving = asyncio.ensure_future(echo.receive_until(count - 1))
         try:
             started = time.monotonic()

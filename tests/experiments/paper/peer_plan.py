@@ -22,10 +22,10 @@ TITLES: Mapping[str, str] = {
 # web_video_server's own quality, which makes more than the link takes, and one that fits.
 DEFAULT_QUALITY, FITTING_QUALITY = "quality 95", "quality 80"
 FRAMES = "frames protocol"
-LATENCY, LOAD, CHANGES = "latency", "load", "changes"
+LATENCY, LOAD, CHANGES, PATIENCE = "latency", "load", "changes", "patience"
 # For what is measured at each step, in seconds; for the progress bar alone.
-EXPECTED_S = {LATENCY: 55.0, LOAD: 17.0, CHANGES: 30.0}
-GIVEN_UP_S = 65.0
+EXPECTED_S = {LATENCY: 50.0, LOAD: 12.0, CHANGES: 30.0, PATIENCE: 120.0}
+SSH_CHANGES_S, QUICK_S = 150.0, 14.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Plan:
     load_settle_s: float = 2.0
     connects: int = 5
     recovers: int = 5
-    # Each of a bare `ssh -R`'s takes minutes; it is followed by one for which the operator waits.
+    # Each of a bare `ssh -R`'s takes a minute, and one for which the operator waits takes two.
     ssh_recovers: int = 2
 
     def recovers_of(self, key: str) -> int:
@@ -53,8 +53,13 @@ class Plan:
     def expected_s(self, key: str, measure: str) -> float:
         """About how long a step takes."""
         if self != Plan():
-            return 14.0
-        return 5 * GIVEN_UP_S if (key, measure) == (SSH, CHANGES) else EXPECTED_S[measure]
+            return QUICK_S
+        return SSH_CHANGES_S if (key, measure) == (SSH, CHANGES) else EXPECTED_S[measure]
+
+    def steps(self) -> list[tuple[str, str]]:
+        """Way and measure of each step; all ways of one measure stand together, as they are compared."""
+        every = [(key, measure) for measure in self.measures for key in self.ways]
+        return every + ([(SSH, PATIENCE)] if CHANGES in self.measures else [])
 
 
 def plan_of(scale: Scale) -> Plan:

@@ -20,6 +20,7 @@ from paper.peer_plan import (
     LINK,
     LOAD,
     OURS,
+    PATIENCE,
     SSH,
     STRAIGHT,
     TITLES,
@@ -99,15 +100,16 @@ def _latency_section(measured: Measured) -> Section:
     text = (
         f"One simulated robot behind an emulated link ({LINK.name}, {LINK.ping_ms:g} ms), an operator beside the "
         f"server, one way after the other. A {MESSAGE_BYTES}-byte std_msgs/String is published {RATE_HZ} times a "
-        f"second without waiting, and comes back to the same connection, for {measured.plan.seconds:g} s each: with "
-        f"nothing else on the link, and {measured.plan.settle_s:g} s after somebody began to look at the camera. The "
-        "others' pictures are plain MJPEG in web_video_server's own quality, which is more than this link takes, and in "
-        "one that fits; Robotether's go by its frames protocol, which chooses. Robotether alone has TLS up to the "
-        "operator, tickets, permissions and a guard on the robot, all of which is in its figures; the others leave that to "
-        "others. The robot's TCP is cubic, as Debian has it, unless a way chooses. Each way is set up as its own example "
-        f"or manual says: WireGuard with a keep-alive of {WireGuard.KEEPALIVE_S} s, OpenVPN over UDP with keep-alives of "
-        f"10 and 120 s, nebula with the server as lighthouse, ssh with keep-alives of {ALIVE_S} s, {ALIVE_TIMES} times, "
-        "at both ends, and autossh without a monitoring port."
+        "second without waiting, and comes back to the same connection, for "
+        f"{measured.plan.seconds:g} s each: with nothing else on the link, and {measured.plan.settle_s:g} s after "
+        "somebody began to look at the camera. The others' pictures are plain MJPEG in web_video_server's own "
+        "quality, which is more than this link takes, and in one that fits; Robotether's go by its frames protocol, "
+        "which chooses. Robotether alone has TLS up to the operator, tickets, permissions and a guard on the robot, "
+        "all of which is in its figures. The robot's TCP is cubic, as Debian has it, unless a way chooses. Each way "
+        "is set up as its own example or manual says: WireGuard with a keep-alive of "
+        f"{WireGuard.KEEPALIVE_S} s, OpenVPN over UDP with keep-alives of 10 and 120 s, nebula with the server as "
+        f"lighthouse, ssh with keep-alives of {ALIVE_S} s, {ALIVE_TIMES} times, at both ends, and autossh without a "
+        "monitoring port."
     )
     table = [
         "| way | meanwhile | round trips | p50 ms | p99 ms | max ms | pictures/s | KB each | age p50 ms | p95 ms |",
@@ -138,12 +140,12 @@ def _trips(trips: Sequence[float]) -> str:
 
 def _load_section(measured: Measured) -> Section:
     text = (
-        f"From the robot to the operator, for {measured.plan.load_s:g} s: a program on the robot publishes messages of "
-        f"{LOAD_BYTES // 1024} KiB as they are asked for, so many at a time that the link never waits. Counted is the "
-        "JSON text that comes. Processor seconds are user and system time of the way's own programs, for each 10^6 "
-        "bytes that came: autossh, ssh and sshd; wireguard-go, openvpn or nebula at each end; and of ours the agent with "
-        "its guard and ssh, and all of sshd, relay and nginx. What the kernel does outside of a program is nobody's: "
-        "without a tunnel that is all of it."
+        f"From the robot to the operator, for {measured.plan.load_s:g} s: a program on the robot publishes messages "
+        f"of {LOAD_BYTES // 1024} KiB as they are asked for, so many at a time that the link never waits. Counted is "
+        "the JSON text that comes. Processor seconds are user and system time of the way's own programs, for each "
+        "10^6 bytes that came: autossh, ssh and sshd; wireguard-go, openvpn or nebula at each end; and of ours the "
+        "agent with its guard and ssh, and all of sshd, relay and nginx. What the kernel does outside of a program "
+        "is nobody's: without a tunnel that is all of it."
     )
     table = [
         f"| way | Mbit/s | of the link's {LINK.up_mbit_s:g} | robot's side, s per MB | server's side, s per MB |",
@@ -181,7 +183,7 @@ def _changes_section(measured: Measured) -> Section:
 
 
 def _patient(measured: Measured) -> str:
-    values = measured.of(SSH, CHANGES)
+    values = measured.of(SSH, PATIENCE)
     if values is None:
         return ""
     [took_s] = values["patient_s"]
@@ -318,8 +320,10 @@ def _pictures_file(measured: Measured) -> Data:
 
 def _changes_file(measured: Measured) -> Data:
     rows = []
-    for key in measured.plan.ways:
-        for member, took_s in (measured.of(key, CHANGES) or {}).items():
+    for key, measure in measured.plan.steps():
+        if measure not in (CHANGES, PATIENCE):
+            continue
+        for member, took_s in (measured.of(key, measure) or {}).items():
             rows += [
                 (TITLES[key], member, "never" if one is None else round(one, 3)) for one in took_s
             ]

@@ -21,7 +21,18 @@ from paper.peer_changes import connect_s, recover_patiently_s, recover_s
 from paper.peer_echo import behind_video, round_trips
 from paper.peer_load import throughput
 from paper.peer_ours import Robotether
-from paper.peer_plan import CHANGES, LATENCY, LINK, LOAD, OURS, SSH, TITLES, Plan, name_of, plan_of
+from paper.peer_plan import (
+    CHANGES,
+    LATENCY,
+    LINK,
+    LOAD,
+    OURS,
+    PATIENCE,
+    TITLES,
+    Plan,
+    name_of,
+    plan_of,
+)
 from paper.peer_ssh import AutoSsh
 from paper.peer_vpn import Nebula, OpenVpn, WireGuard
 from paper.peer_way import PlainWay, Straight, Way
@@ -35,6 +46,7 @@ MEASURES = {
     LATENCY: "round trips and pictures",
     LOAD: "throughput and its cost",
     CHANGES: "starts and new addresses",
+    PATIENCE: "a new address, with a patient operator",
 }
 
 
@@ -85,11 +97,18 @@ def measure_changes(plan: Plan, key: str, world: World) -> Values:
     """Starts of the robot's side, and new addresses of the robot, as many of each as planned."""
     with way_of(world, key) as way:
         connects = asyncio.run(_starts(way, plan.connects))
-    values = {"connect_s": connects, "recover_s": _new_addresses(world, key, plan.recovers_of(key))}
-    if key == SSH:
-        with way_of(world, key) as way:
-            values["patient_s"] = [asyncio.run(_patiently(way))]
-    return values
+    return {"connect_s": connects, "recover_s": _new_addresses(world, key, plan.recovers_of(key))}
+
+
+def measure_patience(_plan: Plan, key: str, world: World) -> Values:
+    """A new address, with an operator who waits for it."""
+
+    async def measure(way: Way) -> Values:
+        await must_connect(way)
+        return {"patient_s": [await recover_patiently_s(way)]}
+
+    with way_of(world, key) as way:
+        return asyncio.run(measure(way))
 
 
 async def _starts(way: Way, how_many: int) -> list[float | None]:
@@ -119,20 +138,16 @@ async def _until_lost(way: Way, how_many: int) -> list[float | None]:
     return took
 
 
-async def _patiently(way: Way) -> float | None:
-    await must_connect(way)
-    return await recover_patiently_s(way)
-
-
 MEASURE: dict[str, Callable[[Plan, str, World], Values]] = {
     LATENCY: measure_latency,
     LOAD: measure_load,
     CHANGES: measure_changes,
+    PATIENCE: measure_patience,
 }
 
 
 def steps(scale: Scale) -> Sequence[Step]:
-    """One step a way and kind of measurement; all ways of one kind stand together, as they are compared."""
+    """One step a way and kind of measurement."""
     plan = plan_of(scale)
     return [
         Step(
@@ -141,8 +156,7 @@ def steps(scale: Scale) -> Sequence[Step]:
             expected_s=plan.expected_s(key, measure),
             run=partial(MEASURE[measure], plan, key),
         )
-        for measure in plan.measures
-        for key in plan.ways
+        for key, measure in plan.steps()
     ]
 
 

@@ -1,0 +1,90 @@
+"""A way without a tunnel over a real link: all that is measured, on the one way that every machine has."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from link import why_not_here
+from paper import peer_changes
+from paper.peer_changes import connect_s, recover_s
+from paper.peer_echo import RATE_HZ, behind_video, round_trips
+from paper.peer_load import per_mb, throughput
+from paper.peer_plan import FITTING_QUALITY, LINK
+from paper.peer_way import Straight, Way
+from paper.uplinks import uplinks
+
+needs_root = pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
+# Nobody is asked there.
+NO_MACHINE = "192.0.2.9"
+
+
+class GoneWay(Straight):
+    """A double of a way that leads nowhere."""
+
+    def robot_address(self) -> str:
+        return self.server.address
+
+
+@pytest.fixture(scope="module")
+def straight() -> Iterator[Way]:
+    with uplinks([LINK], NO_MACHINE) as [uplink], Straight(uplink) as way:
+        yield way
+
+
+@needs_root
+def test_round_trips_are_those_of_the_link(straight: Way) -> None:
+    """Every message that was sent has come back, none sooner than the link lets it."""
+    trips = asyncio.run(round_trips(straight, seconds=1.0))
+    assert len(trips) == RATE_HZ
+    assert min(trips) >= LINK.ping_ms
+
+
+@needs_root
+def test_pictures_are_looked_at_meanwhile(straight: Way) -> None:
+    """Each with its age, which is at least the way of half a ping."""
+    seen = asyncio.run(behind_video(straight, FITTING_QUALITY, seconds=1.0, settle_s=0.2))
+    assert seen["picture_ages_ms"]
+    assert min(seen["picture_ages_ms"]) > LINK.ping_ms / 2
+    assert len(seen["round_trips_ms"]) == RATE_HZ
+
+
+@needs_root
+def test_a_load_fills_the_link_and_no_more(straight: Way) -> None:
+    """Without a tunnel there is no program whose time could be told."""
+    got = asyncio.run(throughput(straight, seconds=2.0, settle_s=1.0))
+    assert LINK.up_mbit_s is not None
+    assert 0.5 < got["payload_bit_s"] / 1e6 / LINK.up_mbit_s < 1.1
+    assert got["robot_cpu_s_per_mb"] == got["server_cpu_s_per_mb"] == 0
+
+
+@needs_root
+def test_a_message_passes_again_after_a_new_address(straight: Way) -> None:
+    """On a new connection, as the old one is to an address that is gone."""
+    assert asyncio.run(connect_s(straight)) is not None
+    before = straight.inside.address
+    took_s = asyncio.run(recover_s(straight, after_s=0.3))
+    assert straight.inside.address != before
+    assert took_s is not None
+    assert took_s > LINK.ping_ms / 1000
+
+
+@needs_root
+def test_a_way_that_leads_nowhere_is_never(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is given up in time."""
+    monkeypatch.setattr(peer_changes.first_message_s, "__defaults__", (0.2, 1.0))
+    with uplinks([LINK], NO_MACHINE) as [uplink], GoneWay(uplink) as way:
+        assert asyncio.run(connect_s(way)) is None
+        folder: Path = way.folder
+    assert not folder.exists()
+
+
+def test_costs_are_told_for_each_megabyte() -> None:
+    """Both sides by themselves."""
+    costs = per_mb(({1: 1.0}, {2: 1.0}), ({1: 1.5}, {2: 3.0}), 5_000_000)
+    assert costs == {
+        "robot_cpu_s_per_mb": pytest.approx(0.1),
+        "server_cpu_s_per_mb": pytest.approx(0.4),
+    }
