@@ -132,7 +132,7 @@ def _causes_row(plan: Plan, network: str, runs: Sequence[Run]) -> str:
     late = [latency for run in done for latency in run.latencies_ms]
     return head + (
         f"| {_sigmas_mm(spiral_ends.ends(runs))} "
-        f"| {_sigmas_mm(spiral_ends.ends(alike))} ({len(alike)} runs of {alike[0].steps}) "
+        f"| {_sigmas_mm(spiral_ends.ends(alike))} ({len(alike)} with {alike[0].steps} steps) "
         f"| {_sigmas_mm(arrivals)} "
         f"| {_sigma_between(run.sent_ms for run in done):.2f} "
         f"| {_sigma_between(run.arrived_ms for run in done):.2f} "
