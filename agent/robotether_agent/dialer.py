@@ -35,7 +35,7 @@ class Dialer:
         self._settings = settings
         self._enroller = enroller
         self._good_port: int | None = None
-        self._way = Way(proxy_of(settings.http_proxy))
+        self._way = Way(proxy_of(settings.http_proxy), https_port=settings.server_port)
         self._silent_since: float | None = None
         self._asked_at = 0.0
 

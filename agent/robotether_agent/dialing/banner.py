@@ -18,7 +18,7 @@ SSH = b"SSH-"
 OUR_WORDS = b"SSH-2.0-robotether\r\n"
 # A server that speaks first does so one round trip after the connection stands, unless it has much to do. To be spoken
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
-SPEAK_AFTER_S = 3.0
+SPEAK_AFTER_S = 6.0
 # As long as sshd lets a login take.
 TIMEOUT_S = 15.0
 HTTPS = 443
@@ -27,8 +27,9 @@ HTTPS = 443
 class Banner:
     """Which of the server's ports speak only when spoken to."""
 
-    def __init__(self) -> None:
-        self._shy = {HTTPS}
+    def __init__(self, https_port: int = HTTPS) -> None:
+        # Where the site is, nginx is in front of sshd.
+        self._shy = {HTTPS, https_port}
 
     async def check(self, connection: socket.socket, port: int, name: str) -> bool:
         """Return whether the connection is unused still; raise a problem if no SSH server is there."""

@@ -19,7 +19,7 @@ from random import Random
 from time import monotonic
 
 from robotether_agent import netlink
-from robotether_agent.dialing.banner import Banner
+from robotether_agent.dialing.banner import HTTPS, Banner
 from robotether_agent.dialing.http_proxy import Proxy, ask_for
 from robotether_agent.dialing.race import Race
 from robotether_agent.dialing.resolver import Resolver
@@ -35,9 +35,8 @@ TRY_EVERY_S = (0.4, 0.6)
 # A server that has taken a connection and says nothing yet has too much to do, and each further one is more of it: many
 # robots that ask twice a second keep it from ever answering. So while one stands, the next port and the next attempt
 # come later, and whoever asked waits longer: about as long as sshd lets a login take.
-BUSY_NEXT_PORT_AFTER_S = 3.0
-# Twice as long for each one that stands, up to a limit.
-BUSY_TRY_AFTER_S, BUSY_TRY_LIMIT_S = (2.0, 3.0), 5.0
+BUSY_NEXT_PORT_AFTER_S = 6.0
+BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_PATIENCE_S, BUSY_ANSWER_S = 15.0, 0.5
 # After a change of the network a moment passes until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
@@ -77,11 +76,12 @@ class Way:
         *,
         rng: Random | None = None,
         resolver: Resolver | None = None,
+        https_port: int = HTTPS,
     ) -> None:
         self._proxy = proxy
         self._rng = rng or Random()  # noqa: S311 - spreads a fleet, keeps no secret
         self._resolver = resolver or Resolver()
-        self._banner = Banner()
+        self._banner = Banner(https_port)
         self._spares: list[_Reached] = []
         # Connections that the other end has taken, and on which it has said nothing yet.
         self._standing = 0
@@ -195,8 +195,7 @@ class Way:
         async def is_due() -> None:
             await asyncio.sleep(self._rng.uniform(*TRY_EVERY_S))
             if self._standing:
-                longer_s = self._rng.uniform(*BUSY_TRY_AFTER_S) * 2 ** (self._standing - 1)
-                await asyncio.sleep(min(longer_s, BUSY_TRY_LIMIT_S))
+                await asyncio.sleep(self._rng.uniform(*BUSY_TRY_AFTER_S))
 
         async def has_changed() -> None:
             await network.changed()

@@ -136,7 +136,7 @@ def _targets(settings: Settings, known: Enrolment | None) -> list[Target]:
     host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
     ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
     user = known.ssh.user if known else "tunnel"
-    way = Way(proxy_of(settings.http_proxy))
+    way = Way(proxy_of(settings.http_proxy), https_port=settings.server_port)
     return [Target(host, port, user, way) for port in ports]
 
 

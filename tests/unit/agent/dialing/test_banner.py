@@ -43,6 +43,13 @@ async def test_a_shy_one_is_spoken_to_and_remembered():
         assert not await check(door, checker)
 
 
+async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
+    """Nginx is there, and waits for the client's first words."""
+    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 60.0)
+    async with Door("shy") as door:
+        assert not await check(door, Banner(https_port=door.port))
+
+
 async def test_a_silent_one():
     """What accepts and says nothing is as good as no answer."""
     async with Door("silent") as door:

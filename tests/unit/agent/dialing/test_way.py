@@ -143,14 +143,15 @@ async def test_it_is_found_soon_after_it_answers():
 
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
     """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
-    monkeypatch.setattr(way_module, "BUSY_PATIENCE_S", 6.5)
+    monkeypatch.setattr(way_module, "BUSY_PATIENCE_S", 8.0)
     async with Door("silent") as busy, Door("silent") as other:
         finding = asyncio.ensure_future(Way(rng=Random(1)).find([at(busy.port), at(other.port)]))
         await asyncio.wait({finding}, timeout=1.5)
         assert (busy.visitors, other.visitors) == (1, 0)
         with pytest.raises(NoAnswer):
             await finding
-        assert busy.visitors + other.visitors <= 4
+        # One more each, to a server that may have lost the first.
+        assert busy.visitors + other.visitors <= 3
 
 
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
