@@ -46,6 +46,7 @@ WATCHED_A_ROBOT_S = 0.24
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
+LOOK_EVERY_S, SETTLES_IN_LOOKS = 0.5, 20
 LOG_LINES = 8
 # In place of an order that was done: the worker is no more.
 GONE = "gone"
@@ -183,6 +184,8 @@ class Run:
     arrivals: Arrivals
     first: Reading
     last: Reading
+    # A moment later, when the robots have their second connections too.
+    settled: Reading
 
     def values(self) -> dict[str, Any]:
         """For the journal."""
@@ -190,8 +193,8 @@ class Run:
             **self.arrivals.values(),
             "took_s": round(self.last.at_s - self.first.at_s, 3),
             "cpu_s": cpu_between(self.first, self.last),
-            "memory_bytes": memory_between(self.first, self.last),
-            "limits": limits_met(self.first, self.last),
+            "memory_bytes": memory_between(self.first, self.settled),
+            "limits": limits_met(self.first, self.settled),
         }
 
 
@@ -229,8 +232,18 @@ class Fleet:
             side.heard = lambda message: self._heard(arrivals, message)
         await order()
         await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
-        values = Run(arrivals, first, self._reading()).values()
+        values = Run(arrivals, first, self._reading(), await self._settled()).values()
         return {**values, "failures": self._told(values)}
+
+    async def idle(self, seconds: float) -> dict[str, Any]:
+        """What the fleet costs while nobody uses it: processor time over so many seconds."""
+        first = await self._settled()
+        await asyncio.sleep(seconds)
+        last = self._reading()
+        return {
+            "idle_s": round(last.at_s - first.at_s, 3),
+            "idle_cpu_s": cpu_between(first, last),
+        }
 
     async def end(self) -> float:
         """End all robots, and return the seconds until the server knew of all."""
@@ -251,6 +264,17 @@ class Fleet:
         missing = sum(seconds is None for seconds in values["message_s"])
         logs = [side.log_tail() for side in self._sides] if missing else []
         return [*self._failures, *filter(None, logs)]
+
+    async def _settled(self) -> Reading:
+        """Read when sshd has as many processes as a moment before, or after a while."""
+        reading = self._reading()
+        for _ in range(SETTLES_IN_LOOKS):
+            before = reading.services["sshd"].processes
+            await asyncio.sleep(LOOK_EVERY_S)
+            reading = self._reading()
+            if reading.services["sshd"].processes == before:
+                break
+        return reading
 
     def _reading(self) -> Reading:
         containers = {name: self._world.container(name) for name in SERVICES}

@@ -77,11 +77,13 @@ def _costs(starts: Sequence[Group]) -> Section:
         "For each robot that came online: processor time from the order to start until the last message, and memory "
         "that the server's containers held more at its end, as their control groups tell (the programs' own pages "
         "and the kernel's for them). The robots' side counts agents, guards, rosbridges and OpenSSH clients; the "
-        "rest is what this machine did beside, such as Docker, the kernel's network, and other programs."
+        "rest is what this machine did beside, such as Docker, the kernel's network, and other programs. Idle is the "
+        "whole fleet, online and used by nobody."
     )
     head = (
         "| robots at once | CPU a robot, ms: sshd | relay | nginx, web, database | robots' side | operators | rest "
-        "| memory a robot, MiB: sshd | relay | nginx, web, database | limits met |"
+        "| memory a robot, MiB: sshd | relay | nginx, web, database "
+        "| idle, % of a core: server | robots' side | limits met |"
     )
     return Section("What a start costs", text, [head, _rule(head), *map(_cost_row, starts)])
 
@@ -93,6 +95,7 @@ def _cost_row(group: Group) -> str:
         title(group),
         *(_scaled(group.per_robot("cpu_s", names), 1000) for names in cpu),
         *(_scaled(group.per_robot("memory_bytes", names), 1 / MIB) for names in parts),
+        *(_scaled(group.idle_load(names), 100) for names in (SERVER, ("robots",))),
         plain("; ".join(group.limits)) or "none",
     ]
     return _row(cells)
