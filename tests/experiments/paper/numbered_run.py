@@ -24,10 +24,10 @@ from openssh_server import command_line, descendants
 from paper.fleet_costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered import FRAME_BYTES, joined
 from paper.numbered_worker import MORE_S, PATIENCE, SILENCE_S, End
+from paper.robots import WholeRobot, clean_environment
 from paper.step import Values
 
 if TYPE_CHECKING:
-    from paper.robots import WholeRobot
     from paper.uplinks import Uplink
     from paper.world import World
 
@@ -83,7 +83,7 @@ class Generator:
                 stderr=errors,
                 text=True,
                 bufsize=1,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                env=clean_environment(),
                 # A Ctrl-C is for the runner, which then ends this one in order.
                 start_new_session=True,
             )
