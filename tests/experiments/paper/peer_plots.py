@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 # Round trips in ms by the way and what went on meanwhile.
 Conditions = Mapping[str, Mapping[str, Sequence[float]]]
 COLOURS = ("#0072b2", "#d55e00", "#e69f00")
+TICKS_MS = (20, 50, 100, 200, 500, 1000, 2000)
+BETWEEN_WAYS = 0.6
 
 
 def plots(conditions: Conditions) -> list[Plot]:
@@ -20,8 +22,8 @@ def plots(conditions: Conditions) -> list[Plot]:
     if not conditions:
         return []
     caption = (
-        "Round trips by way: the bar ends at the median, the line at the 99th percentile; from above: idle, behind the "
-        "first video, behind the second."
+        "Round trips of a 200-byte message by way, idle and behind video: the point is the median, the line ends at "
+        "the 99th percentile."
     )
     return [
         Plot(
@@ -33,20 +35,24 @@ def plots(conditions: Conditions) -> list[Plot]:
 
 
 def draw(drawing: Figure, conditions: Conditions) -> None:
-    """Bars beside each other, on a logarithmic axis."""
+    """A row for each way and what went on meanwhile, on a logarithmic axis."""
     axes = drawing.add_subplot()
-    places, names, place = [], [], 0.0
+    places: list[float] = []
+    names = []
+    place = 0.0
     for way, measured in conditions.items():
         for number, (meanwhile, trips) in enumerate(measured.items()):
+            colour = COLOURS[number % len(COLOURS)]
             p50, p99 = quantile(trips, 0.5), quantile(trips, 0.99)
-            axes.barh(place, p50, color=COLOURS[number % len(COLOURS)], height=0.8)
-            axes.plot([p50, p99], [place, place], color="black", linewidth=1.5)
+            axes.plot([p50, p99], [place, place], color=colour, linewidth=2)
+            axes.plot([p50], [place], color=colour, marker="o")
             places.append(place)
             names.append(f"{way}, {meanwhile}")
             place += 1
-        place += 0.6
+        place += BETWEEN_WAYS
     axes.set_yticks(places, names, fontsize=8)
     axes.invert_yaxis()
     axes.set_xscale("log")
+    axes.set_xticks(TICKS_MS, [str(tick) for tick in TICKS_MS])
     axes.set_xlabel("round trip, ms")
     drawing.set_size_inches(8.0, 1.2 + 0.3 * len(places))
