@@ -21,5 +21,7 @@ def run(*message_s: float | None, **others: Any) -> Outcome:
         "cpu_s": {"sshd": 4.0, "relay": 2.0},
         "memory_bytes": {"sshd": 2000},
         "server_s": 1.0,
+        "took_s": 3.0,
+        "failures": [],
     }
     return Outcome(values={**usual, **others})

@@ -87,6 +87,19 @@ class Group:
         total = sum(run[values].get(name, 0) for run in self.runs for name in names)
         return total / robots if robots else None
 
+    @property
+    def busy_cores(self) -> float | None:
+        """How many cores were busy on the mean, with whatever, from the order to the last message."""
+        used = sum(sum(run["cpu_s"].values()) for run in self.runs)
+        took = sum(run["took_s"] for run in self.runs)
+        return used / took if took else None
+
+    @property
+    def last_words(self) -> str:
+        """What an agent said last in a run in which some robot never got its message; mostly why."""
+        said = (lines for run in self.runs for lines in run["failures"])
+        return next((lines.splitlines()[-1] for lines in said if lines), "")
+
     def idle_load(self, names: Sequence[str]) -> float | None:
         """Cores that some members of `idle_cpu_s` keep busy while nobody uses the fleet; None: not measured."""
         looked = [run for run in self.runs if "idle_s" in run]

@@ -81,9 +81,9 @@ def _costs(starts: Sequence[Group]) -> Section:
         "whole fleet, online and used by nobody."
     )
     head = (
-        "| robots at once | CPU a robot, ms: sshd | relay | nginx, web, database | robots' side | operators | rest "
-        "| memory a robot, MiB: sshd | relay | nginx, web, database "
-        "| idle, % of a core: server | robots' side | limits met |"
+        "| robots at once | cores busy | CPU a robot, ms: sshd | relay | nginx, web, database | robots' side | "
+        "operators | rest | memory a robot, MiB: sshd | relay | nginx, web, database | idle, % of a core: server | "
+        "robots' side | limits met |"
     )
     return Section("What a start costs", text, [head, _rule(head), *map(_cost_row, starts)])
 
@@ -93,6 +93,7 @@ def _cost_row(group: Group) -> str:
     cpu = [*parts, ("robots",), ("operators",), ("rest",)]
     cells = [
         title(group),
+        _scaled(group.busy_cores, 1),
         *(_scaled(group.per_robot("cpu_s", names), 1000) for names in cpu),
         *(_scaled(group.per_robot("memory_bytes", names), 1 / MIB) for names in parts),
         *(_scaled(group.idle_load(names), 100) for names in (SERVER, ("robots",))),
@@ -184,9 +185,11 @@ def _shortfalls(found: Sequence[Group]) -> Iterable[str]:
 
 
 def _reasons(group: Group) -> str:
-    """What operators heard most while they waited."""
+    """What operators heard most while they waited, and an agent's last words."""
     common = [f"{why} ({times})" for why, times in group.waits.most_common(3)]
-    return f"; operators heard: {', '.join(common)}" if common else ""
+    heard = f"; operators heard: {', '.join(common)}" if common else ""
+    words = group.last_words
+    return f"{heard}; an agent said last: {words:.200}" if words else heard
 
 
 def _data(name: str, found: Sequence[Group]) -> Data:

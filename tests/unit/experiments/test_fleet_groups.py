@@ -64,3 +64,23 @@ def test_what_went_wrong_is_added_up():
     assert (group.wrong, group.doubled) == (3, 1)
     assert group.waits == {"closed with 4503": 3}
     assert group.limits == ["a", "b"]
+
+
+def test_how_busy_the_machine_was():
+    """All processor time by the time it took."""
+    assert one(run(1.0, 2.0), run(1.0, 2.0)).busy_cores == 2.0
+    assert one().busy_cores is None
+
+
+def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
+    """Seconds of processor time a second."""
+    looked = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
+    group = one(looked, run(1.0, 2.0))
+    assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
+    assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None
+
+
+def test_an_agents_last_words_are_kept():
+    """The last line of the first log that was told."""
+    group = one(run(1.0, 2.0), run(1.0, None, failures=["one\nno answer", "other"]))
+    assert group.last_words == "no answer"

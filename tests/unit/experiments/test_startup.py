@@ -67,6 +67,7 @@ def test_what_failed_is_printed_as_such():
         wrong=1,
         limits=["sshd met its limit"],
         waits={"closed with 4503": 3},
+        failures=["no answer"],
     )
     told = report(results(start_10_1=bad, start_10_2=Outcome(failure="a worker ended")))
     paper, *_, wrong = told.comparisons
@@ -75,7 +76,7 @@ def test_what_failed_is_printed_as_such():
     words = "\n".join(told.shortfalls)
     assert "start-10-2: a worker ended" in words
     assert "12 of 20 had no message within 60 s, 1 of them later (2 of 2 runs)" in words
-    assert "operators heard: closed with 4503 (3)" in words
+    assert "operators heard: closed with 4503 (3); an agent said last: no answer" in words
     assert "sshd met its limit" in words
 
 
