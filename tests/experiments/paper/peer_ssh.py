@@ -21,7 +21,7 @@ ALIVE_S, ALIVE_TIMES = 10, 3
 class AutoSsh(PlainWay):
     """A bare `ssh -R`."""
 
-    key = SSH
+    key, packages = SSH, ("autossh",)
     _sshd: OpenSshServer
 
     def prepare(self, made: ExitStack) -> None:

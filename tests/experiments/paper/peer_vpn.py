@@ -79,7 +79,7 @@ class Vpn(PlainWay):
 class WireGuard(Vpn):
     """WireGuard as wireguard-go has it, set up as wg-quick does, with the keep-alive that its manual names."""
 
-    key = "wireguard"
+    key, packages = "wireguard", ("wireguard-go", "wireguard-tools")
     PORT, KEEPALIVE_S = 51820, 25
 
     def make_keys(self) -> None:
@@ -129,7 +129,7 @@ def _peer(private: str, address: str) -> tuple[str, ...]:
 class OpenVpn(Vpn):
     """OpenVPN over UDP as its sample files have it: TLS with certificates, and keep-alives of 10 and 120 s."""
 
-    key, device = "openvpn", "tun0"
+    key, device, packages = "openvpn", "tun0", ("openvpn",)
 
     def make_keys(self) -> None:
         self._authority()
@@ -176,7 +176,7 @@ NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"
 class Nebula(Vpn):
     """Nebula with its example's settings; the server is the lighthouse."""
 
-    key, device = "nebula", "nebula1"
+    key, device, packages = "nebula", "nebula1", ("nebula",)
     PORT = 4242
 
     def make_keys(self) -> None:

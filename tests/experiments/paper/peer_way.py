@@ -43,6 +43,8 @@ class Way(ABC):
 
     # In TITLES.
     key: str
+    # Debian's, beside OpenSSH.
+    packages: Sequence[str] = ()
     # What of the camera can be looked at.
     videos: Sequence[str] = (DEFAULT_QUALITY, FITTING_QUALITY)
 

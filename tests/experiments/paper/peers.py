@@ -53,10 +53,21 @@ MEASURES = {
 @contextmanager
 def way_of(world: World, key: str) -> Iterator[Way]:
     """A way over a link of its own, whose robot's side has not been started."""
+    if key != OURS:
+        ensure(PEERS[key].packages)
     with world.uplinks([LINK]) as [uplink]:
         way = Robotether(world, uplink) if key == OURS else PEERS[key](uplink)
         with way:
             yield way
+
+
+def ensure(packages: Sequence[str]) -> None:
+    """Install others' programs, if they are missing; what a distribution has not got is its way's failure alone."""
+    if packages:
+        command = [ROOT / "tools" / "ensure_peers", *packages]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RuntimeError(f"cannot install {' '.join(packages)}: {done.stderr.strip()}")
 
 
 async def must_connect(way: Way) -> float:
@@ -160,15 +171,9 @@ def steps(scale: Scale) -> Sequence[Step]:
     ]
 
 
-def prepare() -> None:
-    """Install the others' programs."""
-    subprocess.run([ROOT / "tools" / "ensure_peers"], check=True, stdin=subprocess.DEVNULL)
-
-
 PART = Part(
     name="peers",
     title="Against what else a user would take",
     steps=steps,
     report=lambda scale, results: peer_report.report(plan_of(scale), results),
-    prepare=prepare,
 )
