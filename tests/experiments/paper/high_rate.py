@@ -56,7 +56,7 @@ CAPTION = (
     "The share of messages that came later than a latency, for each run; both axes are logarithmic."
 )
 # Starting a robot, of which two cores start some at a time; the rest of a step.
-ROBOT_S, STEP_S = 1.5, 8
+ROBOT_S, STEP_S = 2.0, 8
 ONLINE_WITHIN_S, ONLINE_S_A_ROBOT = 60, 5
 
 
