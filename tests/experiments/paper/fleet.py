@@ -42,7 +42,7 @@ PATHS = ("tests/support", "tests/experiments", "agent", "server", "images/sim_ro
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
-WATCHED_A_ROBOT_S = 0.24
+WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096

@@ -32,7 +32,7 @@ def _step(count: int, what: str) -> Step:
     return Step(
         name=f"reconnect-{count}-{what}",
         title=f"{count} robots come back after a restart of {IN_WORDS[what]}",
-        expected_s=10 + count * 0.7,
+        expected_s=6 + count * 0.5,
         run=lambda world: _measure(world, count, what),
     )
 

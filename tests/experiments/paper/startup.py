@@ -54,7 +54,7 @@ def _step(count: int, number: int, repetitions: int, idle_s: float) -> Step:
     return Step(
         name=f"start-{count}-{number}",
         title=f"{count} robots, repetition {number} of {repetitions}",
-        expected_s=3 + count * 0.3 + idle_s,
+        expected_s=6 + count * 0.3 + idle_s,
         run=lambda world: with_fleet(world, count, _once(f"start-{number}", idle_s)),
     )
 
