@@ -28,10 +28,11 @@ venv: $(VENV)/.complete ## the Python tools that tests and checks need
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-test: venv ## everything: checks, unit, images, end to end, playbooks (some 30 minutes on two cores)
+test: venv ## everything: checks, unit, images, end to end, playbooks, experiments in small (some 35 minutes on two cores)
 	@tools/ensure_test_hosts
 	@$(MAKE) --no-print-directory --jobs=2 lint images frontend-test
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit test-running test-ansible
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
