@@ -191,9 +191,9 @@ def _patient(measured: Measured) -> str:
         "it did not come back in three minutes" if took_s is None else f"that took {took_s:.0f} s"
     )
     return (
-        " A bare ssh -R needs an operator who leaves it alone: this sshd asks whether its client still lives when "
-        "nothing else is going on, so that whoever goes on trying keeps the dead tunnel, and with it the port, alive. "
-        f"Once, beside the table, the operator hung up and tried each {PATIENT_EVERY_S:g} s only: {after}."
+        " It seems that a bare ssh -R needs an operator who leaves it alone: attempts into the dead tunnel may be what "
+        "keeps it, and with it the port, which was not looked into. Once, beside the table, the operator hung up and "
+        f"tried each {PATIENT_EVERY_S:g} s only: {after}."
     )
 
 

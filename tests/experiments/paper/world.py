@@ -67,7 +67,7 @@ class World:
     @classmethod
     @contextmanager
     def own(cls) -> Iterator[World]:
-        """A stack of this run alone, without simulated robots; it takes half a minute."""
+        """A stack of this run alone, without simulated robots."""
         with _told_to_end(), _folder() as folder:
             stack = Stack(folder / "stack")
             try:
@@ -166,7 +166,7 @@ class World:
     ) -> list[Enrolled]:
         """Announce robots, change their settings (as PATCH /robots/NAME has them), and let them join.
 
-        None is online then. Each takes a few hundredths of a second; a token of the admin's lets them in.
+        None is online then. A token of the admin's lets them in.
         """
         made = [self._robot(name) for name in names]
         for at in range(0, len(made), ROWS_A_STATEMENT):
