@@ -39,7 +39,8 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread tests/unit tests/fuzz
+	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread -m "not alone" tests/unit tests/fuzz
+	@$(PYTEST) --timeout 120 --timeout-method thread -m alone tests/unit
 
 frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend

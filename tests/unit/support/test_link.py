@@ -19,7 +19,10 @@ import pytest
 from link import Link, Namespace, Shape, why_not_here
 from openssh_server import wait_until
 
-pytestmark = pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-"),
+]
 
 PORT = 5000
 # Not in the module socket.
