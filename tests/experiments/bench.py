@@ -11,12 +11,10 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 import behind_video
 import drive_page
@@ -30,6 +28,7 @@ import stopping
 import viewers
 from demo import ROOT, Demo
 from measurements_page import page, parts
+from paper.circumstances import described, machine
 from sections import Section
 
 PAGE = ROOT / "docs" / "measurements.md"
@@ -63,19 +62,10 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
 
 def circumstances() -> str:
     """When, at which commit, on what, and beside how much other work; to be asked before it is measured."""
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.strip()
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    cpu = names[0] if names else platform.machine()
+    here = machine()
     return (
-        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit}; {cpu}, {os.cpu_count()} cores, "
-        f"everything on this one machine, Linux {platform.release().split('-')[0]}, Python "
+        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {described()}; {here['processor']}, "
+        f"{here['cores']} cores, everything on this one machine, Linux {here['kernel']}, Python "
         f"{platform.python_version()}; the load was {os.getloadavg()[0]:.1f} when it began."
     )
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import docker
+from demo import ROOT
 
 if TYPE_CHECKING:
     from paper.world import World
 
-ROOT = Path(__file__).resolve().parents[3]
 # Service, what its daemon is called, and the command that tells its version.
 DAEMONS = (
     ("nginx", "nginx", "nginx -v"),
@@ -26,19 +26,19 @@ DAEMONS = (
 _VERSION = re.compile(r"\d+\.\d[\w.]*")
 
 
+def described() -> str:
+    """What `git describe` calls the sources; raises OSError or CalledProcessError without git or its folder."""
+    command = ["git", "describe", "--always", "--dirty"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
 def commit() -> str:
     """What `git describe` calls the sources; `unknown` without git or its folder."""
     try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        return described()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return done.stdout.strip()
 
 
 def machine() -> dict[str, Any]:

@@ -56,6 +56,11 @@ class Group:
         return len(self.message_s) - self.in_time
 
     @property
+    def never(self) -> int:
+        """How many robots got none at all, also of runs that failed."""
+        return self.wanted - len(self.message_s)
+
+    @property
     def success(self) -> float:
         """The share in percent of robots that got their message in time."""
         return 100.0 * self.in_time / self.wanted if self.wanted else 0.0

@@ -56,13 +56,12 @@ def _starts(starts: Sequence[Group]) -> Section:
 
 
 def _start_row(group: Group) -> str:
-    never = group.wanted - group.in_time - group.late
     cells = [
         title(group),
         f"{len(group.outcomes)} of {group.planned}",
         f"{group.in_time} of {group.wanted}",
         str(group.late),
-        str(never),
+        str(group.never),
         *_three(group.message_s),
         _quantile(group.online_s, 0.5),
         str(group.waits.total()),
@@ -122,7 +121,7 @@ def _return_row(group: Group) -> str:
         str(group.count),
         f"{group.in_time} of {group.wanted}",
         str(group.late),
-        str(group.wanted - group.in_time - group.late),
+        str(group.never),
         number(max(answers)) if answers else NONE,
         *_three(group.message_s),
         str(group.waits.total()),

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import aiohttp
+from demo import ROOT
 from namespaces import Namespace
 from openssh_server import listens, wait_until
 from picture_viewers import Taker, look_at_stream
@@ -29,7 +30,7 @@ from paper.peer_program import Program
 if TYPE_CHECKING:
     from paper.uplinks import Uplink
 
-SIM_ROBOT = Path(__file__).resolve().parents[3] / "images" / "sim_robot"
+SIM_ROBOT = ROOT / "images" / "sim_robot"
 ROS_PORT, VIDEO_PORT = 9090, 8080
 CAMERA = "/camera/image_raw"
 DRIVE, OBSERVE = "drive", "observe"

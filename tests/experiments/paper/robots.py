@@ -25,7 +25,7 @@ from types import TracebackType
 from typing import Literal
 
 from demo import ROOT
-from openssh_server import command_line, descendants, kill
+from openssh_server import descendants, kill
 
 from paper.enrolled import Enrolled, environment
 from paper.uplinks import Uplink
@@ -92,14 +92,6 @@ class WholeRobot:
         assert self._ros is not None
         return self._ros.pid
 
-    @property
-    def guard_pid(self) -> int:
-        """The guard's process; raises LookupError while there is none."""
-        for pid in descendants(self.agent_pid):
-            if "robotether_agent.guard" in command_line(pid):
-                return pid
-        raise LookupError(f"robot {self.name} has no guard now")
-
     def __enter__(self) -> WholeRobot:
         """Start both."""
         try:
@@ -151,15 +143,6 @@ class WholeRobot:
         """Tell the agent to end, and do not wait."""
         if self._agent is not None:
             self._agent.terminate()
-
-    def kill_agent(self) -> None:
-        """Kill it and all that it started, as the loss of power does."""
-        if self._agent is not None:
-            started = descendants(self._agent.pid)
-            self._agent.kill()
-            self._agent.wait()
-            for pid in started:
-                kill(pid)
 
     def wait_online(self, seconds: float = 30) -> None:
         """Wait until the server says that it is online, and its rosbridge answers."""
