@@ -30,6 +30,7 @@ from robotether_agent.notify import Notifier
 from robotether_agent.problems import (
     KeyRefused,
     Problem,
+    ServerBusy,
     ServerUnreachable,
     SessionEnded,
     StateUnusable,
@@ -156,13 +157,16 @@ class Agent:
             self._enroller.doubt()
             await self._enroller.enrolment()
             raise
+        except ServerBusy:
+            # That is the server. Whole fleets that also ask the web now are what would keep it busy.
+            raise
         except ServerUnreachable:
-            self._enroller.doubt()
+            self._enroller.doubt_address()
             raise
         finally:
             self._session = None
             self._session_up.clear()
-            self._show_checked(Checked())
+            self._board.set(**_seen_from_server(Checked()))
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
@@ -297,17 +301,18 @@ class Agent:
                 video_detail=report.video_detail,
             )
 
-    def _show_checked(self, checked: Checked) -> None:
-        self._board.set(
-            end_to_end_ros=checked.ros,
-            end_to_end_video=checked.video,
-            end_to_end_shell=checked.shell,
-        )
-
     async def _refresh_status(self) -> None:
         while True:
-            rtt_ms = None if self._session is None else self._session.rtt_ms
-            if self._session is not None:
-                self._show_checked(self._session.checked)
-            self._board.set(rtt_ms=-1.0 if rtt_ms is None else rtt_ms)
+            session = self._session
+            rtt_ms = None if session is None else session.rtt_ms
+            seen = {} if session is None else _seen_from_server(session.checked)
+            self._board.set(rtt_ms=-1.0 if rtt_ms is None else rtt_ms, **seen)
             await asyncio.sleep(STATUS_EVERY_S)
+
+
+def _seen_from_server(checked: Checked) -> dict[str, str]:
+    return {
+        "end_to_end_ros": checked.ros,
+        "end_to_end_video": checked.video,
+        "end_to_end_shell": checked.shell,
+    }

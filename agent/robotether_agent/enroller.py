@@ -12,6 +12,7 @@ import logging
 import socket
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic
 
 from robotether_agent import __version__, keys
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
@@ -47,6 +48,8 @@ HARMLESS_ONCE_ENROLLED = (
     StateUnusable,
 )
 
+# A server that moves is rare, and one whose sshd is away hears from its whole fleet.
+ASK_ADDRESS_EVERY_S = 60.0
 # An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
 QUICK_ANSWER_S = 4.0
 
@@ -61,6 +64,7 @@ class Enroller:
         self._store = EnrolmentStore(settings.state_dir)
         self._identities = IdentityStore(settings, root)
         self._doubted = False
+        self._asked_at = -ASK_ADDRESS_EVERY_S
         # Whether the server knows since this start that the robot's MAC is on no interface of this machine.
         self._vouched = False
         self._absent_mac_told = False
@@ -135,14 +139,20 @@ class Enroller:
         await self.join()
 
     def doubt(self) -> None:
-        """Ask the server before the next connection: its address or ports may have changed."""
+        """Ask the server before the next connection: what it knows of this robot may have changed."""
         self._doubted = True
+
+    def doubt_address(self) -> None:
+        """Ask before the next connection where the server is, unless it was asked within the last minute."""
+        if monotonic() - self._asked_at >= ASK_ADDRESS_EVERY_S:
+            self.doubt()
 
     def _state_dir(self) -> Path:
         ensure_directory(self._settings.state_dir, "state_dir", 0o700)
         return self._settings.state_dir
 
     async def _join(self) -> Enrolment:
+        self._asked_at = monotonic()
         settings, identity = self._settings, self.identity()
         known = self._store.load(settings.server)
         answer = await self._ask(identity, is_enrolled=known is not None)

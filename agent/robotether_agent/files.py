@@ -28,10 +28,10 @@ def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
         ) from error
 
 
-def write_atomic(path: Path, data: str, mode: int) -> None:
-    """Write `data` to `path` so that a reader or a power cut sees the old file or the new one."""
+def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> None:
+    """Write `data` to `path` so that a reader sees the old file or the new one, and what `lasts` also after a power cut."""
     try:
-        _write(path, data, mode)
+        _write(path, data, mode, lasts=lasts)
     except OSError as error:
         raise StateUnusable(
             f"cannot write {path}: {error.strerror}",
@@ -86,20 +86,22 @@ def only_one(path: Path, who: str = "agent") -> Iterator[None]:
         yield
 
 
-def _write(path: Path, data: str, mode: int) -> None:
+def _write(path: Path, data: str, mode: int, *, lasts: bool) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     temporary = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             os.fchmod(file.fileno(), mode)
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+            if lasts:
+                file.flush()
+                os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _sync_directory(path.parent)
+    if lasts:
+        _sync_directory(path.parent)
 
 
 def _sync_directory(directory: Path) -> None:

@@ -16,6 +16,7 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- AnswerInvalid         answer_invalid       slowly
     |- TlsUntrusted          tls_untrusted        slowly
     |- ServerUnreachable     server_unreachable   soon
+    |  `- ServerBusy         server_busy          soon
     |- NoAnswer              no_answer            at once
     |- HostKeyChanged        host_key_changed     give up (exit 76)
     |- KeyRefused            key_refused          soon
@@ -163,6 +164,15 @@ class ServerUnreachable(Problem):
 
     default_code = "server_unreachable"
     default_retry = Retry.SOON
+
+
+class ServerBusy(ServerUnreachable):
+    """sshd itself refused a connection because it has as many log-ins under way as it takes (MaxStartups)."""
+
+    default_code = "server_busy"
+    default_advice = (
+        "nothing need be done: robots get in one after the other, and this one tries again"
+    )
 
 
 class NoAnswer(Problem):

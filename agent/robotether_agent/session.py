@@ -33,7 +33,7 @@ from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of, within
 
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
-FIRST_TIMEOUT_S = 20.0
+FIRST_TIMEOUT_S = 30.0
 UNSENT_LIMIT = 64 * 1024
 PINGS_KEPT = 16
 SERVICE = re.compile("ok|down|unknown")

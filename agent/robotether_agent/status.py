@@ -124,7 +124,7 @@ class StatusBoard:
         """Write the file, which also says that the agent lives."""
         self.status = replace(self.status, written_at=self._clock())
         try:
-            write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644)
+            write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644, lasts=False)
         except StateUnusable as problem:
             # A full disk must not cut the tunnels.
             log.log(logging.DEBUG if self._unwritable else logging.WARNING, "%s", problem)

@@ -5,7 +5,9 @@ late       says its name when the test lets it (`may_speak`), as an sshd does th
 shy        says its name when spoken to, as nginx's port 443 makes it look
 silent     accepts and says nothing, as a captive portal may
 babbles    says what is not SSH
-closes     ends every connection at once, as a full sshd does
+closes     ends every connection at once, as nginx does whose sshd is away
+full       lets no log-in begin, in the words of OpenSSH 10 at its MaxStartups
+full_before_10  the same, in the words of those before it
 """
 
 from __future__ import annotations
@@ -15,9 +17,13 @@ from typing import Literal
 
 from door_server import DoorServer
 
-Mode = Literal["speaks", "late", "shy", "silent", "babbles", "closes"]
+Mode = Literal["speaks", "late", "shy", "silent", "babbles", "closes", "full", "full_before_10"]
 
 BANNER = b"SSH-2.0-door\r\n"
+REFUSALS = {
+    "full": b"Not allowed at this time\r\n",
+    "full_before_10": b"Exceeded MaxStartups\r\n",
+}
 
 
 class Door(DoorServer):
@@ -38,7 +44,9 @@ class Door(DoorServer):
             await self.may_speak.wait()
         if self.mode == "shy":
             self.heard += await reader.readline()
-        if self.mode == "babbles":
+        if self.mode in REFUSALS:
+            writer.write(REFUSALS[self.mode])
+        elif self.mode == "babbles":
             writer.write(b"HTTP/1.1 302 Log in first\r\n\r\n")
         elif self.mode != "silent":
             writer.write(BANNER)

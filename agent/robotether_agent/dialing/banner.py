@@ -11,10 +11,12 @@ import socket
 
 from robotether_agent.dialing.tcp import CHECK_NETWORK, peek
 from robotether_agent.fields import printable
-from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
+from robotether_agent.problems import NoAnswer, Problem, ServerBusy, ServerUnreachable
 from robotether_agent.tasks import within
 
 SSH = b"SSH-"
+# What sshd says in place of its banner when it lets no further log-in begin: OpenSSH 10, and those before it.
+FULL = (b"Not allowed at this time", b"Exceeded MaxStartups")
 OUR_WORDS = b"SSH-2.0-robotether\r\n"
 # A server that speaks first does so one round trip after the connection stands, unless it has much to do. To be spoken
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
@@ -68,6 +70,10 @@ def _closed(name: str) -> Problem:
 
 
 def _no_ssh(name: str, words: bytes) -> Problem:
+    if words.startswith(FULL):
+        return ServerBusy(
+            f"cannot log in at {name} now: as many log-ins are under way there as it takes at once"
+        )
     said = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
     return ServerUnreachable(
         f"cannot reach SSH at {name}: what answers there is no SSH server ({said!r})",

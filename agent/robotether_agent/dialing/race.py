@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from typing import Generic, TypeVar
 
-from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
+from robotether_agent.problems import NoAnswer, Problem, ServerBusy, ServerUnreachable
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
@@ -91,7 +91,9 @@ class Race(Generic[T]):
             if not isinstance(error, Problem):
                 raise error
             self._failed.append(error)
-            if isinstance(error, ServerUnreachable) and not self._eager:
+            # A busy server is the server: its other ports and addresses would only give it more to do.
+            ends = ServerBusy if self._eager else ServerUnreachable
+            if isinstance(error, ends):
                 raise error
             is_time = is_time or self._eager
         if is_time:
@@ -125,10 +127,11 @@ class Race(Generic[T]):
 
 
 def together(failed: Sequence[Problem]) -> Problem:
-    """Return one problem for all: that nothing answered only if really nothing did."""
+    """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
     answered = [problem for problem in failed if isinstance(problem, ServerUnreachable)]
-    told: Sequence[Problem] = answered or failed
+    busy = [problem for problem in answered if isinstance(problem, ServerBusy)]
+    told: Sequence[Problem] = busy or answered or failed
     message = "; ".join(dict.fromkeys(problem.message for problem in told))
     advice = next((problem.advice for problem in told if problem.advice), None)
-    kind = ServerUnreachable if answered else NoAnswer
+    kind = (ServerBusy if busy else ServerUnreachable) if answered else NoAnswer
     return kind(message or "cannot connect: nothing answers", advice=advice)

@@ -35,6 +35,7 @@ from paper.fleet_groups import FAILED_AFTER_S
 from paper.fleet_operators import Board, Operators
 from paper.fleet_worker import LINE_BYTES, allow_files
 from paper.profiles import PLAIN
+from paper.robots import ASIDE
 from paper.uplinks import Uplink
 from paper.world import World
 
@@ -115,7 +116,7 @@ class Worker:
         """Start it in the uplink's namespace."""
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in PATHS)}
         process = await asyncio.create_subprocess_exec(
-            *uplink.inside.command(sys.executable, "-m", "paper.fleet_worker"),
+            *uplink.inside.command(*ASIDE, sys.executable, "-m", "paper.fleet_worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

@@ -75,7 +75,8 @@ def _costs(starts: Sequence[Group]) -> Section:
     text = (
         "For each robot that came online: processor time from the order to start until the last message, and memory "
         "that the server's containers held more at its end, as their control groups tell (the programs' own pages "
-        "and the kernel's for them). The robots' side counts agents, guards, rosbridges and OpenSSH clients; the "
+        "and the kernel's for them). The robots' side counts agents, guards, rosbridges and OpenSSH clients, "
+        "which run at the lowest priority (nice 19), as robots have processors of their own; the "
         "rest is what this machine did beside, such as Docker, the kernel's network, and other programs. Idle is the "
         "whole fleet, online and used by nobody."
     )

@@ -120,7 +120,10 @@ def with_whole_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[
             for uplink, share in zip(uplinks, shares(count), strict=True)
             for _ in range(share)
         ]
-        robots = [WholeRobot(world, *pair, "bus") for pair in zip(enrolled, places, strict=True)]
+        robots = [
+            WholeRobot(world, *pair, "bus", aside=True)
+            for pair in zip(enrolled, places, strict=True)
+        ]
         for robot in robots:
             ending.push(robot)
             robot.start_ros()

@@ -32,6 +32,9 @@ from paper.uplinks import Uplink
 from paper.world import World
 
 Ros = Literal["bus", "simulator"]
+# Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
+# both have to share here, what is measured would be how that is decided; so the server comes first.
+ASIDE = ("nice", "-n", "19")
 ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
 PLACES = [
     ROOT / place for place in ("agent", "images/sim_robot", "tests/support", "tests/experiments")
@@ -55,8 +58,10 @@ class WholeRobot:
         *,
         agent_settings: Mapping[str, object] | None = None,
         sim_settings: Mapping[str, object] | None = None,
+        aside: bool = False,
     ) -> None:
         """Settings as agent.toml and the simulator's Settings name them: {"guard": "off"}, {"camera_fps": 5}."""
+        self._before = ASIDE if aside else ()
         self.name = enrolled.name
         self.uplink = uplink
         self.enrolled = enrolled
@@ -185,7 +190,7 @@ class WholeRobot:
         self, name: str, words: Sequence[str], given: Mapping[str, str]
     ) -> subprocess.Popen[bytes]:
         environ = {**clean_environment(), **given}
-        command = self.uplink.inside.command(sys.executable, "-m", *words)
+        command = self.uplink.inside.command(*self._before, sys.executable, "-m", *words)
         with self._log(name).open("ab") as log:
             # A Ctrl-C is for the run, which then ends its robots in order.
             return subprocess.Popen(

@@ -110,6 +110,19 @@ async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     assert len(cloud.joins) == 3
 
 
+async def test_the_address_is_doubted_once_a_minute(cloud, settings, monkeypatch):
+    """A server whose SSH is away is not also asked by its whole fleet over and over where it is."""
+    enroller = Enroller(settings)
+    await enroller.enrolment()
+    enroller.doubt_address()
+    await enroller.enrolment()
+    assert len(cloud.joins) == 1
+    monkeypatch.setattr("robotether_agent.enroller.ASK_ADDRESS_EVERY_S", 0.0)
+    enroller.doubt_address()
+    await enroller.enrolment()
+    assert len(cloud.joins) == 2
+
+
 async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, settings, monkeypatch):
     """What is known is used after a moment, and the question is not put off to the next connection."""
     monkeypatch.setattr("robotether_agent.enroller.QUICK_ANSWER_S", 0.2)

@@ -7,7 +7,7 @@ from robotether_agent.dialing import banner
 from robotether_agent.dialing.banner import Banner
 from robotether_agent.dialing.resolver import Resolver
 from robotether_agent.dialing.tcp import connect
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
 from ssh_doors import BANNER, Door
 
 
@@ -64,4 +64,12 @@ async def test_one_that_is_no_ssh_server(mode, told):
     """A portal is told by what it says."""
     async with Door(mode) as door:
         with pytest.raises(ServerUnreachable, match=told):
+            await check(door, Banner())
+
+
+@pytest.mark.parametrize("mode", ["full", "full_before_10"])
+async def test_a_server_that_lets_no_more_log_ins_begin(mode):
+    """It is the server, which needs nothing but time."""
+    async with Door(mode) as door:
+        with pytest.raises(ServerBusy, match="as many log-ins are under way"):
             await check(door, Banner())

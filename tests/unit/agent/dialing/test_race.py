@@ -8,7 +8,7 @@ from itertools import repeat
 import pytest
 from fake_cloud import eventually
 from robotether_agent.dialing.race import Race, after, together
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
 
 
 class Attempts:
@@ -143,3 +143,18 @@ def test_silence_is_told_only_if_nothing_answered():
     assert isinstance(together([NoAnswer("a"), ServerUnreachable("b")]), ServerUnreachable)
     assert isinstance(together([NoAnswer("a")]), NoAnswer)
     assert isinstance(together([]), NoAnswer)
+
+
+async def test_a_busy_server_ends_the_race(attempts):
+    """Its other ports are not asked: they lead to the same server."""
+    ways = [attempts.that("busy", ServerBusy("full")), attempts.that("second", "works")]
+    with pytest.raises(ServerBusy, match="full"):
+        await Race(ways, pause=after(10), drop=attempts.dropped.append).winner()
+    assert attempts.started == ["busy"]
+
+
+def test_busy_is_what_counts_of_several_problems():
+    """What the server itself said explains more than a port that somebody closed."""
+    problem = together([NoAnswer("nothing"), ServerUnreachable("closed"), ServerBusy("full")])
+    assert isinstance(problem, ServerBusy)
+    assert problem.message == "full"
