@@ -29,7 +29,7 @@ def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
 
 
 def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> None:
-    """Write `data` to `path` so that a reader sees the old file or the new one, and what `lasts` also after a power cut."""
+    """Write `data` to `path`; a reader sees the old file or the new one, after a power cut too if it `lasts`."""
     try:
         _write(path, data, mode, lasts=lasts)
     except OSError as error:
