@@ -23,13 +23,19 @@ DAEMONS = (
     ("mysql", "MariaDB", "mariadbd --version"),
     ("relay", "Python of web and relay", "python3 --version"),
 )
+# Each part that ends writes them anew, which makes the sources no other ones.
+OUR_OWN_PAGES = ":(exclude)docs/experiments"
 _VERSION = re.compile(r"\d+\.\d[\w.]*")
 
 
 def described() -> str:
     """What `git describe` calls the sources; raises OSError or CalledProcessError without git or its folder."""
-    command = ["git", "describe", "--always", "--dirty"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", OUR_OWN_PAGES)
+    return _git("describe", "--always") + ("-dirty" if changed else "")
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
