@@ -15,7 +15,7 @@ STYLE = """
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e4e7ea; --paper: #15181b; --line: #3a4046; --link: #7db8f0; --faint: #1f2428; }
 }
-body { margin: 0 auto; max-width: 62rem; padding: 1rem; background: var(--paper); color: var(--ink);
+body { margin: 0 auto; max-width: 78rem; padding: 1rem; background: var(--paper); color: var(--ink);
   font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: break-word; }
 h1, h2, h3 { line-height: 1.2; }
 h2 { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 1rem; }
@@ -23,7 +23,7 @@ a { color: var(--link); }
 table { display: block; overflow-x: auto; border-collapse: collapse; font-size: .9rem;
   font-variant-numeric: tabular-nums; }
 th, td { border: 1px solid var(--line); padding: .25rem .6rem; text-align: left; white-space: nowrap; }
-td:first-child, td:nth-child(2) { white-space: normal; min-width: 8rem; }
+td:nth-child(-n+3) { white-space: normal; min-width: 7rem; }
 th { background: var(--faint); }
 code { background: var(--faint); padding: .1em .3em; border-radius: .2em; }
 img { max-width: 100%; height: auto; background: #ffffff; border-radius: .3rem; }
