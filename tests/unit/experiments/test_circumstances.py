@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import platform
+import subprocess
+from pathlib import Path
 
 import pytest
+from paper import circumstances
 from paper.circumstances import DAEMONS, commit, machine, version_in
 
 
@@ -35,6 +38,25 @@ def test_machine_tells_what_it_is() -> None:
 def test_commit_is_always_told() -> None:
     """A tree without git's folder is measured, too."""
     assert commit()
+
+
+def test_the_experiments_own_pages_change_no_sources(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A part that ends writes them anew; whatever else changed makes the sources dirty."""
+    monkeypatch.setattr(circumstances, "ROOT", tmp_path)
+    page, source = tmp_path / "docs/experiments/index.md", tmp_path / "agent.py"
+    page.parent.mkdir(parents=True)
+    for file in (page, source):
+        file.write_text("before\n")
+    person = ("-c", "user.name=a", "-c", "user.email=a@example.com")
+    for words in (("init", "-q"), ("add", "."), (*person, "commit", "-qm", "a")):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    clean = commit()
+    page.write_text("after\n")
+    assert commit() == clean
+    source.write_text("after\n")
+    assert commit() == f"{clean}-dirty"
 
 
 def test_every_daemon_is_asked_once() -> None:
