@@ -1,4 +1,7 @@
-"""The enroller against a real join over TLS: when it asks, and what an enrolled robot never needs again."""
+"""The enroller against a real join over TLS: when it asks, and what an enrolled robot never needs again.
+
+Over 400 lines: one class, and every reason that it may have to ask the server.
+"""
 
 from __future__ import annotations
 
