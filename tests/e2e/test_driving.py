@@ -79,7 +79,7 @@ def _stands(watch: SimWatch) -> None:
 
 
 def _wait_command(watch: SimWatch, what: str, condition: Callable[[Any], bool]) -> Any:
-    """Wait for a command that is so, and return it."""
+    """Wait for a command that is so, and return it; the robot may not move by it yet."""
     end = time.monotonic() + 5
     while True:
         sent = [seen.msg for seen in watch.commands()]
@@ -346,6 +346,7 @@ def test_a_gamepad_goes_sideways_and_turns_on_a_robot_that_can(
         most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
         assert sent["linear"]["x"] ** 2 + sent["linear"]["y"] ** 2 == pytest.approx(most**2)
         assert sent["linear"]["x"] == pytest.approx(sent["linear"]["y"])
+        watch.wait_pose("turning as it goes", lambda pose: pose["angular_velocity"] < 0)
         gamepad.release()
         _stands(watch)
 
@@ -360,6 +361,7 @@ def test_a_car_does_not_turn_in_place(page: Page, stack: Stack, watch: SimWatch)
         page.keyboard.down("s")
         sent = _wait_command(watch, "that backs", lambda twist: twist["linear"]["x"] < 0)
         assert sent["angular"]["z"] < 0
+        watch.wait_pose("backing", _moving)
         page.keyboard.up("s")
         page.keyboard.up("a")
         _stands(watch)
