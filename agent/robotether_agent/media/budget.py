@@ -17,8 +17,10 @@ from robotether_agent.media.connection_state import Reading, read
 from robotether_agent.media.meters import Bucket, Handed
 from robotether_agent.media.pace import Pace
 
-# Between two looks while somebody waits.
+# Between two looks while somebody waits, and until what was handed on has arrived, but no longer than this: how fast
+# a picture went is seen at its end.
 LOOK_EVERY_S = 0.004
+ARRIVES_WITHIN_S = 1.0
 # The most in one turn, so that a stream does not wait long for the others, and the least, so that ssh makes no
 # encrypted packets of a few bytes.
 TURN_MAX = 16 * 1024
@@ -41,6 +43,8 @@ class Budget:
         self._told = False
         # Somebody has waited since the last look.
         self._is_wanted = False
+        # What was handed on until then may still be under way.
+        self._arrives_until_s = 0.0
 
     def use(self, connection: socket.socket | None) -> None:
         """Look at this connection from now on; it stays the caller's."""
@@ -48,6 +52,7 @@ class Budget:
         self._is_held = False
         self._paced = None
         self._handed = Handed()
+        self._arrives_until_s = 0.0
         self._serve()
 
     def hold(self) -> None:
@@ -67,16 +72,16 @@ class Budget:
     def _serve(self) -> None:
         self._stop_timer()
         self._drop_gone()
-        if self._is_held or not self._waiting:
+        if self._is_held or not (self._waiting or self._arrives_until_s):
             return
         reading = self._read()
         if reading is None:
             self._grant_all()
             self._is_wanted = False
             return
-        self._grant(self._room(reading))
+        self._grant(reading)
         self._is_wanted = bool(self._waiting)
-        if self._is_wanted:
+        if self._is_wanted or reading.at_s < self._arrives_until_s:
             self._timer = asyncio.get_running_loop().call_later(LOOK_EVERY_S, self._waited)
 
     def _waited(self) -> None:
@@ -108,25 +113,32 @@ class Budget:
             pace = Pace(reading)
             self._paced = pace, Bucket(reading.at_s, pace.window)
         pace, bucket = self._paced
-        pace.update(reading, was_full=self._is_wanted)
+        left = self._handed.left(reading)
+        under_way = reading.under_way + left
+        if not under_way:
+            self._arrives_until_s = 0.0
+        is_handed = not (self._is_wanted or left)
+        pace.update(reading, was_full=self._is_wanted, is_handed=is_handed)
         saved = bucket.fill(reading.at_s, pace.speed, was_wanted=self._is_wanted, least=TURN_MIN)
-        return min(saved, pace.window - reading.under_way - self._handed.left(reading))
+        return min(saved, pace.window - under_way)
 
-    def _grant(self, room: int) -> None:
+    def _grant(self, reading: Reading) -> None:
         """Give turns, first come first served; who wants more than its turn queues again behind the others.
 
         What is left is shared among all who wait: whoever comes last in each round would get the smallest turns else.
         """
+        room = self._room(reading)
         while self._waiting and room >= min(self._waiting[0][0], TURN_MIN):
             share = max(TURN_MIN, room // len(self._waiting))
             wanted, turn = self._waiting.popleft()
             granted = min(wanted, room, share, TURN_MAX)
             room -= granted
-            self._note(granted)
+            self._note(granted, reading.at_s)
             turn.set_result(granted)
 
-    def _note(self, granted: int) -> None:
+    def _note(self, granted: int, now_s: float) -> None:
         self._handed.add(granted)
+        self._arrives_until_s = now_s + ARRIVES_WITHIN_S
         if self._paced is not None:
             self._paced[1].take(granted)
 

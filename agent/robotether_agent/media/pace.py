@@ -5,7 +5,9 @@ queue of the slowest link until it overflows, and control waits behind that. Thi
 bytes under way, both measured over rounds of at least a round trip:
 
 * rate: what arrived in a round, the best of the last few. Since a little more than the path holds is under way,
-  this grows by itself, round by round, as long as the path takes more.
+  this grows by itself, round by round, as long as the path takes more. On a path that takes more than the camera
+  gives, rounds have pauses in them and say too little; there each picture counts, from its first byte's way out to
+  its last one's arrival, less the round trip that even a single byte takes.
 * round trip without a queue: the shortest of the last BASE_FOR_S. After the start, when none as short was seen
   for that long, or when a queue stays whatever we do, the window is halved for some rounds. That empties our part
   of any queue; what a round trip takes then is the path's own length, or the queue of somebody who does not give way.
@@ -35,6 +37,9 @@ LASTING_ROUNDS = 8
 ROUND_MIN_S = 0.04
 # A round says what the path takes if somebody waited for the window during this part of it.
 FULL_PART = 0.8
+# Fewer segments are no picture. The last byte's arrival is seen so much too late, as often as one looks.
+BURST_SEGMENTS_MIN = 4
+SEEN_LATE_S = 0.004
 ROUNDS_KEPT = 8
 SEGMENTS_AT_START = 10
 SEGMENTS_MIN = 4
@@ -98,6 +103,38 @@ class Round:
         return self._full_s > FULL_PART * self.lasted_s
 
 
+class Burst:
+    """What is handed on until nobody wants to send any more, which is a picture mostly, and how fast it goes."""
+
+    def __init__(self, first: Reading) -> None:
+        self._first = first
+        self._end: int | None = None
+
+    def add(self, reading: Reading, *, is_handed: bool) -> None:
+        """Note one reading; `is_handed`: all that anybody wanted to send by then was written."""
+        if self._end is not None or not is_handed:
+            return
+        if reading.written == self._first.written:
+            self._first = reading
+        else:
+            self._end = reading.written
+
+    def has_arrived(self, reading: Reading) -> bool:
+        """Whether the other end has all of it."""
+        return self._end is not None and reading.arrived >= self._end
+
+    def rate(self, reading: Reading) -> float | None:
+        """Return the bytes a second that the path took, now that it has arrived; nothing if it was too little to tell.
+
+        Rather too few than too many: what was under way before went first.
+        """
+        went = (self._end or 0) - self._first.written
+        if went < BURST_SEGMENTS_MIN * reading.segment:
+            return None
+        lasted_s = reading.at_s - self._first.at_s - reading.min_rtt_s - SEEN_LATE_S
+        return went / max(lasted_s, SEEN_LATE_S)
+
+
 class Pace:
     """The estimate for one connection."""
 
@@ -109,6 +146,7 @@ class Pace:
         self._rates: deque[float] = deque(maxlen=ROUNDS_KEPT)
         self._segment = first.segment
         self._round = Round(first)
+        self._burst = Burst(first)
         self._start: Start | None = Start()
         self._drains_left = 0
         self._rounds_over_ceiling = 0
@@ -142,9 +180,16 @@ class Pace:
             return START_GAIN
         return SEARCH_GAIN if self.queue_s < QUEUE_S / 4 else 1.0
 
-    def update(self, reading: Reading, *, was_full: bool) -> None:
-        """Learn from `reading`; `was_full`: somebody has waited for the window since the last one."""
+    def update(self, reading: Reading, *, was_full: bool, is_handed: bool) -> None:
+        """Learn from `reading`; `was_full`: somebody has waited for the window since the last one.
+
+        `is_handed`: nobody did, and all that was handed on before was written.
+        """
         self._segment = reading.segment
+        self._burst.add(reading, is_handed=is_handed)
+        if self._burst.has_arrived(reading):
+            self._learn_burst(self._burst.rate(reading))
+            self._burst = Burst(reading)
         self._round.add(reading, was_full=was_full)
         if self._round.is_over:
             self._learn(self._round, reading.at_s)
@@ -162,6 +207,10 @@ class Pace:
             self._learn_rate(seen.rate)
         if seen.was_full and self._base_is_doubtful(now_s):
             self._begin_drain()
+
+    def _learn_burst(self, rate: float | None) -> None:
+        if rate is not None and not self._drains_left:
+            self._learn_rate(rate)
 
     def _learn_base(self, seen: Round, now_s: float) -> None:
         if seen.rtt_s <= self._base_s + BASE_NOISE_S:

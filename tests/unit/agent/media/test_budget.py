@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from fake_cloud import eventually
-from robotether_agent.media.budget import TURN_MAX, Budget
+from robotether_agent.media.budget import ARRIVES_WITHIN_S, TURN_MAX, Budget
 from robotether_agent.media.connection_state import Reading
 from robotether_agent.media.meters import STUCK_AFTER_S
 
@@ -24,8 +24,10 @@ class Connection:
         self.written = 5000
         self.arrived = 5000
         self.known = True
+        self.looks = 0
 
     def look(self, _: socket.socket, now_s: float) -> Reading | None:
+        self.looks += 1
         if not self.known:
             return None
         return Reading(now_s, self.written, self.arrived, 0.04, 0.04, SEGMENT)
@@ -99,6 +101,42 @@ async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(
     """What ssh cannot write is forgotten after a while."""
     assert await budget.take(TURN_MAX) == FIRST_WINDOW
     assert await asyncio.wait_for(budget.take(TURN_MAX), STUCK_AFTER_S * 8) > 0
+
+
+async def _looks_in(connection: Connection, lasts_s: float) -> int:
+    before = connection.looks
+    await asyncio.sleep(lasts_s)
+    return connection.looks - before
+
+
+async def test_a_picture_is_followed_until_it_has_arrived(
+    budget: Budget, connection: Connection
+) -> None:
+    """Though nobody waits: how fast it went is seen then; afterwards nothing is looked at."""
+    connection.written += await budget.take(TURN_MAX)
+    assert await _looks_in(connection, 0.1) > 5
+    connection.arrived = connection.written
+    await asyncio.sleep(0.05)
+    assert await _looks_in(connection, 0.1) == 0
+
+
+async def test_a_picture_that_never_arrives_is_not_followed_for_ever(
+    budget: Budget, connection: Connection
+) -> None:
+    """A dead path costs no looks."""
+    connection.written += await budget.take(TURN_MAX)
+    await asyncio.sleep(ARRIVES_WITHIN_S + 0.05)
+    assert await _looks_in(connection, 0.1) == 0
+
+
+async def test_a_connection_that_goes_while_a_picture_is_followed_is_no_word_in_the_log(
+    budget: Budget, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody waits, so that nothing is passed on unpaced."""
+    await budget.take(TURN_MAX)
+    budget.use(None)
+    await asyncio.sleep(0.02)
+    assert not caplog.records
 
 
 async def test_streams_share_fairly(budget: Budget, connection: Connection) -> None:

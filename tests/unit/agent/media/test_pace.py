@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robotether_agent.media.connection_state import Reading
-from robotether_agent.media.pace import BASE_FOR_S, SEGMENTS_MIN, Pace
+from robotether_agent.media.pace import BASE_FOR_S, SEGMENTS_MIN, WINDOW_MAX, Pace
 
 LOOK_S = 0.004
 SEGMENT = 1448
@@ -50,6 +50,10 @@ class Path:
         return (self._sent - before) / (self.rate * lasts_s)
 
     def _step(self) -> None:
+        self._carry()
+        self._look()
+
+    def _carry(self) -> None:
         self.now += LOOK_S
         own = self._written - self._sent
         share = own / (own + self.others) if own else 0.0
@@ -64,17 +68,49 @@ class Path:
                 # Some acknowledgements came in this step, and the kernel smooths by an eighth each.
                 jitter_s = self._rng.uniform(-self.jitter_s, self.jitter_s)
                 self._rtt_s += (self.base_s + queue_s + jitter_s - self._rtt_s) * 0.6
+
+    def _look(self) -> None:
+        is_offered = self.offers(self.now)
+        self._send(is_offered, WINDOW_MAX if is_offered else 0.0)
+
+    def _send(self, was_full: bool, offered: float) -> float:
+        """Hand on what may go of what is offered, and return how much that is."""
         reading = self._reading(self._rtt_s)
-        was_full = self.offers(self.now)
-        self.pace.update(reading, was_full=was_full)
-        if was_full:
-            room = max(0.0, self.pace.window - reading.under_way)
-            self._written += min(room, self.pace.speed * LOOK_S)
+        self.pace.update(reading, was_full=was_full, is_handed=not was_full)
+        room = max(0.0, self.pace.window - reading.under_way)
+        sent = min(room, self.pace.speed * LOOK_S, offered)
+        self._written += sent
+        return sent
 
     def _reading(self, rtt_s: float) -> Reading:
         return Reading(
             self.now, int(self._written), int(self._arrived), rtt_s, self.base_s, SEGMENT
         )
+
+
+class Camera(Path):
+    """A path whose sender has a picture 15 times a second, and drops the one that comes while the last still waits."""
+
+    def __init__(self, rate: float, base_s: float, picture: float) -> None:
+        super().__init__(rate, base_s)
+        self.took_s: list[float] = []
+        self._picture = picture
+        self._waits = 0.0
+        self._taken_at = self._next_at = 0.0
+        self._arriving: deque[tuple[float, float]] = deque()
+
+    def _look(self) -> None:
+        was_full = self._waits > 0
+        if self.now >= self._next_at:
+            self._next_at += 1 / 15
+            if not was_full:
+                self._waits, self._taken_at = self._picture, self.now
+        sent = self._send(was_full, self._waits)
+        self._waits -= sent
+        if sent and not self._waits:
+            self._arriving.append((self._taken_at, self._written))
+        while self._arriving and self._arrived >= self._arriving[0][1] - 1:
+            self.took_s.append(self.now - self._arriving.popleft()[0])
 
 
 def p95(values: list[float]) -> float:
@@ -161,6 +197,32 @@ def test_a_camera_that_offers_little_shrinks_nothing() -> None:
     path.offers = lambda now: now % 1 < 0.1
     path.run(20)
     assert path.pace.rate == pytest.approx(before, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("bit_s", "base_s"),
+    [(89e6, 0.007), (113e6, 0.007), (5e6, 0.038), (9e6, 0.019), (19e6, 0.015), (5.4e6, 0.031)],
+)
+@pytest.mark.parametrize("picture", [12_000.0, 24_000.0, 36_000.0])
+def test_a_picture_that_fits_is_not_held_up(bit_s: float, base_s: float, picture: float) -> None:
+    """On each of the paper's networks it takes what the path itself takes, and makes no long queue."""
+    path = Camera(bit_s / 8, base_s, picture)
+    path.run(5)
+    path.took_s.clear()
+    path.run(15)
+    assert len(path.took_s) > 14.5 * 15
+    assert statistics.median(path.took_s) < picture / path.rate + base_s + 3 * LOOK_S
+    assert p95(path.queues_s) < 0.025
+
+
+def test_a_picture_that_does_not_fit_any_more_makes_no_lasting_queue() -> None:
+    """A path of 89 Mbit/s becomes one of 5: within two seconds no more is under way than it holds."""
+    path = Camera(89e6 / 8, 0.03, 24_000.0)
+    path.run(5)
+    path.rate = 5e6 / 8
+    path.run(2)
+    path.run(8)
+    assert p95(path.queues_s) < 0.025
 
 
 def test_a_dead_path_keeps_the_window_bounded() -> None:
