@@ -128,10 +128,14 @@ class Race(Generic[T]):
 
 def together(failed: Sequence[Problem]) -> Problem:
     """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
-    answered = [problem for problem in failed if isinstance(problem, ServerUnreachable)]
-    busy = [problem for problem in answered if isinstance(problem, ServerBusy)]
-    told: Sequence[Problem] = busy or answered or failed
+    for kind in (ServerBusy, ServerUnreachable):
+        told = [problem for problem in failed if isinstance(problem, kind)]
+        if told:
+            return _one(kind, told)
+    return _one(NoAnswer, failed)
+
+
+def _one(kind: type[Problem], told: Sequence[Problem]) -> Problem:
     message = "; ".join(dict.fromkeys(problem.message for problem in told))
     advice = next((problem.advice for problem in told if problem.advice), None)
-    kind = (ServerBusy if busy else ServerUnreachable) if answered else NoAnswer
     return kind(message or "cannot connect: nothing answers", advice=advice)
