@@ -178,7 +178,11 @@ class Pace:
             return 0.5
         if self._start is not None:
             return START_GAIN
-        return SEARCH_GAIN if self.queue_s < QUEUE_S / 4 else 1.0
+        return SEARCH_GAIN if self._shows_no_queue else 1.0
+
+    @property
+    def _shows_no_queue(self) -> bool:
+        return self.queue_s < QUEUE_S / 4
 
     def update(self, reading: Reading, *, was_full: bool, is_handed: bool) -> None:
         """Learn from `reading`; `was_full`: somebody has waited for the window since the last one.
@@ -209,7 +213,10 @@ class Pace:
             self._begin_drain()
 
     def _learn_burst(self, rate: float | None) -> None:
-        if rate is not None and not self._drains_left:
+        if rate is None or self._drains_left:
+            return
+        # A lost segment makes a picture late on a path that is no slower; a slower one has a queue.
+        if rate > self.rate or not self._shows_no_queue:
             self._learn_rate(rate)
 
     def _learn_base(self, seen: Round, now_s: float) -> None:

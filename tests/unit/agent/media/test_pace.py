@@ -39,6 +39,7 @@ class Path:
         self._sent = 10_000.0
         self._acks: deque[tuple[float, float]] = deque()
         self._rtt_s = base_s
+        self._stalls_until = 0.0
         self.pace = Pace(self._reading(base_s))
 
     def run(self, lasts_s: float) -> float:
@@ -61,7 +62,7 @@ class Path:
         queue_s = (self._written - self._sent + self.others) / self.rate
         self.queues_s.append(queue_s)
         self._acks.append((self.now + self.base_s, self._sent))
-        while self._acks and self._acks[0][0] <= self.now:
+        while self._acks and self._acks[0][0] <= self.now and self.now >= self._stalls_until:
             _, arrived = self._acks.popleft()
             if arrived > self._arrived:
                 self._arrived = arrived
@@ -89,12 +90,15 @@ class Path:
 
 
 class Camera(Path):
-    """A path whose sender has a picture 15 times a second, and drops the one that comes while the last still waits."""
+    """A path whose sender has `fps` pictures a second, and drops the one that comes while the last still waits."""
 
-    def __init__(self, rate: float, base_s: float, picture: float) -> None:
+    def __init__(self, rate: float, base_s: float, picture: float, fps: float = 15) -> None:
         super().__init__(rate, base_s)
         self.took_s: list[float] = []
+        # The part of the pictures of which a segment is lost, so that all behind it counts a round trip later.
+        self.lost_part = 0.0
         self._picture = picture
+        self._fps = fps
         self._waits = 0.0
         self._taken_at = self._next_at = 0.0
         self._arriving: deque[tuple[float, float]] = deque()
@@ -102,9 +106,11 @@ class Camera(Path):
     def _look(self) -> None:
         was_full = self._waits > 0
         if self.now >= self._next_at:
-            self._next_at += 1 / 15
+            self._next_at += 1 / self._fps
             if not was_full:
                 self._waits, self._taken_at = self._picture, self.now
+                if self._rng.random() < self.lost_part:
+                    self._stalls_until = self.now + 2 * self.base_s
         sent = self._send(was_full, self._waits)
         self._waits -= sent
         if sent and not self._waits:
@@ -213,6 +219,18 @@ def test_a_picture_that_fits_is_not_held_up(bit_s: float, base_s: float, picture
     assert len(path.took_s) > 14.5 * 15
     assert statistics.median(path.took_s) < picture / path.rate + base_s + 3 * LOOK_S
     assert p95(path.queues_s) < 0.025
+
+
+def test_losses_make_no_path_narrow() -> None:
+    """Of most pictures something is lost, so that they come a round trip later; the others do not wait for that."""
+    path = Camera(89e6 / 8, 0.2, 24_000.0, fps=2)
+    path.run(10)
+    path.lost_part = 0.8
+    path.run(20)
+    path.took_s.clear()
+    path.run(40)
+    one_in_ten_s = statistics.quantiles(path.took_s, n=10)[0]
+    assert one_in_ten_s < 24_000 / path.rate + path.base_s + 3 * LOOK_S
 
 
 def test_a_picture_that_does_not_fit_any_more_makes_no_lasting_queue() -> None:
