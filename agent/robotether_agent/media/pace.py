@@ -208,6 +208,7 @@ class Pace:
             return
         # A camera that offered less says nothing of the path, unless it got more through than was thought.
         if seen.was_full or seen.rate > self.rate:
+            self._judge_queue()
             self._learn_rate(seen.rate)
         if seen.was_full and self._base_is_doubtful(now_s):
             self._begin_drain()
@@ -215,7 +216,8 @@ class Pace:
     def _learn_burst(self, rate: float | None) -> None:
         if rate is None or self._drains_left:
             return
-        # A lost segment makes a picture late on a path that is no slower; a slower one has a queue.
+        # A lost segment makes a picture late on a path that is no slower; a slower one has a queue. A single picture
+        # tells less than a round, so that none of them is believed alone.
         if rate > self.rate or not self._shows_no_queue:
             self._learn_rate(rate)
 
@@ -224,12 +226,14 @@ class Pace:
             self._base_seen_at = now_s
         self._base_s = min(self._base_s, seen.rtt_s)
 
-    def _learn_rate(self, rate: float) -> None:
+    def _judge_queue(self) -> None:
         if self.queue_s > CEILING_S + self._jitter_s:
             self._rates.clear()
             self._rounds_over_ceiling += 1
         else:
             self._rounds_over_ceiling = max(0, self._rounds_over_ceiling - 1)
+
+    def _learn_rate(self, rate: float) -> None:
         self._rates.append(rate)
         if self._start is not None and (self.queue_s > QUEUE_S or self._start.is_over(rate)):
             # The start may have made a queue. And only now full segments go, which take longer than what went before.
