@@ -9,10 +9,10 @@ bytes under way, both measured over rounds of at least a round trip:
   gives, rounds have pauses in them and say too little; there each picture counts, from its first byte's way out to
   its last one's arrival, less the round trip that even a single byte takes.
 * round trip without a queue: the shortest of the last BASE_FOR_S. After the start, when none as short was seen
-  for that long, or when a queue stays whatever we do, the window is halved for some rounds. That empties our part
-  of any queue; what a round trip takes then is the path's own length, or the queue of somebody who does not give way.
-  Where round trips differ by themselves, as on mobile networks, the shortest is a matter of luck: their deviation is
-  added.
+  for that long and no pause between two pictures either, or when a queue stays whatever we do, the window is halved
+  for some rounds. That empties our part of any queue; what a round trip takes then is the path's own length, or the
+  queue of somebody who does not give way. Where round trips differ by themselves, as on mobile networks, the
+  shortest is a matter of luck: their deviation is added.
 * a queue longer than CEILING_S means that the path has become slower or that others use it: only the newest
   round counts then. So video gives way to every other transfer, and never below SEGMENTS_MIN segments under way.
 """
@@ -32,6 +32,8 @@ BASE_FOR_S = 10.0
 BASE_NOISE_S = 0.001
 DRAIN_ROUNDS = 4
 DRAIN_PAUSE_S = 3.0
+# Less than this part of what the path holds is left behind a picture: no queue of ours hides the path's length.
+PAUSE_PART = 0.8
 # So many more rounds with a queue over the ceiling than without one: it is no passing one.
 LASTING_ROUNDS = 8
 ROUND_MIN_S = 0.04
@@ -190,6 +192,8 @@ class Pace:
         `is_handed`: nobody did, and all that was handed on before was written.
         """
         self._segment = reading.segment
+        if is_handed and reading.under_way < PAUSE_PART * self.rate * self._base_s:
+            self._base_seen_at = reading.at_s
         self._burst.add(reading, is_handed=is_handed)
         if self._burst.has_arrived(reading):
             self._learn_burst(self._burst.rate(reading))
