@@ -71,28 +71,32 @@ class Burst:
 
     def __init__(self, first: Reading) -> None:
         self._first = first
-        self._end: int | None = None
+        self._end = first.written
 
     def add(self, reading: Reading, *, is_handed: bool) -> None:
         """Note one reading; `is_handed`: all that anybody wanted to send by then was written."""
-        if self._end is not None or not is_handed:
+        if self._bytes or not is_handed:
             return
-        if reading.written == self._first.written:
+        # Less than before: the kernel is asked twice for a reading, and something arrived in between.
+        if reading.written <= self._first.written:
             self._first = reading
-        else:
-            self._end = reading.written
+        self._end = reading.written
 
     def has_arrived(self, reading: Reading) -> bool:
         """Whether the other end has all of it."""
-        return self._end is not None and reading.arrived >= self._end
+        return self._bytes > 0 and reading.arrived >= self._end
 
     def rate(self, reading: Reading) -> float | None:
         """Return the bytes a second that the path took, now that it has arrived; nothing if it was too little to tell.
 
         Rather too few than too many: what was under way before went first.
         """
-        went = (self._end or 0) - self._first.written
-        if went < BURST_SEGMENTS_MIN * reading.segment:
+        if self._bytes < BURST_SEGMENTS_MIN * reading.segment:
             return None
         lasted_s = reading.at_s - self._first.at_s - reading.min_rtt_s - SEEN_LATE_S
-        return went / max(lasted_s, SEEN_LATE_S)
+        return self._bytes / max(lasted_s, SEEN_LATE_S)
+
+    @property
+    def _bytes(self) -> int:
+        """What all of it is; 0 as long as that is not known."""
+        return self._end - self._first.written

@@ -81,3 +81,15 @@ def test_a_few_bytes_tell_nothing() -> None:
     last = look(0.1, little, little)
     assert burst.has_arrived(last)
     assert burst.rate(last) is None
+
+
+def test_a_reading_that_tells_too_little_delays_no_picture() -> None:
+    """The next one is told of as ever."""
+    burst = Burst(look(0, SEGMENT, SEGMENT))
+    burst.add(look(0.5, SEGMENT - 100, SEGMENT), is_handed=True)
+    burst.add(look(0.51, PICTURE, SEGMENT), is_handed=True)
+    last = look(0.6, PICTURE, PICTURE)
+    assert burst.has_arrived(last)
+    assert burst.rate(last) == pytest.approx(
+        (PICTURE - SEGMENT + 100) / (0.1 - RTT_S - SEEN_LATE_S)
+    )
