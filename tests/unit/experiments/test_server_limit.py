@@ -13,7 +13,11 @@ import pytest
 from namespaces import PLACE, Namespace
 from paper.server_limit import LineCounts, line_profile, server_line
 
-pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root")
+# Alone: the address is the whole machine's, and two of these tests at once would both add it.
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root"),
+]
 
 MACHINE = "198.51.100.1"
 SENT_BYTES = 300_000
