@@ -30,6 +30,7 @@ def people(stack: Stack) -> Iterator[dict[str, str]]:
         stack.wait_for_right(name, ROBOT)
     yield found
     admin.set_robot(ROBOT, {"page": None, "buttons": None, "policy": None})
+    stack.wait_for_changes(ROBOT)
     for name in found:
         admin.remove("users", name)
 

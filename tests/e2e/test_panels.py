@@ -41,6 +41,7 @@ NOTE_LEAVING = """() => {
 def _set(stack: Stack, **settings: Any) -> None:
     changes = {path.replace("__", "."): value for path, value in settings.items()}
     stack.admin.set_robot(ROBOT, changes)
+    stack.wait_for_changes(ROBOT)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -213,7 +214,7 @@ def test_what_the_policy_refuses_is_said(dora: Page, stack: Stack) -> None:
     dora.evaluate(NOTE_LEAVING)
     _set(stack, buttons=None, policy__drive=None)
     try:
-        # The connection ends with the policy, and the page drives again.
+        # The connection ended with the policy, and the page drives again.
         dora.wait_for_function("() => window.leftLive")
         expect_mode(dora, "drive", seconds=10)
         outcome = dora.get_by_test_id("button-outcome")

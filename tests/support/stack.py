@@ -167,6 +167,17 @@ class Stack:
             "relay",
         )
 
+    def wait_for_changes(self, robot: str) -> None:
+        """Wait until the relay knows all that was changed so far: a right that comes last is read with the rest.
+
+        A connection that is opened before ends with what the relay then reads of its robot's policy.
+        """
+        witness = f"witness-{time.monotonic_ns()}"
+        self.admin.add_user(witness)
+        self.admin.grant(witness, robot, "observe")
+        self.wait_for_right(witness, robot)
+        self.admin.remove("users", witness)
+
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
         """Wait until the engine calls the service's container healthy."""
         self.wait(
