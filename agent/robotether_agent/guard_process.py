@@ -22,8 +22,6 @@ from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of, within
 
 TICK_S = 0.2
-# So that a guard which hangs is noticed soon after SILENCE_S.
-LOOKS_A_TICK = 4
 SILENCE_S = 0.6
 # Until its first word; a small computer that boots needs seconds to load Python.
 START_S = 20.0
@@ -81,7 +79,11 @@ class Hearing:
         self._looked = now
         if stood_still:
             self._heard = now
-        return now - self._heard > self._limit_s
+        return self.left_s(now) < 0
+
+    def left_s(self, now: float) -> float:
+        """Return for how many seconds it may still be silent; negative: it was for too long."""
+        return self._heard + self._limit_s - now
 
 
 class GuardProcess:
@@ -175,12 +177,10 @@ class GuardProcess:
             raise GuardDown("the guard sent a line over 64 KiB") from error
 
     async def _tick(self) -> None:
-        looks = 0
         while not self._hearing.is_lost(self._clock()):
-            if looks % LOOKS_A_TICK == 0:
-                self.send(TICK)
-            looks += 1
-            await asyncio.sleep(TICK_S / LOOKS_A_TICK)
+            self.send(TICK)
+            # A guard that hangs is noticed when its time is over, not with the tick that follows.
+            await asyncio.sleep(min(TICK_S, self._hearing.left_s(self._clock())))
         raise GuardDown("the guard hangs")
 
     async def _why_ended(self) -> str:

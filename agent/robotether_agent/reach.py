@@ -50,9 +50,8 @@ async def watch(session: Heard, tunnel: Tunnel, target: Target) -> NoReturn:
     """Raise ServerSilent or NetworkChanged when the connection is dead; else never end."""
     watched = _Watch(session, tunnel, target)
     with netlink.listening() as network:
-        while True:
-            await watched.next_look(network)
-            await watched.look()
+        await first_of(watched.look_on(), watched.hear(network))
+    raise AssertionError("a watch of a connection ended without a problem")
 
 
 @dataclass(frozen=True)
@@ -107,26 +106,44 @@ class _Watch:
         self._target = target
         self._way = target.way or Way()
         self._clock = Clock()
+        self._wake = asyncio.Event()
+        self._has_changed = False
         self._distrusted_until = 0.0
         self._rest_until = 0.0
 
-    async def next_look(self, network: netlink.Network) -> None:
-        """Wait until something has changed, or some time is over."""
-        if await _changed_within(network, LOOK_EVERY_S):
+    async def hear(self, network: netlink.Network) -> NoReturn:
+        """Have a look at once whenever the network has changed."""
+        while True:
+            await network.changed()
+            await asyncio.sleep(SETTLED_AFTER_S)
+            self._has_changed = True
+            self._wake.set()
+
+    async def look_on(self) -> NoReturn:
+        """Look again and again; raise why the connection is dead, once it is."""
+        while True:
+            await self._until_next_look()
+            problem = suspicion(signs := self._signs())
+            if problem is None:
+                continue
+            if is_certain(signs) or await self._is_answered_elsewhere():
+                raise problem
+
+    async def _until_next_look(self) -> None:
+        # A timer, as a task for each wait costs a robot that only waits a good part of its time.
+        timer = asyncio.get_running_loop().call_later(LOOK_EVERY_S, self._wake.set)
+        try:
+            await self._wake.wait()
+        finally:
+            timer.cancel()
+        self._wake.clear()
+        if self._has_changed:
+            self._has_changed = False
             self._rest_until = 0.0
         stood_s = self._clock.since_last_s() - LOOK_EVERY_S
         if stood_s > STOOD_STILL_S:
             log.info("this process stood still for %.1f s: is the server still there?", stood_s)
             self._distrusted_until = time.monotonic() + DISTRUST_S
-
-    async def look(self) -> None:
-        """Raise why the connection is dead, if it is."""
-        signs = self._signs()
-        problem = suspicion(signs)
-        if problem is None:
-            return
-        if is_certain(signs) or await self._is_answered_elsewhere():
-            raise problem
 
     def _signs(self) -> Signs:
         connection = self._tunnel.socket
@@ -165,15 +182,3 @@ class _Watch:
             signs = self._signs()
             if suspicion(signs) is None or is_certain(signs):
                 return
-
-
-async def _changed_within(network: netlink.Network, seconds: float) -> bool:
-    changed = asyncio.Event()
-
-    async def wait_for_change() -> None:
-        await network.changed()
-        await asyncio.sleep(SETTLED_AFTER_S)
-        changed.set()
-
-    await first_of(wait_for_change(), asyncio.sleep(seconds))
-    return changed.is_set()

@@ -83,12 +83,14 @@ class RobotSession:
         self.stopped_by = ""
         self.answers_orders = True
         self.pings_with_clock = False
+        self.pings = 0
         self.pongs = 0
         self.configured = asyncio.Event()
         self.closed = asyncio.Event()
         self._reader: asyncio.StreamReader
         self._writer: asyncio.StreamWriter
         self._task: asyncio.Task[None]
+        self._beat: asyncio.Task[None] | None = None
 
     async def connect(self, port: int) -> None:
         """Open the connection and write the preface."""
@@ -119,17 +121,24 @@ class RobotSession:
         except ConnectionError:
             pass
         finally:
+            if self._beat is not None:
+                self._beat.cancel()
             self.closed.set()
             self._writer.close()
+
+    async def _ping(self, every_s: float) -> None:
+        while True:
+            self.send(type="ping", seq=0)
+            await asyncio.sleep(every_s)
 
     def _take(self, message: dict[str, Any]) -> None:
         if message["type"] == "config":
             self.configs.append(message)
+            if self.kind != "session" and not self.silent and not self.configured.is_set():
+                self._beat = asyncio.create_task(self._ping(message["heartbeat_s"]))
             self.configured.set()
-        elif message["type"] == "ping" and not self.silent:
-            self.send(type="pong", seq=message["seq"])
-            if self.pings_with_clock:
-                self.send(type="ping", seq=message["seq"], t_ms=self.clock_ms())
+        elif message["type"] == "ping":
+            self._answer(message["seq"])
         elif message["type"] == "lease":
             self.leases.append(message)
         elif message["type"] in {"stop", "release"}:
@@ -140,6 +149,13 @@ class RobotSession:
             self.checked.append(message)
         elif message["type"] == "bye":
             self.bye = message
+
+    def _answer(self, seq: int) -> None:
+        self.pings += 1
+        if not self.silent:
+            self.send(type="pong", seq=seq)
+            if self.pings_with_clock:
+                self.send(type="ping", seq=seq, t_ms=self.clock_ms())
 
     def _obey(self, order: dict[str, Any]) -> None:
         self.orders.append(order)

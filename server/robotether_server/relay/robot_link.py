@@ -233,11 +233,16 @@ class RobotLink:
         if now - self._heard_at > self._rules.timeout_s:
             self.end("timeout", f"nothing came for {self._rules.timeout_s:g} s")
             return
+        if self.kind == "session":
+            self._ping(now)
+        self._beat = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
+
+    def _ping(self, now: float) -> None:
+        """Measure the round trip; that a link of any kind lives, the agent's own pings show."""
         self._seq += 1
         self._pings[self._seq] = now
         self._pings.pop(self._seq - MAX_PINGS_OPEN, None)
         self._send(lines.ping_line(self._seq))
-        self._beat = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
 
     def _send(self, line: bytes) -> None:
         if self._ended or self._writer.is_closing():

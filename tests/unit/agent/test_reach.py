@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import pytest
 from robotether_agent import netlink, reach
 from robotether_agent.dialing.paths import Path
+from robotether_agent.dialing.way import SETTLED_AFTER_S
 from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
 from robotether_agent.reach import Clock, Signs, is_certain, suspicion, watch
 from robotether_agent.ssh_command import Target
@@ -63,9 +65,10 @@ class FakeWay:
     async def find(self, targets):
         self.asked += 1
         try:
+            if not self.fails:
+                await self.answers.wait()
             if self.fails:
                 raise NoAnswer("nobody is there")
-            await self.answers.wait()
             return targets[0]
         finally:
             self.ended += 1
@@ -85,6 +88,14 @@ class Tunnel:
 def in_haste(monkeypatch):
     """Looks come quickly."""
     monkeypatch.setattr(reach, "LOOK_EVERY_S", 0.02)
+
+
+@pytest.fixture
+def network(monkeypatch):
+    """What the kernel would tell of, where the test tells."""
+    network = netlink.Network()
+    monkeypatch.setattr(netlink, "listening", lambda: nullcontext(network))
+    return network
 
 
 @pytest.fixture
@@ -187,13 +198,33 @@ async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):
     assert way.asked == 0
 
 
-async def test_a_change_of_the_network_is_looked_at_at_once(monkeypatch):
+async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch):
     """It is not left to the next look."""
-    network = netlink.Network()
-    looking = asyncio.ensure_future(reach._changed_within(network, 60))
-    await asyncio.sleep(0)
+    monkeypatch.setattr(reach, "LOOK_EVERY_S", 60)
+    monkeypatch.setattr(reach, "path_of", lambda _: Path.GONE)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as connection,
+    ):
+        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", FakeWay())
+        watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
+        assert not (await asyncio.wait({watching}, timeout=0.1))[0]
+        network._event.set()
+        with pytest.raises(NetworkChanged):
+            await asyncio.wait_for(watching, 5)
+
+
+async def test_a_change_during_an_attempt_has_another_follow(network, watched, monkeypatch):
+    """The first may have gone the way that was there before."""
+    _, way, _ = watched
+    monkeypatch.setattr(reach, "path_of", lambda _: Path.MOVED)
+    await until(lambda: way.asked == 1)
     network._event.set()
-    assert await asyncio.wait_for(looking, 5)
+    await until(lambda: not network._event.is_set())
+    await asyncio.sleep(2 * SETTLED_AFTER_S)
+    way.fails = True
+    way.answers.set()
+    await until(lambda: way.asked == 2)
 
 
 async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch):

@@ -258,6 +258,19 @@ async def test_of_many_sessions_at_once_one_stays(relay, connect):
     assert sessions[-1].bye is None
 
 
+@pytest.mark.parametrize("silent", [False, True])
+async def test_on_media_only_the_agent_pings(relay, connect, silent):
+    """That keeps it, without the relay's pings of a session; an agent that sends nothing is not kept."""
+    media = await configured(await connect("media", silent=silent))
+    if silent:
+        assert await ended(media) == "timeout"
+    else:
+        await asyncio.sleep(2 * FAST.timeout_s)
+        assert media.bye is None
+        assert media.pongs > 0
+    assert media.pings == 0
+
+
 async def test_a_silent_robot_times_out(relay, sim1, connect):
     """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
     session = await connect(silent=True)
