@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from inside import run_inside
 from robot_hosts import CA_BUNDLE, ROOT, RobotHost, RobotHosts
 from stack import Stack
 
@@ -47,8 +48,8 @@ class Robot:
     def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
         """Run the line with more options; whether it succeeded, and what it printed."""
         # `sh` must get nothing when curl fails, and its end is what counts, as for a person at the prompt.
-        status, output = self.host.container.exec_run(["bash", "-c", f"{line} {options} 2>&1"])
-        return status == 0, output.decode()
+        done = run_inside(self.host.container, "bash", "-c", f"{line} {options} 2>&1", limit_s=300)
+        return done.returncode == 0, done.stdout
 
     def traces(self) -> list[str]:
         """What of an installed agent is on this machine."""

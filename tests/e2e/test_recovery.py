@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
-from functools import partial
 
-import aiohttp
 import pytest
-from programs import Program, echo, open_echo
+from inside import run_inside
+from programs import Program, drive_on, echo, open_echo
 from stack import Stack
 
 
@@ -61,8 +59,8 @@ async def test_killed_session_comes_back(program: Program, stack: Stack) -> None
     by_owner = (
         "for p in /proc/[0-9]*; do [ $(stat -c %U $p) = tunnel ] && kill -9 ${p#/proc/}; done"
     )
-    done = await asyncio.to_thread(stack.container("sshd").exec_run, ["bash", "-c", by_owner])
-    assert b"Operation not permitted" not in done.output
+    done = await asyncio.to_thread(run_inside, stack.container("sshd"), "bash", "-c", by_owner)
+    assert "Operation not permitted" not in done.stderr
     for robot in ("sim1", "sim2", "sim3"):
         await _wait_drivable(program, robot)
 
@@ -90,17 +88,6 @@ async def test_whole_server_restarted_comes_back(program: Program, stack: Stack)
         await _wait_drivable(program, robot, seconds=60)
 
 
-async def _drive_on(
-    socket: aiohttp.ClientWebSocketResponse, until_done: Callable[[], object]
-) -> None:
-    """Drive while something else is done: a driver who reads nothing answers no ping, and is gone."""
-    doing = asyncio.create_task(asyncio.to_thread(until_done))
-    while not doing.done():
-        assert await echo(socket, "driving on") == "driving on"
-        await asyncio.sleep(0.1)
-    await doing
-
-
 async def test_open_connection_goes_on_without_the_database(program: Program, stack: Stack) -> None:
     """A stopped mysql is not noticed by tunnels and open drive connections."""
     mysql = stack.container("mysql")
@@ -109,10 +96,10 @@ async def test_open_connection_goes_on_without_the_database(program: Program, st
         # Its lease is in the database by then, which the next lines take away.
         assert await echo(socket, "driving") == "driving"
         try:
-            await _drive_on(socket, partial(mysql.stop, timeout=20))
-            await _drive_on(socket, partial(time.sleep, 10))
+            await drive_on(socket, asyncio.to_thread(mysql.stop, timeout=20))
+            await drive_on(socket, asyncio.sleep(10))
         finally:
             await asyncio.to_thread(mysql.start)
-        await _drive_on(socket, partial(stack.wait_healthy, "mysql"))
+        await drive_on(socket, asyncio.to_thread(stack.wait_healthy, "mysql"))
         assert await echo(socket, "and on") == "and on"
     await _wait_drivable(program, "sim1")

@@ -16,6 +16,7 @@ import aiohttp
 import docker
 import pytest
 from docker.models.containers import Container
+from inside import run_inside
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,8 +48,8 @@ class Robot:
 
     def shell(self, command: str) -> tuple[int, str]:
         """Run a command inside; exit code and what it printed."""
-        code, printed = self.container.exec_run(["sh", "-c", command])
-        return code, printed.decode().strip()
+        done = run_inside(self.container, "sh", "-c", command, merged=True)
+        return done.returncode, done.stdout.strip()
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = 20) -> None:
         """Wait until the condition holds, or fail with the container's log."""
@@ -109,7 +110,7 @@ async def test_robot_shows_what_a_robot_shows(robot: Robot) -> None:
     assert message["topic"] == "/odom"
     assert message["msg"]["child_frame_id"] == "base_link"
     assert (image.format, image.size) == ("JPEG", (320, 240))
-    assert b"next try in" in robot.container.logs()
+    robot.wait("the agent's next try", lambda: b"next try in" in robot.container.logs())
 
 
 def test_robot_can_do_little_on_its_machine(robot: Robot) -> None:
@@ -126,8 +127,8 @@ def test_robot_can_do_little_on_its_machine(robot: Robot) -> None:
 
 def test_robot_has_a_key_of_its_own(robot: Robot) -> None:
     """The agent made its key in the volume, readable by itself alone."""
-    code, mode = robot.shell("stat -c %a /var/lib/robotether-agent/id_ed25519")
-    assert (code, mode) == (0, "600")
+    look = "stat -c %a /var/lib/robotether-agent/id_ed25519"
+    robot.wait("a key", lambda: robot.shell(look) == (0, "600"))
 
 
 def test_stop_ends_it_soon(robot: Robot) -> None:
@@ -147,7 +148,7 @@ def pid_of(robot: Robot, module: str) -> str:
 def test_end_of_the_simulator_is_the_end(robot: Robot) -> None:
     """When the simulator dies, the container ends with an error, so that Docker starts it again."""
     robot.shell(f"kill -KILL {pid_of(robot, 'sim_robot')}")
-    assert robot.container.wait(timeout=10)["StatusCode"] == 137
+    assert robot.container.wait(timeout=30)["StatusCode"] == 137
 
 
 def test_an_agent_that_dies_is_started_anew(robot: Robot) -> None:
@@ -193,7 +194,7 @@ def test_missing_server_setting_stops_the_start(image: str) -> None:
         image, detach=True, read_only=True, tmpfs={"/run": "", "/tmp": ""}
     )
     try:
-        assert container.wait(timeout=10)["StatusCode"] != 0
+        assert container.wait(timeout=30)["StatusCode"] != 0
         assert b"server" in container.logs()
     finally:
         container.remove(force=True, v=True)

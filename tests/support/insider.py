@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from docker.models.containers import Container
+from inside import run_inside
 from stack import PROJECT, Stack
 
-# Sends bytes, and prints as JSON what came back in two seconds, or why nothing could be sent.
+# Sends bytes, and prints as JSON what came back until it was silent, or why nothing could be sent.
 PROBE = """
 import json, socket, sys
 host, port, data = sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3])
@@ -18,7 +19,7 @@ try:
 except OSError as error:
     print(json.dumps({"unreachable": type(error).__name__})); sys.exit()
 way.sendall(data)
-way.settimeout(2)
+way.settimeout(10)
 got = b""
 try:
     while len(got) < 4096:
@@ -26,6 +27,7 @@ try:
         if not piece:
             break
         got += piece
+        way.settimeout(1)
 except OSError:
     pass
 print(json.dumps({"got": got.decode("latin-1")}))
@@ -41,11 +43,9 @@ class Insider:
 
     def send(self, host: str, port: int, data: bytes) -> str:
         """Send bytes to a port; what came back, or UNREACHABLE."""
-        code, printed = self._container.exec_run(
-            ["python3", "-c", PROBE, host, str(port), data.hex()]
-        )
-        assert code == 0, printed
-        answer: dict[str, str] = json.loads(printed)
+        done = run_inside(self._container, "python3", "-c", PROBE, host, str(port), data.hex())
+        assert done.returncode == 0, done.stderr
+        answer: dict[str, str] = json.loads(done.stdout)
         return answer.get("got", UNREACHABLE)
 
     def get(

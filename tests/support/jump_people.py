@@ -6,6 +6,7 @@ The rows are written with SQL, so that the tests ask what sshd makes of the reco
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import select
 import subprocess
@@ -22,6 +23,7 @@ JUMP = "jump@127.0.0.1"
 TUNNEL = "tunnel@127.0.0.1"
 BANNER = b"SSH-2.0-the_robots_own\r\n"
 ENDED_WITHIN_S = 2
+PING_EVERY_S = 1.0
 
 
 class _Banner(BaseRequestHandler):
@@ -103,23 +105,24 @@ class ShellRobot:
 
 @contextmanager
 def _heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
-    """Answer the relay's pings, as an agent does, until the connection ends; ends it with the block."""
+    """Ping the relay, as an agent does, until the connection ends; ends it with the block."""
+    ended = threading.Event()
 
-    def answer() -> None:
+    def ping() -> None:
         assert running.stdin is not None
-        assert running.stdout is not None
         with contextlib.suppress(BrokenPipeError):
-            for line in running.stdout:
-                message = json.loads(line)
-                if message["type"] == "ping":
-                    running.stdin.write(json.dumps({"type": "pong", "seq": message["seq"]}) + "\n")
-                    running.stdin.flush()
+            for seq in itertools.count():
+                running.stdin.write(json.dumps({"type": "ping", "seq": seq}) + "\n")
+                running.stdin.flush()
+                if ended.wait(PING_EVERY_S):
+                    break
 
-    thread = threading.Thread(target=answer)
+    thread = threading.Thread(target=ping)
     thread.start()
     try:
         yield
     finally:
+        ended.set()
         running.terminate()
         thread.join()
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import docker
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
+from inside import run_inside
 from robotether_server.settings import DatabaseSettings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,9 +42,9 @@ class MariaDb:
     def as_root(self, sql: str) -> str:
         """Run SQL as the server's own admin, inside; return what the client prints."""
         command = ["mariadb", "--batch", "--skip-column-names", "--execute", sql, "robotether"]
-        code, output = self.container.exec_run(command)
-        assert code == 0, output.decode()
-        return output.decode()
+        done = run_inside(self.container, *command)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
 
 def image() -> str:

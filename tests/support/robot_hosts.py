@@ -28,6 +28,7 @@ from typing import Any, Self, TypeVar
 
 import docker
 from docker.models.containers import Container
+from inside import run_inside
 from local_network import free_port
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,17 +88,9 @@ class RobotHost:
         return self._exec(command).returncode == 0
 
     def _exec(self, command: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
-        # Not by the SDK: on a busy machine its exec_run leaves frame headers in a long output.
-        wanted = ["docker", "exec", "--interactive", str(self.container.id), "bash", "-c", command]
-        return subprocess.run(
-            wanted,
-            input=stdin or "",
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            timeout=EXEC_LIMIT_S,
-            check=False,
+        wanted = ("bash", "-c", command)
+        return run_inside(
+            self.container, *wanted, stdin=stdin or "", merged=True, limit_s=EXEC_LIMIT_S
         )
 
     def put(self, content: bytes, path: str, mode: int = 0o644) -> None:

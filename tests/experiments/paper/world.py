@@ -30,6 +30,7 @@ from typing import Any
 import docker
 from demo import Demo
 from docker.models.containers import Container
+from inside import run_inside
 from local_network import insecure_tls
 from stack import Stack
 
@@ -125,15 +126,13 @@ class World:
 
     def exec(self, service: str, *command: str) -> str:
         """Run a command in a service's container and return what it printed."""
-        done = self.container(service).exec_run(list(command), demux=True)
-        printed, complained = (
-            part.decode(errors="replace") if part else "" for part in done.output
-        )
-        if done.exit_code != 0:
+        done = run_inside(self.container(service), *command)
+        if done.returncode != 0:
             raise RuntimeError(
-                f"{command[0]} in {service} exited {done.exit_code}\n{printed[-2000:]}\n{complained[-2000:]}"
+                f"{command[0]} in {service} exited {done.returncode}\n"
+                f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
             )
-        return printed
+        return done.stdout
 
     def api(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
         """One request to /api/v1 + `path` as an admin; the parsed answer, None when it is empty."""

@@ -10,6 +10,7 @@ import docker
 import mariadb_server
 import pytest
 from docker.models.containers import Container
+from inside import run_inside
 from mariadb_server import ACCOUNTS, MariaDb
 
 PASSWORDS = {account: f"{account}-password-1" for account in ACCOUNTS}
@@ -33,8 +34,8 @@ def volume(engine: docker.DockerClient) -> Iterator[str]:
 def say(container: Container, account: str, sql: str) -> tuple[int, str]:
     """Run SQL as an account, over TCP as the other services do."""
     command = ["mariadb", "-h127.0.0.1", f"-u{account}", "--batch", "robotether", "-e", sql]
-    code, output = container.exec_run(command, environment={"MYSQL_PWD": PASSWORDS[account]})
-    return code, output.decode()
+    done = run_inside(container, *command, environment={"MYSQL_PWD": PASSWORDS[account]})
+    return done.returncode, done.stdout + done.stderr
 
 
 def wait_exit(container: Container) -> str:
