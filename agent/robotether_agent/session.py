@@ -12,6 +12,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
@@ -30,10 +31,12 @@ from robotether_agent.fields import (
 from robotether_agent.orders import Orders, handlers
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
 from robotether_agent.setting_values import ROBOT_NAME
-from robotether_agent.tasks import first_of, within
+from robotether_agent.tasks import first_of
 
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 30.0
+# A configuration may shorten the time at any moment.
+LOOK_EVERY_S = 1.0
 UNSENT_LIMIT = 64 * 1024
 PINGS_KEPT = 16
 SERVICE = re.compile("ok|down|unknown")
@@ -112,7 +115,7 @@ class Session:
 
     async def run(self) -> None:
         """Serve until the stream ends; raise why if the server or a time-out ended it."""
-        await first_of(self._listen(), self._beat())
+        await first_of(self._listen(), self._beat(), self._end_silence())
 
     async def new_config(self, known: Config | None) -> Config:
         """Return the newest configuration as soon as it is another one than `known`."""
@@ -144,14 +147,20 @@ class Session:
     async def _line(self) -> bytes:
         """Return the next line, or nothing at the stream's end."""
         try:
-            return await within(self._timeout_s, self._in.readuntil(b"\n"))
+            return await self._in.readuntil(b"\n")
         except asyncio.IncompleteReadError:
             return b""
         except asyncio.LimitOverrunError as error:
             raise ProtocolBroken("lost the session: the server sent a line over 64 KiB") from error
-        except asyncio.TimeoutError as error:
-            why = f"the server was silent for {self._timeout_s:g} s"
-            raise ServerSilent(f"lost the session: {why}") from error
+
+    async def _end_silence(self) -> NoReturn:
+        """Raise ServerSilent when nothing was heard for too long; a time-out of each line would cost more."""
+        while True:
+            left_s = self._timeout_s - self.silent_s
+            if left_s <= 0:
+                why = f"the server was silent for {self._timeout_s:g} s"
+                raise ServerSilent(f"lost the session: {why}")
+            await asyncio.sleep(min(left_s, LOOK_EVERY_S))
 
     def _handle(self, line: bytes) -> None:
         try:
