@@ -9,8 +9,11 @@ from typing import Any
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
 from pages import be_logged_in, chromium
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 from stack import ROOT, Stack
+
+# What a page shows comes through several processes, which share two processors with other tests.
+expect.set_options(timeout=10_000)
 
 DESKTOP = {"viewport": {"width": 1280, "height": 800}}
 FAILED = pytest.StashKey[bool]()

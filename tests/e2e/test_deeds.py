@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import aiohttp
 import pytest
-from programs import Program, echo, open_echo
+from programs import Program, drive_on, echo, open_echo
 from stack import Stack
 
 ROBOT = "sim3"
@@ -23,9 +23,9 @@ def program(stack: Stack) -> Program:
 
 
 @pytest.fixture(autouse=True)
-def online(stack: Stack) -> None:
-    """Each test begins with a robot that is online under its own name."""
-    stack.robotether("robot", "wait-online", ROBOT, "--timeout", "30")
+async def drivable(program: Program) -> None:
+    """Each test begins with a robot that can be driven under its own name, some time after it is online."""
+    await open_by(program, ROBOT, 60)
 
 
 def robot(program: Program, name: str = ROBOT) -> dict[str, object]:
@@ -120,7 +120,7 @@ async def _opens(program: Program, name: str) -> bool:
         async with program.connect(name) as socket:
             await open_echo(socket)
             return await echo(socket, "there") == "there"
-    except (aiohttp.ClientError, TypeError):
+    except (aiohttp.ClientError, TimeoutError, TypeError):
         return False
 
 
@@ -143,11 +143,12 @@ async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) 
     async with program.connect(ROBOT) as socket:
         await open_echo(socket)
         await asyncio.to_thread(change, program, "POST", f"/api/v1/robots/{ROBOT}/rotate-key")
-        await until("a new key", lambda: robot(program)["fingerprint"] != before["fingerprint"], 15)
-        assert await echo(socket, "driving on") == "driving on"
+        renewed = until(
+            "a new key", lambda: robot(program)["fingerprint"] != before["fingerprint"], 15
+        )
+        await drive_on(socket, renewed)
         # Longer than the relay needs to see the row change.
-        await asyncio.sleep(2)
-        assert await echo(socket, "and on") == "and on"
+        await drive_on(socket, asyncio.sleep(2))
     status = await asyncio.to_thread(
         stack.exec, ROBOT, "sh", "-c", "cat /run/robotether-agent/status.json"
     )
@@ -155,8 +156,7 @@ async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) 
         "fingerprint"
     ]
     await asyncio.to_thread(stack.container(ROBOT).restart, timeout=5)
-    await asyncio.to_thread(stack.robotether, "robot", "wait-online", ROBOT, "--timeout", "30")
-    assert await _opens(program, ROBOT)
+    await open_by(program, ROBOT, 40)
 
 
 async def test_a_removed_robot_is_gone_and_comes_back_as_a_stranger(

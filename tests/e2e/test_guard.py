@@ -118,12 +118,16 @@ def send(stack: Stack, words: str, number: signal.Signals) -> float:
 def await_the_bench(stack: Stack) -> None:
     """Wait until a second guard waits, as on a robot that has run for some seconds, and has loaded its Python."""
     stack.wait("two guards", lambda: len(pids(stack, GUARD)) == 2, ROBOT)
-    young, ticks = pids(stack, GUARD)[-1], [-1, -2]
+    young = pids(stack, GUARD)[-1]
+    ticks: list[int] = []
 
     def has_loaded() -> bool:
-        """Whether it used no processor between three looks: while Python loads, it sleeps for moments only."""
-        ticks.append(processes.ticks(young))
-        return len(set(ticks[-3:])) == 1
+        """Whether it slept in three looks and used no processor: while Python loads, it sleeps for moments only."""
+        if processes.sleeps(young):
+            ticks.append(processes.ticks(young))
+        else:
+            ticks.clear()
+        return len(ticks) > 2 and len(set(ticks[-3:])) == 1
 
     stack.wait("the bench is ready", has_loaded, ROBOT)
 

@@ -109,7 +109,9 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
         go_on(0)
     with SimWatch(stack, "sim2") as watch:
         _assert_no_motion(watch, go_on, since=0)
-        page.keyboard.press("d", delay=200)
+        page.keyboard.down("d")
+        watch.wait_pose("turning by D", lambda pose: pose["angular_velocity"] < 0)
+        page.keyboard.up("d")
         watch.wait_pose("standing after D", _standing)
         _assert_no_motion(watch, go_on, since=time.monotonic())
         page.mouse.up()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from crew import Crew, expect_mode, release_all
-from pages import expect_no_sideways_scroll, open_live
+from pages import expect_no_sideways_scroll, open_live, wait_until
 from playwright.sync_api import Browser, Locator, Page, WebSocket, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -60,13 +60,15 @@ def token(stack: Stack) -> str:
 
 @pytest.fixture
 def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
-    """Dora, who may drive, and Olga, who may watch; afterwards the robot is not stopped."""
+    """Dora, who may drive, and Olga, who may watch; nobody drives yet, and afterwards the robot is not stopped."""
+    stack.wait_until_free(ROBOT)
     people = Crew(stack, browser)
     people.let("dora", "drive", ROBOT)
     people.let("olga", "observe", ROBOT)
     yield people
     people.close()
     release_all(stack, [ROBOT], token)
+    stack.wait_until_free(ROBOT)
 
 
 @pytest.fixture
@@ -247,7 +249,7 @@ def test_no_topic_is_asked_for_until_it_is_opened(crew: Crew, stack: Stack) -> N
     expect(page.get_by_test_id("topic-notice")).to_have_text(
         "Not connected. This goes on by itself."
     )
-    assert subscribed.sockets[-1].is_closed()
+    wait_until(page, "closed", subscribed.sockets[-1].is_closed)
 
 
 def test_a_message_is_looked_into_and_a_number_plotted(dora: Page, stack: Stack) -> None:
@@ -255,6 +257,7 @@ def test_a_message_is_looked_into_and_a_number_plotted(dora: Page, stack: Stack)
     look = _look(dora, "/odom")
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)
     look.get_by_test_id("topic-field").select_option("twist.twist.linear.x")
+    expect(look.get_by_test_id("topic-plot-words")).to_contain_text("Now 0;")
     with SimWatch(stack, ROBOT) as watch:
         dora.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)

@@ -13,7 +13,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 from local_network import insecure_tls
-from programs import Program, echo, open_echo
+from programs import Program, drive_on, echo, open_echo
 from sim_watch import SimWatch
 from stack import ROOT, Stack
 
@@ -81,12 +81,16 @@ async def test_broken_json_leaves_the_connection_alive(program: Program) -> None
 
 async def test_too_large_message_ends_that_connection_only(program: Program) -> None:
     """11 MB ends the connection that sent it with 1009, and its neighbour does not notice."""
-    async with program.connect("sim2") as other, program.connect("sim1") as socket:
-        await open_echo(other)
-        big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
+    big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
+
+    async def send(socket: aiohttp.ClientWebSocketResponse) -> aiohttp.WSMessage:
         with contextlib.suppress(ConnectionError, aiohttp.ClientError):  # it may end in mid-message
             await socket.send_str(big)
-        frame = await asyncio.wait_for(socket.receive(), 10)
+        return await asyncio.wait_for(socket.receive(), 10)
+
+    async with program.connect("sim2") as other, program.connect("sim1") as socket:
+        await open_echo(other)
+        frame = await drive_on(other, send(socket))
         assert frame.type in (
             aiohttp.WSMsgType.CLOSE,
             aiohttp.WSMsgType.CLOSED,
@@ -180,8 +184,8 @@ async def test_offline_robot_closes_with_a_reason(program: Program, stack: Stack
         await asyncio.to_thread(
             stack.wait, "sim3 offline", lambda: not stack.online("sim3"), "relay"
         )
-        started = time.monotonic()
         async with program.connect("sim3") as socket:
+            started = time.monotonic()
             frame = await asyncio.wait_for(socket.receive(), 5)
             assert frame.type is aiohttp.WSMsgType.CLOSE
             assert time.monotonic() - started < 1.5

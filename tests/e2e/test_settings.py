@@ -21,7 +21,7 @@ def test_wrong_value_stops_the_start(stack: Stack, service: str, variable: str, 
     """The service exits at once with one sentence about the variable."""
     with pytest.raises(AssertionError) as stopped:
         stack.compose(
-            "run", "--rm", "--no-deps", "-T", "-e", f"{variable}={value}", service, timeout=30
+            "run", "--rm", "--no-deps", "-T", "-e", f"{variable}={value}", service, timeout=60
         )
     printed = str(stopped.value)
     assert variable in printed

@@ -7,10 +7,10 @@ read from the page's own canvases.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from statistics import median
 
 import pytest
-from pages import expect_no_sideways_scroll, open_robot
+from pages import expect_no_sideways_scroll, open_robot, wait_until
 from playwright.sync_api import Locator, Page, expect
 from sim_service import call_sim, frozen_cameras
 from sim_watch import SimWatch
@@ -68,9 +68,13 @@ def _wait_pixels(canvas: Locator, colour: tuple[int, int, int], least: int) -> N
     )
 
 
-def _size(canvas: Locator) -> tuple[int, int]:
-    width, height = canvas.evaluate("canvas => [canvas.width, canvas.height]")
-    return width, height
+def _wait_size(canvas: Locator, width: int, height: int) -> None:
+    """Wait for a picture of this size: a busy robot makes them smaller for a while."""
+    canvas.page.wait_for_function(
+        "([canvas, width, height]) => canvas.width === width && canvas.height === height",
+        arg=[canvas.element_handle(), width, height],
+        timeout=20_000,
+    )
 
 
 def test_the_picture_says_how_old_it_is(robot: Page) -> None:
@@ -78,16 +82,18 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
     facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
     expect(facts).to_contain_text(re.compile("640.480"))
     expect(facts).to_contain_text("/s")
-    told, real = robot.evaluate(
-        f"""() => {{
-          const text = document.querySelector("[data-main=true] [data-testid=tile-facts]").textContent;
-          const stamp = {READ_STAMP}(document.querySelector("[data-testid=video]"));
-          return [parseFloat(text), Date.now() - stamp];
-        }}"""
-    )
-    assert 0 <= told < 1000
-    # The text may be a quarter of a second older than the picture, or newer.
-    assert abs(told - real) < 500
+    look = f"""() => {{
+      const text = document.querySelector("[data-main=true] [data-testid=tile-facts]").textContent;
+      const stamp = {READ_STAMP}(document.querySelector("[data-testid=video]"));
+      return [parseFloat(text), Date.now() - stamp];
+    }}"""
+    looks = []
+    for _ in range(9):
+        looks.append(robot.evaluate(look))
+        robot.wait_for_timeout(100)
+    assert 0 <= median(told for told, _ in looks) < 1000
+    # The text may be a quarter of a second older than the picture, or newer; of a picture that was late, more.
+    assert median(abs(told - real) for told, real in looks) < 500
 
 
 def test_an_inset_shows_the_second_camera_and_keys_swap_them(robot: Page) -> None:
@@ -115,7 +121,7 @@ def test_a_small_picture_is_asked_for_small(robot: Page) -> None:
         arg=small.element_handle(),
         timeout=10_000,
     )
-    assert _size(robot.get_by_test_id("video")) == (640, 480)
+    _wait_size(robot.get_by_test_id("video"), 640, 480)
 
 
 def test_only_what_is_shown_has_a_stream(robot: Page) -> None:
@@ -136,33 +142,23 @@ def test_only_what_is_shown_has_a_stream(robot: Page) -> None:
     _expect_picture(_tile(robot, REAR), "live")
     assert ["rear" in url for url in sockets] == [False, True]
     robot.get_by_test_id("layout").select_option("one")
-    _wait(robot, lambda: closed == sockets[1:])
+    wait_until(robot, "closed the second", lambda: closed == sockets[1:])
     expect(_tile(robot, REAR)).to_have_count(0)
     robot.evaluate(HIDE)
-    _wait(robot, lambda: len(closed) == 2)
+    wait_until(robot, "closed both", lambda: len(closed) == 2)
     assert len(sockets) == 2, sockets
-
-
-def _wait(page: Page, condition: Callable[[], bool], seconds: float = 5) -> None:
-    for _ in range(int(seconds * 20)):
-        if condition():
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"not within {seconds} s")
 
 
 def test_a_picture_is_turned_and_stays_so(robot: Page, stack: Stack) -> None:
     """Turning by a quarter swaps width and height at once, and the next visit begins that way."""
     video = robot.get_by_test_id("video")
-    assert _size(video) == (640, 480)
+    _wait_size(video, 640, 480)
     robot.get_by_test_id("view-more").locator("summary").click()
     robot.get_by_test_id("turn").click()
-    robot.wait_for_function(
-        "canvas => canvas.width === 480 && canvas.height === 640", arg=video.element_handle()
-    )
+    _wait_size(video, 480, 640)
     robot.goto(f"{stack.url}/robots/{ROBOT}")
     _expect_picture(_tile(robot, FRONT), "live")
-    assert _size(robot.get_by_test_id("video")) == (480, 640)
+    _wait_size(robot.get_by_test_id("video"), 480, 640)
 
 
 def test_fullscreen_keeps_stick_and_stop(robot: Page, stack: Stack) -> None:
@@ -193,6 +189,8 @@ def test_fullscreen_lets_go_of_the_stick(robot: Page, stack: Stack) -> None:
 
 def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None:
     """The map's tile draws the map, the scan and, after a drive, the path; what is switched off goes."""
+    # Not at a wall, to which another test may have driven it.
+    call_sim(stack, ROBOT, "/reset")
     robot.get_by_test_id("camera").select_option(MAP)
     canvas = robot.get_by_test_id("video")
     robot.get_by_test_id("zoom-out").click()
@@ -212,7 +210,9 @@ def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None
         start = dict(watch.pose)
         robot.keyboard.down("w")
         watch.wait_pose(
-            "on its way", lambda pose: abs(pose["x"] - start["x"]) + abs(pose["y"] - start["y"]) > 1
+            "on its way",
+            lambda pose: abs(pose["x"] - start["x"]) + abs(pose["y"] - start["y"]) > 1,
+            seconds=15,
         )
         robot.keyboard.up("w")
     robot.get_by_test_id("camera").select_option(MAP)
@@ -227,11 +227,15 @@ def test_what_is_not_seen_is_not_subscribed_to(robot: Page) -> None:
     _expect_picture(_tile(robot, FRONT), "live")
     expect(robot.get_by_test_id("camera").locator("option")).to_have_count(3)
     assert not any('"/scan"' in text for text in sent)
+
+    def of_scan(operation: str) -> list[str]:
+        return [text for text in sent if f'"{operation}"' in text and '"/scan"' in text]
+
     robot.keyboard.press("3")
-    _wait(robot, lambda: any('"subscribe"' in text and '"/scan"' in text for text in sent))
+    wait_until(robot, "subscribed", lambda: bool(of_scan("subscribe")))
     robot.keyboard.press("1")
-    _wait(robot, lambda: any('"unsubscribe"' in text and '"/scan"' in text for text in sent))
-    scan = next(text for text in sent if '"subscribe"' in text and '"/scan"' in text)
+    wait_until(robot, "unsubscribed", lambda: bool(of_scan("unsubscribe")))
+    scan = of_scan("subscribe")[0]
     assert '"throttle_rate":150' in scan
     assert '"queue_length":1' in scan
 

@@ -30,13 +30,9 @@ def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
     """Self-signed first, without a word about insisting on https; then the authority's, with it."""
     network.start_authority()
     nginx = network.start_nginx()
-    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
-    issuer, headers = network.served(nginx)
-    assert issuer == DOMAIN
-    assert HSTS not in headers
+    assert HSTS not in network.wait_served(nginx, DOMAIN)
     acme = network.start_acme()
-    network.wait("pebble's certificate", lambda: "Pebble" in network.served(nginx)[0], acme, nginx)
-    assert network.served(nginx)[1][HSTS].startswith("max-age=")
+    assert network.wait_served(nginx, "Pebble", acme)[HSTS].startswith("max-age=")
     assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code == 0
 
 
@@ -53,7 +49,7 @@ def test_a_certificate_is_renewed_before_it_ends(folder: Path) -> None:
             acme,
             seconds=60,
         )
-        assert "Pebble" in network.served(nginx)[0]
+        network.wait_served(nginx, "Pebble", acme)
 
 
 def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetwork) -> None:
@@ -61,15 +57,9 @@ def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetw
     nginx, acme = network.start_nginx(), network.start_acme()
     network.wait("the failure", lambda: b"no certificate for" in acme.logs(), acme)
     assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code != 0
-    assert network.served(nginx)[0] == DOMAIN
+    network.wait_served(nginx, DOMAIN)
     network.start_authority()
-    network.wait(
-        "pebble's certificate",
-        lambda: "Pebble" in network.served(nginx)[0],
-        acme,
-        nginx,
-        seconds=60,
-    )
+    network.wait_served(nginx, "Pebble", acme, seconds=60)
 
 
 def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
@@ -77,7 +67,7 @@ def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
     network.start_authority()
     nginx, acme = network.start_nginx(), network.start_acme("elsewhere.example.test")
     network.wait("the failure", lambda: b"no certificate for elsewhere" in acme.logs(), acme)
-    assert network.served(nginx)[0] == DOMAIN
+    network.wait_served(nginx, DOMAIN)
 
 
 @pytest.mark.parametrize("domain", ["", "Robots.Example", "localhost", "-x.example", "a b.example"])
@@ -91,10 +81,9 @@ def test_a_wrong_domain_stops_the_start(network: AcmeNetwork, domain: str) -> No
 def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -> None:
     """A new pair serves within seconds; half of a pair changes nothing."""
     nginx = network.start_nginx()
-    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
+    network.wait_served(nginx, DOMAIN)
     make_certificate(network.own, "own.example.test")
-    network.wait("the own one", lambda: network.served(nginx)[0] == "own.example.test", nginx)
-    assert HSTS in network.served(nginx)[1]
+    assert HSTS in network.wait_served(nginx, "own.example.test")
     (network.own / "key.pem").write_text("half a key")
     make_certificate(network.folder("next"), "next.example.test")
     (network.own / "cert.pem").write_bytes((network.folder("next") / "cert.pem").read_bytes())
@@ -102,22 +91,12 @@ def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -
     assert looked.exit_code == 0
     assert network.served(nginx)[0] == "own.example.test"
     (network.own / "key.pem").write_bytes((network.folder("next") / "key.pem").read_bytes())
-    network.wait("the next one", lambda: network.served(nginx)[0] == "next.example.test", nginx)
+    network.wait_served(nginx, "next.example.test")
 
 
 def test_nginx_speaks_in_problems(network: AcmeNetwork) -> None:
     """Where no program answers, nginx's own answer has the headers of all others."""
-    nginx = network.start_nginx()
-    network.wait("nginx answers", lambda: _answers(network, nginx), nginx)
-    headers = network.served(nginx)[1]
+    headers = network.wait_served(network.start_nginx(), DOMAIN)
     assert headers["content-type"] == "application/problem+json"
     assert headers["content-security-policy"].startswith("default-src 'none'")
     assert headers["x-content-type-options"] == "nosniff"
-
-
-def _answers(network: AcmeNetwork, nginx: object) -> bool:
-    try:
-        network.served(nginx)  # type: ignore[arg-type] # a container
-    except OSError:
-        return False
-    return True

@@ -162,6 +162,8 @@ def test_stranger_with_a_public_key_gets_nothing(
     stolen = tmp_path / "stolen.pub"
     stolen.write_text(ann.key.public + "\n")
     with ann.connected(robot.shell_port) as running:
+        # Connections of tests before stay there for a moment.
+        stack.wait("she alone in the register", lambda: len(registered(stack)) == 1, "sshd")
         mine = registered(stack)
         bare = ["ssh", "-F", "none", "-p", str(stack.ssh_port), "-i", str(stolen)]
         options = ["BatchMode=yes", "IdentitiesOnly=yes", "StrictHostKeyChecking=no"]
@@ -173,7 +175,7 @@ def test_stranger_with_a_public_key_gets_nothing(
                 capture_output=True, text=True, timeout=15, stdin=subprocess.DEVNULL, check=False,
             )  # fmt: skip
             assert "Permission denied" in done.stderr
-        stack.wait("the register as before", lambda: registered(stack) == mine, "sshd", seconds=5)
+        stack.wait("the register as before", lambda: registered(stack) == mine, "sshd")
         assert lives(running, "still here")
 
 

@@ -90,14 +90,15 @@ def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: Shel
     many: list[subprocess.Popen[str]] = []
     try:
         with bob.connected(robot.shell_port) as his:
-            for _ in range(34):
+            for number in range(34):
                 many.append(ann.key.start(*target))
-                first_line(many[-1])
+                # Of those beyond 32, whichever ends may not have said a word.
+                if number < 32:
+                    first_line(many[-1])
             ann.stack.wait(
                 "two of 34 ended",
                 lambda: sum(each.poll() is not None for each in many) == 2,
                 "sshd",
-                seconds=10,
             )
             assert lives(his, "still here")
     finally:

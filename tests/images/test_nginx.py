@@ -78,9 +78,7 @@ def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: st
 def test_log_keeps_no_tickets(stack: Stack) -> None:
     """A ticket in a query never reaches the access log."""
     stack.request("GET", "/robots/sim1/ros?ticket=SECRET-TICKET")
-    stack.wait(
-        "the request in nginx's log", lambda: "/robots/sim1/ros 4" in stack.logs("nginx"), seconds=5
-    )
+    stack.wait("the request in nginx's log", lambda: "/robots/sim1/ros 4" in stack.logs("nginx"))
     assert "SECRET-TICKET" not in stack.logs("nginx", "relay", "web", lines=400)
 
 

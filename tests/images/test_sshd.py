@@ -30,7 +30,7 @@ def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robo
     stack.admin.remove("robots", "thief")
 
 
-def _session_line(running: subprocess.Popen[str], seconds: float = 5) -> dict[str, object]:
+def _session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[str, object]:
     """The first line that the relay sends on a session, which proves the whole way."""
     assert running.stdout is not None
     ready, _, _ = select.select([running.stdout], [], [], seconds)
@@ -234,7 +234,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
             forward = ("-O", "forward", "-R", f"0.0.0.0:{ros}:127.0.0.1:9")
             done = key.ssh("-S", control, *forward, USER)
             assert done.returncode == 0, done.stderr
-        assert running[0].wait(timeout=5) != 0
+        assert running[0].wait(timeout=10) != 0
         assert running[1].poll() is None
     finally:
         for each in running:
@@ -314,7 +314,7 @@ def test_known_key_works_while_the_database_is_away(
     try:
         running = key.start(USER, "session")
         try:
-            assert _session_line(running, seconds=10)["robot"] == "thief"
+            assert _session_line(running)["robot"] == "thief"
         finally:
             _end(running)
         assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
@@ -339,7 +339,7 @@ def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Sta
         stack.exec("sshd", "bash", "-c", write, user="keylookup")
         running = key.start(USER, "session")
         try:
-            assert _session_line(running, seconds=10)["robot"] == "thief"
+            assert _session_line(running)["robot"] == "thief"
         finally:
             _end(running)
     finally:

@@ -142,6 +142,27 @@ class AcmeNetwork:
         headers = dict(line.lower().split(": ", 1) for line in head[1:])
         return issuer_of(ssl.DER_cert_to_PEM_cert(der)), headers
 
+    def wait_served(
+        self, nginx: Container, issuer: str, *containers: Container, seconds: float = 30
+    ) -> dict[str, str]:
+        """Wait until a certificate of this issuer serves, and return the headers of that very answer.
+
+        While nginx changes its certificate, the one before may serve once more, and a connection may be cut.
+        """
+        headers: dict[str, str] = {}
+
+        def serves() -> bool:
+            try:
+                found, told = self.served(nginx)
+            except OSError:
+                return False
+            if issuer in found:
+                headers.update(told)
+            return bool(headers)
+
+        self.wait(f"{issuer}'s certificate", serves, nginx, *containers, seconds=seconds)
+        return headers
+
     def wait(
         self, what: str, condition: Callable[[], bool], *containers: Container, seconds: float = 30
     ) -> None:

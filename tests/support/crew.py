@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-from pages import expect_live, log_in, open_live
+from pages import LIVE, log_in, open_live
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 from stack import Stack
 
@@ -60,11 +60,12 @@ class Crew:
             context.close()
 
 
-def expect_mode(page: Page, mode: str, seconds: float = 5) -> None:
+def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
     """Wait until the page drives or watches, with a connection that stands."""
-    control = page.get_by_test_id("control")
-    expect(control).to_have_attribute("data-mode", mode, timeout=seconds * 1000)
-    expect_live(page, seconds)
+    # In one look: the connection may be that of the mode before, and the mode that of the connection to come.
+    control = f"[data-testid=control][data-mode={mode}]"
+    stands = page.locator(f"main:has({control}):has({LIVE})")
+    expect(stands).to_have_count(1, timeout=seconds * 1000)
 
 
 def release_all(stack: Stack, robots: list[str], token: str) -> None:

@@ -8,10 +8,11 @@ import socket
 import ssl
 
 # Below the ports that the kernel gives to clients and to servers on port 0: one of those would otherwise take a port
-# that a test has only noted down so far. Each of pytest-xdist's workers has its own share, for the same reason.
+# that a test has only noted down so far. Above those of robots, which test_direct publishes. Each of pytest-xdist's
+# workers has its own share, for the same reason.
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-PORTS = range(10_000 + _WORKER, 32_000, _WORKERS)
+PORTS = range(20_100 + _WORKER, 32_000, _WORKERS)
 _rng = random.SystemRandom()
 _given: set[int] = set()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import time
+from collections.abc import Callable
 from http import HTTPStatus
 from typing import Protocol
 
@@ -11,6 +13,8 @@ from playwright.sync_api import Browser, Page, Playwright, expect
 
 CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
+# In one look: a page that is held may lose its connection before the next one.
+LIVE = "[data-testid=state][data-state=live]:not([data-shown=held])"
 
 
 class Site(Protocol):
@@ -81,9 +85,15 @@ def open_live(page: Page, site: Site, robot: str) -> None:
 
 def expect_live(page: Page, seconds: float) -> None:
     """Wait until the page's connection stands, and whoever drives sees a picture to drive by."""
-    state = page.get_by_test_id("state")
-    expect(state).to_have_attribute("data-state", "live", timeout=seconds * 1000)
-    expect(state).not_to_have_attribute("data-shown", "held", timeout=seconds * 1000)
+    expect(page.locator(LIVE)).to_have_count(1, timeout=seconds * 1000)
+
+
+def wait_until(page: Page, what: str, condition: Callable[[], bool], seconds: float = 10) -> None:
+    """Wait for what the page's events tell this process."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"after {seconds} s still not {what}"
+        page.wait_for_timeout(50)
 
 
 def open_page(page: Page, site: Site, path: str) -> None:

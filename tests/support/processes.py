@@ -9,7 +9,7 @@ from pathlib import Path
 from docker.models.containers import Container
 
 # Of proc(5)'s stat, counted from the state, which follows the name.
-USER_TICKS, SYSTEM_TICKS, START = 11, 12, 19
+STATE, USER_TICKS, SYSTEM_TICKS, START = 0, 11, 12, 19
 
 
 def with_words(container: Container, words: str) -> list[int]:
@@ -20,7 +20,7 @@ def with_words(container: Container, words: str) -> list[int]:
     table = container.top(ps_args="-eo pid,args")["Processes"]
     told = re.compile(rf"(?<!\S){re.escape(words)}(?!\S)")
     found = [int(pid) for pid, command in table if told.search(command) and "tini" not in command]
-    return sorted(found, key=_started)
+    return sorted(filter(_lives, found), key=_started)
 
 
 def oldest(pids: Iterable[int]) -> int:
@@ -30,14 +30,22 @@ def oldest(pids: Iterable[int]) -> int:
 
 def ticks(pid: int) -> int:
     """Processor time that a process has used so far, in the kernel's ticks."""
-    fields = _fields(pid)
-    return fields[USER_TICKS] + fields[SYSTEM_TICKS]
+    words = _words(pid)
+    return int(words[USER_TICKS]) + int(words[SYSTEM_TICKS])
+
+
+def sleeps(pid: int) -> bool:
+    """Whether it waits for something else than a processor."""
+    return _words(pid)[STATE] == "S"
+
+
+def _lives(pid: int) -> bool:
+    return Path(f"/proc/{pid}").exists()
 
 
 def _started(pid: int) -> int:
-    return _fields(pid)[START]
+    return int(_words(pid)[START])
 
 
-def _fields(pid: int) -> list[int]:
-    text = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2]
-    return [0, *(int(field) for field in text.split()[1:])]
+def _words(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import aiohttp
 from local_network import insecure_tls
 from stack import Stack
+
+Result = TypeVar("Result")
 
 
 class Program:
@@ -51,6 +53,17 @@ async def echo(
         message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
         if message.get("op") == "publish" and message["topic"] == topic:
             return str(message["msg"]["data"])
+
+
+async def drive_on(
+    socket: aiohttp.ClientWebSocketResponse, doing: Coroutine[Any, Any, Result]
+) -> Result:
+    """Drive while something else is done: a driver who reads nothing answers no ping, and is gone."""
+    task = asyncio.create_task(doing)
+    while not task.done():
+        assert await echo(socket, "driving on") == "driving on"
+        await asyncio.sleep(0.1)
+    return await task
 
 
 async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test_echo") -> None:

@@ -10,6 +10,7 @@ import json
 import time
 from collections import deque
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any, Protocol
 
 import aiohttp
@@ -39,9 +40,10 @@ class SimWatch(LoopThread):
         networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
         self._url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
         super().__init__(f"/pose from {self._url}")
+        # In the order in which they are subscribed to: with the first pose that comes, commands come too.
         self._seen: dict[str, deque[Seen]] = {
-            "/pose": deque(maxlen=4000),
             "/cmd_vel": deque(maxlen=4000),
+            "/pose": deque(maxlen=4000),
         }
 
     @property
@@ -52,6 +54,19 @@ class SimWatch(LoopThread):
     def commands(self, since: float = 0.0) -> list[Seen]:
         """The twists on /cmd_vel that arrived after `since`."""
         return [seen for seen in list(self._seen["/cmd_vel"]) if seen.at > since]
+
+    def wait_seen(self, what: str, condition: Any, since: float) -> None:
+        """Wait for a pose after `since` for which the condition held; the robot may have moved on."""
+
+        def came(_: object) -> bool:
+            poses = reversed(list(self._seen["/pose"]))
+            return any(condition(seen.msg) for seen in takewhile(lambda one: one.at > since, poses))
+
+        self.wait_pose(what, came)
+
+    def wait_silence(self, seconds: float = 1.0) -> None:
+        """Wait until nothing was told to the wheels for so long."""
+        self.wait_pose("left alone", lambda _: not self.commands(time.monotonic() - seconds))
 
     def wait_pose(self, what: str, condition: Any, seconds: float = 5.0) -> float:
         """Wait until the condition holds for the pose; the seconds it took."""

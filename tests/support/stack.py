@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 import docker
 from docker.models.containers import Container
+from inside import run_inside
 from local_network import free_port, insecure_tls
 from stack_admin import Admin
 
@@ -105,15 +106,13 @@ class Stack:
 
     def exec(self, service: str, *command: str, user: str = "") -> str:
         """Run a command in a service's container, by the engine, as compose takes long; return what it printed."""
-        done = self.container(service).exec_run(list(command), user=user, demux=True)
-        printed, complained = (
-            part.decode(errors="replace") if part else "" for part in done.output
-        )
-        if done.exit_code != 0:
+        done = run_inside(self.container(service), *command, user=user)
+        if done.returncode != 0:
             raise AssertionError(
-                f"{' '.join(command)} in {service} exited {done.exit_code}\n{printed[-4000:]}\n{complained[-8000:]}"
+                f"{' '.join(command)} in {service} exited {done.returncode}\n"
+                f"{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
             )
-        return printed
+        return done.stdout
 
     def robotether(self, *arguments: str) -> str:
         """The admin's command."""
@@ -177,6 +176,15 @@ class Stack:
         self.admin.grant(witness, robot, "observe")
         self.wait_for_right(witness, robot)
         self.admin.remove("users", witness)
+
+    def wait_until_free(self, robot: str) -> None:
+        """Wait until nobody drives: the relay hears a moment later that a test before has closed its browser."""
+
+        def is_free() -> bool:
+            status, control = self.admin.try_to("GET", f"/robots/{robot}/control")
+            return status == HTTPStatus.OK and not (control["driver"] or control["reserved"])
+
+        self.wait(f"{robot} free", is_free, "relay")
 
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
         """Wait until the engine calls the service's container healthy."""
