@@ -9,6 +9,7 @@ is_fingerprint() { # SHA256:...
 }
 
 ask() { # SQL; --skip-ssl: the network `data` exists on this host only, and a handshake costs 3 ms a login
-  MYSQL_PWD=$(cat /run/secrets/mysql_keylookup_password) mariadb \
+  read -r password < /run/secrets/mysql_keylookup_password || [ -n "$password" ] || return
+  MYSQL_PWD=$password mariadb \
     --defaults-file=/etc/robotether/keylookup.cnf --batch --raw --skip-column-names --execute "$1" 2>&1
 }
