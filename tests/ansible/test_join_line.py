@@ -48,7 +48,8 @@ class Robot:
     def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
         """Run the line with more options; whether it succeeded, and what it printed."""
         # `sh` must get nothing when curl fails, and its end is what counts, as for a person at the prompt.
-        done = run_inside(self.host.container, "bash", "-c", f"{line} {options} 2>&1", limit_s=300)
+        wanted = ("bash", "-c", f"{line} {options}")
+        done = run_inside(self.host.container, *wanted, merged=True, limit_s=300)
         return done.returncode == 0, done.stdout
 
     def traces(self) -> list[str]:
