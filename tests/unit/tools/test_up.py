@@ -87,10 +87,24 @@ def test_folder_of_our_secrets_is_closed(checkout: Path, content: tuple[str, ...
         secrets.chmod(0o755)
         for name in content:
             (secrets / name).write_text("kept")
+    (checkout / "users").write_text("")
     assert up(checkout).returncode == 0
     assert secrets.stat().st_mode & 0o777 == 0o700
     assert ((secrets / "ticket_key").read_text() == "kept") is bool(content)
     assert len((secrets / "admin_password").read_text()) > 40
+
+
+def test_no_password_is_told_that_admin_does_not_have(checkout: Path) -> None:
+    """One that was made with the admin is told each time; an admin from before this folder has another one."""
+    (checkout / "users").write_text("")
+    made = up(checkout).stdout
+    (checkout / "users").write_text("NAME   ROLE   STATE\nadmin  admin  enabled\n")
+    password = (checkout / "secrets" / "admin_password").read_text().strip()
+    assert len(password) > 40
+    assert all(f"  password  {password} " in said for said in (made, up(checkout).stdout))
+    shutil.rmtree(checkout / "secrets")
+    assert "the one that admin had before" in up(checkout).stdout
+    assert not (checkout / "secrets" / "admin_password").exists()
 
 
 def test_folder_that_others_use_is_left_alone(checkout: Path) -> None:
