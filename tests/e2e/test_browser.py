@@ -25,7 +25,10 @@ def _assert_stops(watch: SimWatch, released: float) -> None:
     last = watch.commands()[-1]
     assert last.msg["linear"]["x"] == 0
     assert last.msg["angular"]["z"] == 0
-    watch.wait_silence()
+    quiet_since = time.monotonic()
+    while time.monotonic() - quiet_since < 1.0:
+        assert watch.commands(since=quiet_since + 0.5) == []
+        time.sleep(0.05)
     assert all(seen.msg["linear"]["x"] == 0 for seen in watch.commands(last.at))
 
 

@@ -73,10 +73,11 @@ def _stands(watch: SimWatch) -> None:
     """Wait until the robot stands; then nothing but zero comes, and soon nothing at all."""
     watch.wait_pose("standing", _standing, seconds=1)
     since = time.monotonic()
-    watch.wait_pose("looked at for a while", lambda _: time.monotonic() > since + 1.2)
-    watch.wait_silence(0.5)
-    moved = [seen.msg for seen in watch.commands(since) if not _is_zero(seen.msg)]
-    assert moved == [], "it is driven by what nobody holds"
+    while time.monotonic() < since + 1.2:
+        moved = [seen.msg for seen in watch.commands(since) if not _is_zero(seen.msg)]
+        assert moved == [], "it is driven by what nobody holds"
+        time.sleep(0.05)
+    assert watch.commands(since + 0.7) == [], "the zeros do not end"
 
 
 def _wait_command(watch: SimWatch, what: str, condition: Callable[[Any], bool]) -> Any:
@@ -121,7 +122,7 @@ def test_a_gamepad_drives_while_its_button_is_held(gamepad: GamepadDouble, watch
     periods_s = [later.at - one.at for one, later in pairwise(sent)]
     # The usual one: on a busy machine some come late, and the next ones at once.
     assert median(periods_s) == pytest.approx(1 / PERIODS_PER_S, rel=0.2)
-    assert PERIODS_PER_S / 2 < len(sent) / (sent[-1].at - since) <= PERIODS_PER_S + 2
+    assert PERIODS_PER_S * 0.7 < len(sent) / (sent[-1].at - since) <= PERIODS_PER_S + 2
     gamepad.release(LB)
     _stands(watch)
 

@@ -184,8 +184,8 @@ async def test_offline_robot_closes_with_a_reason(program: Program, stack: Stack
         await asyncio.to_thread(
             stack.wait, "sim3 offline", lambda: not stack.online("sim3"), "relay"
         )
+        started = time.monotonic()
         async with program.connect("sim3") as socket:
-            started = time.monotonic()
             frame = await asyncio.wait_for(socket.receive(), 5)
             assert frame.type is aiohttp.WSMsgType.CLOSE
             assert time.monotonic() - started < 1.5

@@ -66,14 +66,15 @@ def _press_release(page: Page) -> None:
     page.mouse.down()
 
 
-def _hold_release(page: Page) -> None:
+def _hold_release(page: Page, seconds: float) -> None:
     _press_release(page)
-    _expect_released(page)
+    page.wait_for_timeout(seconds * 1000)
     page.mouse.up()
 
 
 def _expect_released(page: Page) -> None:
-    expect(page.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "none")
+    released = expect(page.get_by_test_id("stop-bar"))
+    released.to_have_attribute("data-stop", "none", timeout=5_000)
 
 
 def _moving(pose: dict[str, float]) -> bool:
@@ -129,12 +130,11 @@ def test_a_release_has_to_be_held(crew: Crew, ann: Page, stack: Stack) -> None:
     """Half a second does nothing; a whole one releases, and the page drives again, after one more press."""
     ann.keyboard.press("Space")
     _expect_stopped(ann, "ann")
-    _press_release(ann)
-    ann.wait_for_timeout(500)
-    ann.mouse.up()
+    _hold_release(ann, 0.5)
     ann.wait_for_timeout(1000)
     _expect_stopped(ann, "ann")
-    _hold_release(ann)
+    _hold_release(ann, 1.2)
+    _expect_released(ann)
     expect_mode(ann, "drive")
     expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     ann.get_by_test_id("control-arm").click()
@@ -163,7 +163,8 @@ def test_a_release_does_not_end_a_stop_that_its_person_did_not_see(
     status, problem = stack.request("POST", f"{path}/release", seen, headers)
     assert (status, problem["code"]) == (409, "not_possible")
     assert re.match(rf"olga stopped {ROBOT} at \d\d:\d\d UTC too; look again", problem["detail"])
-    _hold_release(ann)
+    _hold_release(ann, 1.2)
+    _expect_released(ann)
 
 
 @pytest.mark.parametrize("key", ["Enter", "Space"])
@@ -173,8 +174,9 @@ def test_a_release_can_be_held_by_a_key(ann: Page, key: str) -> None:
     _expect_stopped(ann, "ann")
     ann.get_by_test_id("release").focus()
     ann.keyboard.down(key)
-    _expect_released(ann)
+    ann.wait_for_timeout(1200)
     ann.keyboard.up(key)
+    _expect_released(ann)
     expect_mode(ann, "drive")
 
 

@@ -13,6 +13,7 @@ import subprocess
 import time
 import uuid
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -147,6 +148,7 @@ class AcmeNetwork:
     ) -> dict[str, str]:
         """Wait until a certificate of this issuer serves, and return the headers of that very answer.
 
+        The issuer may have wildcards, as in the shell.
         While nginx changes its certificate, the one before may serve once more, and a connection may be cut.
         """
         headers: dict[str, str] = {}
@@ -156,7 +158,7 @@ class AcmeNetwork:
                 found, told = self.served(nginx)
             except OSError:
                 return False
-            if issuer in found:
+            if fnmatchcase(found, issuer):
                 headers.update(told)
             return bool(headers)
 

@@ -134,7 +134,7 @@ class RobotSession:
     def _take(self, message: dict[str, Any]) -> None:
         if message["type"] == "config":
             self.configs.append(message)
-            if self.kind != "session" and not self.silent and not self.configured.is_set():
+            if self.kind != "session" and not self.silent and self._beat is None:
                 self._beat = asyncio.create_task(self._ping(message["heartbeat_s"]))
             self.configured.set()
         elif message["type"] == "ping":

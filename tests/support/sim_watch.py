@@ -64,10 +64,6 @@ class SimWatch(LoopThread):
 
         self.wait_pose(what, came)
 
-    def wait_silence(self, seconds: float = 1.0) -> None:
-        """Wait until nothing was told to the wheels for so long."""
-        self.wait_pose("left alone", lambda _: not self.commands(time.monotonic() - seconds))
-
     def wait_pose(self, what: str, condition: Any, seconds: float = 5.0) -> float:
         """Wait until the condition holds for the pose; the seconds it took."""
         start = time.monotonic()
