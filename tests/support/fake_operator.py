@@ -43,7 +43,16 @@ class FakeOperator:
     async def __aexit__(self, *_exc: object) -> None:
         self._reader.cancel()
         await asyncio.gather(self._reader, return_exceptions=True)
+        transport = self._transport
+        if not transport.is_reading():
+            transport.abort()
         await self._socket.close()
+
+    @property
+    def _transport(self) -> asyncio.Transport:
+        transport = self._socket._writer.transport
+        assert transport is not None
+        return transport
 
     @staticmethod
     def clock_ms() -> float:
@@ -77,9 +86,7 @@ class FakeOperator:
     def silent_cut(self) -> None:
         """Neither read nor write any more, with the connection still open."""
         self._reader.cancel()
-        transport = self._socket._writer.transport
-        assert transport is not None
-        transport.pause_reading()
+        self._transport.pause_reading()
 
     async def frozen_page(self) -> None:
         """Do nothing but what the browser does by itself: `_read` answers pings."""

@@ -37,14 +37,14 @@ SESSION_KEY = "the session key of the tests, long enough"
 TICKET_KEY = "the ticket key of the tests, long enough"
 MESSAGE_LIMIT = 10 * 1024 * 1024
 
-# Short enough for tests, with the proportions of the real ones.
+# Short enough for tests, and longer than a shared machine stands still.
 FAST = Timing(
-    limits=Limits(ping_every_s=0.2, silent_after_s=0.6, slow_after_s=1.0, look_every_s=0.05),
+    limits=Limits(ping_every_s=0.2, silent_after_s=1.5, slow_after_s=1.5, look_every_s=0.05),
     driver_limits=Limits(
-        ping_every_s=0.1, silent_after_s=0.6, slow_after_s=1.0, look_every_s=0.05, strict=True
+        ping_every_s=0.1, silent_after_s=1.5, slow_after_s=1.5, look_every_s=0.05, strict=True
     ),
     heartbeat_s=0.1,
-    timeout_s=0.5,
+    timeout_s=1.5,
     poll_every_s=0.05,
 )
 

@@ -10,6 +10,7 @@ import pytest
 import sim_robot
 from sim_client import SETTINGS, SocketClient, until
 from sim_robot.simulator import Simulator
+from stopwatch import Stopwatch
 
 
 async def test_camera_does_not_disturb_the_loop(simulator: Simulator) -> None:
@@ -26,11 +27,14 @@ async def test_camera_does_not_disturb_the_loop(simulator: Simulator) -> None:
         await client.send(op="subscribe", topic="/odom")
         await client.receive()
         start, steps = loop.time(), simulator.robot.steps
-        for _ in range(125):
-            await client.receive()
+        with Stopwatch() as stopwatch:
+            for _ in range(125):
+                await client.receive()
         took = loop.time() - start
-        assert simulator.robot.steps - steps == pytest.approx(took * 62.5, abs=3)
-        assert simulator.rate.skipped == 0
+        skipped = simulator.rate.skipped
+        assert simulator.robot.steps - steps + skipped == pytest.approx(took * 62.5, abs=3)
+        # Only a pause of the machine makes it skip steps.
+        assert skipped == 0 or took - stopwatch.s > 0.1
         assert simulator.feeds["/camera/image_raw"].drawn > 20
         for task in readers:
             task.cancel()

@@ -10,7 +10,7 @@ from collections import Counter
 import pytest
 from fake_operator import FakeOperator
 from relay_clients import PUBLISH
-from relay_server import until, utc
+from relay_server import FAST, until, utc
 from robotether_server.relay.ages import ClientMoments
 from robotether_server.relay.drive_log import DriveLog
 from robotether_server.relay.drive_path import DrivePath, Seat
@@ -105,7 +105,11 @@ async def test_a_silent_cut_ends_the_lease(relay, guarded, sim1, http):
         ann.silent_cut()
         for _ in range(64):
             await guarded.send_to_clients(b"x" * 65536)
-        await until(lambda: relay.relay.control.driver(sim1.id) is None, "nobody drives", 2)
+        await until(
+            lambda: relay.relay.control.driver(sim1.id) is None,
+            "nobody drives",
+            FAST.driver_limits.silent_after_s + 1.4,
+        )
 
 
 async def test_a_frozen_page_keeps_the_lease_but_drives_nothing(relay, guarded, sim1, http):
@@ -113,7 +117,7 @@ async def test_a_frozen_page_keeps_the_lease_but_drives_nothing(relay, guarded, 
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
         await ann.frozen_page()
-        await asyncio.sleep(0.8)
+        await asyncio.sleep(FAST.driver_limits.silent_after_s + 0.2)
         assert relay.relay.control.driver(sim1.id) == "ann"
         assert guarded.received == []
 

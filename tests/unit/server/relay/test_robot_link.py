@@ -15,6 +15,7 @@ from relay_server import FAST, MemoryRecords, RelayServer, until
 from robotether_server.relay.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
 from robotether_server.store.fleet import Robot
+from stopwatch import Stopwatch
 
 
 def presence(relay: RelayServer, robot: Robot) -> Presence:
@@ -222,9 +223,11 @@ async def test_a_port_that_stays_taken_goes_to_nobody(relay, robot, sim1, connec
     await robot.session.close()
     await until(lambda: not presence(relay, sim1).online, "it is offline")
     begun = time.monotonic()
-    session = await connect(kind)
-    assert await ended(session) == "port_taken"
-    assert 0.9 < time.monotonic() - begun < 2
+    with Stopwatch() as stopwatch:
+        session = await connect(kind)
+        assert await ended(session) == "port_taken"
+    assert time.monotonic() - begun > 0.9
+    assert stopwatch.s < 2
     assert session.configs == []
     assert not presence(relay, sim1).online
 
@@ -275,8 +278,10 @@ async def test_a_silent_robot_times_out(relay, sim1, connect):
     """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
     session = await connect(silent=True)
     begun = time.monotonic()
-    assert await ended(session) == "timeout"
-    assert FAST.timeout_s < time.monotonic() - begun < FAST.timeout_s + 1
+    with Stopwatch() as stopwatch:
+        assert await ended(session) == "timeout"
+    assert time.monotonic() - begun > FAST.timeout_s
+    assert stopwatch.s < FAST.timeout_s + 1
     assert not presence(relay, sim1).online
 
 

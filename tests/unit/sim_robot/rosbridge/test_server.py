@@ -12,6 +12,7 @@ import sim_client
 from sim_client import SETTINGS, WAIT_S, SocketClient, until
 from sim_robot.rosbridge.outbox import MESSAGES_LIMIT
 from sim_robot.simulator import Simulator
+from stopwatch import Stopwatch
 
 ROUND_TRIP = Path(sim_client.__file__).with_name("roslibpy_round_trip.py")
 
@@ -41,9 +42,12 @@ async def test_pose_comes_62_times_a_second(simulator: Simulator) -> None:
         await client.send(op="subscribe", topic="/pose")
         await client.receive()
         start = loop.time()
-        for _ in range(125):
-            await client.receive()
-        assert loop.time() - start == pytest.approx(2.0, abs=0.15)
+        # A robot that was held up skips what it missed.
+        with Stopwatch() as stopwatch:
+            for _ in range(125):
+                await client.receive()
+        assert loop.time() - start > 1.85
+        assert stopwatch.s < 2.15
 
 
 async def test_driving_moves_and_silence_stops(simulator: Simulator) -> None:
