@@ -108,7 +108,7 @@ async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
 
 async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -> None:
     """What was due meanwhile is sent late; nothing that had been taken is sent again."""
-    async with BusRobot(ADDRESS, port) as ros, one_pair(port, 100, 200) as pair:
+    async with BusRobot(ADDRESS, port) as ros, one_pair(port, 400, 200) as pair:
         keeping = asyncio.create_task(pair.receiver.dialled.keep())
         sending = asyncio.create_task(pair.send_all())
         await pair.received(20)
@@ -118,7 +118,7 @@ async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -
             keeping.cancel()
             await asyncio.gather(keeping, return_exceptions=True)
             came = pair.receiver.result()
-    assert (sent["sent"], sent["unsent"]) == (100, 0)
+    assert (sent["sent"], sent["unsent"]) == (400, 0)
     assert sent["redials"] >= 1
     assert came["redials"] >= 1
     assert sent["endings"] == ["close code 1001"]
