@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from types import TracebackType
 from typing import Self
 
 TICK_S = 0.005
@@ -18,37 +17,42 @@ class Stopwatch:
     A machine shared with others stands still for half a second now and then, and code that waits for nothing
     looks slow meanwhile. A thread beside the test sees such a pause as one long tick, of which the first
     GOES_ON_WITHIN_S count. A loop that is held up, by a call that blocks or by work, stops no other thread and
-    counts in full. A lower limit asks the clock.
+    counts in full; so does work that lets no other thread run, by the processor time that it takes.
+    Upper limits are for `s`, lower ones for `clock_s`.
     """
 
     def __init__(self) -> None:
         self._counted_s = 0.0
-        self._last_s = 0.0
+        self._began_s = self._last_s = 0.0
+        self._last_cpu_s = 0.0
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Self:
-        self._last_s = time.monotonic()
+        self._began_s = self._last_s = time.monotonic()
+        self._last_cpu_s = time.process_time()
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._count()
         self._over.set()
         self._thread.join()
 
     @property
     def s(self) -> float:
-        """Seconds since the block began, or that it lasted."""
+        """Seconds since the block began, or that it lasted, without the machine's pauses."""
         if not self._over.is_set():
             self._count()
         return self._counted_s
+
+    @property
+    def clock_s(self) -> float:
+        """The same with them."""
+        if not self._over.is_set():
+            self._count()
+        return self._last_s - self._began_s
 
     def _run(self) -> None:
         while not self._over.wait(TICK_S):
@@ -56,6 +60,7 @@ class Stopwatch:
 
     def _count(self) -> None:
         with self._lock:
-            now = time.monotonic()
-            self._counted_s += min(now - self._last_s, GOES_ON_WITHIN_S)
-            self._last_s = now
+            now, cpu_s = time.monotonic(), time.process_time()
+            worked_s = cpu_s - self._last_cpu_s
+            self._counted_s += min(now - self._last_s, max(GOES_ON_WITHIN_S, worked_s))
+            self._last_s, self._last_cpu_s = now, cpu_s

@@ -96,14 +96,18 @@ class Generator:
         self._process.stdin.flush()
 
     def hear(self, what: str, seconds: float) -> dict[str, Any]:
-        """Its next line; RuntimeError with its own words when there is none in time."""
+        """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
         assert self._process.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
             line = self._process.stdout.readline() if selector.select(seconds) else None
         if not line:
             why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
-            raise RuntimeError(f"a load generator {why}: {what}\n{self._log.read_text()[-2000:]}")
+            words = self._log.read_text()[-2000:]
+            last = words.rstrip().rpartition("\n")[2]
+            error = RuntimeError(f"a load generator {why}: {what}; {last or 'it wrote no error'}")
+            error.add_note(words)
+            raise error
         said: dict[str, Any] = json.loads(line)
         return said
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, cast
 
+import pytest
 from numbered_runs import a_run
-from paper.numbered_run import PAIRS_A_USER, Pair, Plan, by_network, tokens
+from paper.numbered_run import PAIRS_A_USER, Generator, Pair, Plan, by_network, tokens
 from paper.profiles import FIXED, SLOW_4G, Profile
 from paper.robots import WholeRobot
 from paper.uplinks import Uplink
@@ -49,6 +51,23 @@ def test_more_operators_are_more_users_who_are_gone_afterwards() -> None:
         assert [given.count(one) for one in dict.fromkeys(given)] == [PAIRS_A_USER, PAIRS_A_USER, 1]
         assert site.asked == [("POST", "/users")] * 2
     assert site.asked[2:] == [("DELETE", "/users")] * 2
+
+
+def test_a_generator_that_ends_is_told_by_its_last_words(tmp_path: Path) -> None:
+    """They stand in a table; where in the program it ended is for the log."""
+    log = tmp_path / "log"
+    generator = Generator([], log)
+    try:
+        with pytest.raises(RuntimeError) as told:
+            generator.hear("that all are connected", 30)
+    finally:
+        generator.close()
+    words = log.read_text()
+    last = words.splitlines()[-1]
+    assert "IndexError" in last
+    assert str(told.value) == f"a load generator ended: that all are connected; {last}"
+    assert told.value.__notes__ == [words[-2000:]]
+    assert "Traceback" in words
 
 
 def test_pairs_on_one_network_are_not_told_twice() -> None:

@@ -15,13 +15,12 @@ from stopwatch import Stopwatch
 HELD_S = 0.3
 SUPPORT = Path(__file__).parents[2] / "support"
 PROGRAM = """
-import sys, time
+import sys
 from stopwatch import Stopwatch
 with Stopwatch() as stopwatch:
-    began = time.monotonic()
     print("began", flush=True)
     sys.stdin.readline()
-print(stopwatch.s, time.monotonic() - began)
+print(stopwatch.s, stopwatch.clock_s)
 """
 
 
@@ -42,6 +41,16 @@ async def test_a_loop_that_is_held_up_counts() -> None:
         lasted_s = stopwatch.s
         await asyncio.sleep(0.05)
         assert stopwatch.s == lasted_s
+
+
+def test_work_that_lets_no_other_thread_run_counts() -> None:
+    """The thread of the stopwatch does not see it; the processor time tells it from a pause."""
+    with Stopwatch() as stopwatch:
+        before_s = time.thread_time()
+        sum(range(30_000_000))
+        worked_s = time.thread_time() - before_s
+    assert worked_s > 0.1
+    assert stopwatch.s > 0.8 * worked_s
 
 
 def test_a_pause_of_the_process_does_not_count() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from dataclasses import replace
 from unittest.mock import ANY
 
@@ -222,11 +221,10 @@ async def test_a_port_that_stays_taken_goes_to_nobody(relay, robot, sim1, connec
     robot.mode = "port_taken"
     await robot.session.close()
     await until(lambda: not presence(relay, sim1).online, "it is offline")
-    begun = time.monotonic()
     with Stopwatch() as stopwatch:
         session = await connect(kind)
         assert await ended(session) == "port_taken"
-    assert time.monotonic() - begun > 0.9
+    assert stopwatch.clock_s > 0.9
     assert stopwatch.s < 2
     assert session.configs == []
     assert not presence(relay, sim1).online
@@ -277,10 +275,9 @@ async def test_on_media_only_the_agent_pings(relay, connect, silent):
 async def test_a_silent_robot_times_out(relay, sim1, connect):
     """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
     session = await connect(silent=True)
-    begun = time.monotonic()
     with Stopwatch() as stopwatch:
         assert await ended(session) == "timeout"
-    assert time.monotonic() - begun > FAST.timeout_s
+    assert stopwatch.clock_s > FAST.timeout_s
     assert stopwatch.s < FAST.timeout_s + 1
     assert not presence(relay, sim1).online
 
