@@ -67,6 +67,7 @@ async def drive_on(
 
 
 async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test_echo") -> None:
-    """Advertise and subscribe a std_msgs/String topic."""
+    """Advertise and subscribe a std_msgs/String topic, and wait until the robot answers: then the drive has begun."""
     await socket.send_json({"op": "advertise", "topic": topic, "type": "std_msgs/String"})
     await socket.send_json({"op": "subscribe", "topic": topic, "type": "std_msgs/String"})
+    assert await echo(socket, "open", topic) == "open"

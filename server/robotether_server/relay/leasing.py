@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from robotether_server.problems import StoreProblem
+from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
 from robotether_server.relay import endings
 from robotether_server.relay import session_messages as lines
 from robotether_server.relay.connections import Connection
@@ -186,6 +186,10 @@ class Leasing:
         asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), lease.fence)
         try:
             return await self._records.next_fence(asked)
+        except (RecordMissing, RecordRefused) as gone:
+            # Robot or user was removed meanwhile, which the relay reads of only in its next look.
+            log.info("robot %s: a drive gets no number: %s", robot.name, gone.detail)
+            raise EndedError(endings.rights_ended(robot.name)) from gone
         except StoreProblem as problem:
             log.warning("robot %s: a drive gets no number: %s", robot.name, problem.detail)
             raise EndedError(endings.lease_unavailable(robot.name)) from problem

@@ -7,6 +7,7 @@ import asyncio
 import pytest
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import until
+from robotether_server.problems import RecordMissing, RecordRefused
 from robotether_server.relay import leases, leasing
 from robotether_server.store.control import DriveEntry, LeaseEnd
 from robotether_server.store.fleet import User
@@ -183,6 +184,21 @@ async def test_without_a_database_who_drives_is_not_superseded(relay, guarded, s
             assert (await closing(second))[0] == 4510
         assert control(relay, sim1)["driver"]["fence"] == 1
         assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
+
+
+@pytest.mark.parametrize("problem", [RecordMissing, RecordRefused])
+async def test_who_is_removed_while_the_number_is_on_its_way_has_no_rights(
+    *, relay, guarded, sim1, http, records, monkeypatch, problem
+):
+    """4001, though the relay has not yet read that robot or user are gone: the database answered."""
+
+    async def gone(lease):
+        raise problem(f"no robot {lease.robot_id}")
+
+    monkeypatch.setattr(records, "next_fence", gone)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4001
+    assert control(relay, sim1)["driver"] is None
 
 
 async def test_a_stop_while_the_number_is_on_its_way_wins(
