@@ -52,7 +52,7 @@ export class View {
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
       oldMs: this.limitMs,
       world: this.world,
-      memory: this.memory.map,
+      memory: () => this.memory.map,
       onMemory: (map) => this.keep({ map }),
       onPainted: (topic) => this.seen(topic),
       onChoose: (id) => this.change(() => this.layout.choose(id)),

@@ -43,12 +43,14 @@ export class Look {
   measure() {
     if (this.measuring || this.state !== "open") return;
     let count = 0;
+    const began = this.now();
     this.measuring = true;
     const end = this.begin({ throttleMs: 0 }, () => (count += 1));
     this.timer = setTimeout(() => {
       end();
       this.measuring = false;
-      this.measured = (1000 * count) / MEASURE_MS;
+      // Of the time that it took: a page that nobody looks at has late timers.
+      this.measured = (1000 * count) / (this.now() - began);
       this.onChange();
     }, MEASURE_MS);
     this.onChange();

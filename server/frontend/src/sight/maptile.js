@@ -8,13 +8,15 @@ const ZOOMS = [4, 8, 16, 32, 64, 128]; // pixels a metre
 const USUAL = 3;
 
 export class MapTile {
-  // `world` as of world.js; `memory` {zoom, scan, path, map} as the person left it; `onMemory` gets it when that changes.
-  constructor(element, { world, memory = {}, onMemory }) {
+  // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
+  // when that changes.
+  constructor(element, { world, memory, onMemory }) {
     Object.assign(this, { element, world, onMemory });
+    const left = memory() ?? {};
     this.canvas = part(element, "picture");
     this.canvas.setAttribute("aria-label", texts.label);
-    this.zoom = memory.zoom in ZOOMS ? memory.zoom : USUAL;
-    this.parts = { scan: memory.scan !== false, path: memory.path !== false, map: memory.map !== false };
+    this.zoom = left.zoom in ZOOMS ? left.zoom : USUAL;
+    this.parts = { scan: left.scan !== false, path: left.path !== false, map: left.map !== false };
     this.listen();
   }
 

@@ -54,9 +54,20 @@ test("measuring takes every message for 3 s and no longer", () => {
   assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500, 0]);
   for (let i = 0; i < 30; i++) watched[1].onMessage({});
   assert.equal(odom.pace.kind, "measuring");
+  clock = 3000;
   mock.timers.tick(3000);
   assert.deepEqual(odom.pace, { kind: "measured", perSecond: 10 });
   assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500]);
+});
+
+test("a late timer measures for longer, and no higher rate", () => {
+  const odom = look("nav_msgs/Odometry");
+  watched[0].onState("open");
+  odom.measure();
+  for (let i = 0; i < 60; i++) watched[1].onMessage({});
+  clock = 6000;
+  mock.timers.tick(3000);
+  assert.deepEqual(odom.pace, { kind: "measured", perSecond: 10 });
 });
 
 test("a throttled topic tells no more than that it is at least so fast", () => {
