@@ -59,11 +59,19 @@ class Reach:
     async def open(self, robot: Robot, fence: int | None) -> RobotSocket:
         """Open a WebSocket to the robot, to drive with this number or to observe; EndedError when there is none."""
         self.check_online(robot)
+        loop = asyncio.get_running_loop()
+        deadline, headers = loop.time() + FORWARD_WITHIN_S, self._headers(robot, fence)
+        why = "no answer in time"
         try:
             async with asyncio.timeout(patience_s(self._registry.presence(robot.id))):
-                return await self._connect(robot, self._headers(robot, fence))
+                while not isinstance(found := await self._open(robot, headers), RobotSocket):
+                    # What the last answer said tells more than that a later try had none.
+                    why = found
+                    if loop.time() > deadline:
+                        raise EndedError(endings.rosbridge_down(robot.name, why))
+                    await asyncio.sleep(RETRY_S)
+                return found
         except TimeoutError as exc:
-            why = "no answer in time"
             raise EndedError(endings.rosbridge_down(robot.name, why)) from exc
 
     def _headers(self, robot: Robot, fence: int | None) -> dict[str, str]:
@@ -72,17 +80,6 @@ class Reach:
         if fence is None:
             return {**key, "Robotether-Mode": "observe"}
         return {**key, "Robotether-Mode": "drive", "Robotether-Fence": str(fence)}
-
-    async def _connect(self, robot: Robot, headers: dict[str, str]) -> RobotSocket:
-        loop = asyncio.get_running_loop()
-        deadline = loop.time() + FORWARD_WITHIN_S
-        while True:
-            found = await self._open(robot, headers)
-            if isinstance(found, RobotSocket):
-                return found
-            if loop.time() > deadline:
-                raise EndedError(endings.rosbridge_down(robot.name, found))
-            await asyncio.sleep(RETRY_S)
 
     async def _open(self, robot: Robot, headers: dict[str, str]) -> RobotSocket | str:
         """Open a WebSocket to the robot; say why there is none, when there may be one soon."""

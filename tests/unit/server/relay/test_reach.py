@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from relay_clients import closing, misbehaving
 from relay_server import utc
+from robotether_server.relay import reach
 from robotether_server.relay.reach import LONGEST_PATIENCE_S, patience_s
 from robotether_server.relay.sessions import Presence
 from robotether_server.store.fleet import User
@@ -33,6 +34,17 @@ async def test_a_guard_that_refuses_the_driver_is_told_within_a_second(relay, si
     assert code == 4504
     assert "guard" in reason
     assert relay.relay.control.driver(sim1.id) is None
+    await robot.stop()
+
+
+async def test_what_the_guard_said_is_told_when_patience_ends_first(relay, sim1, http, monkeypatch):
+    """The try that is cut short has no answer, and those before it had one."""
+    monkeypatch.setattr(reach, "FORWARD_WITHIN_S", 60.0)
+    robot = await misbehaving(relay, sim1, "guard_refuses")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        code, reason = await closing(socket)
+    assert code == 4504
+    assert "guard" in reason
     await robot.stop()
 
 
