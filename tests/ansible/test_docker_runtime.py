@@ -25,7 +25,7 @@ def robot(hosts: RobotHosts) -> RobotHost:
     host.put(SETTINGS, "/etc/docker/daemon.json")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
     host.run("apt-get update -qq && apt-get install -y -qq --no-install-recommends docker.io")
-    host.wait("Docker answers", lambda: host.succeeds("docker info"))
+    host.wait("Docker answers", lambda: host.succeeds("docker info"), 60)
     return host
 
 
@@ -42,7 +42,9 @@ def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
     robot.switch_off()
     site.stack.wait("boxed offline", lambda: not site.stack.online("boxed"))
     robot.switch_on()
-    robot.wait("boxed online", lambda: site.stack.online("boxed"), 60)
+    robot.wait("boxed online", lambda: site.stack.online("boxed"), 120)
+    # The agent does not wait for the sshd that the playbook needs.
+    robot.wait("SSH answers", robot.greets)
 
     site.play_well("retire.yml", robot, **docker, retire_confirm=True)
     assert robot.footprint() ^ before == set()

@@ -165,7 +165,7 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
     first.must_say("its tunnel stands")
     second = site.play_well("enroll.yml", rover, token=token, **variables)
     assert second.recaps["rover"].changed == 0
-    assert site.stack.online("rover")
+    rover.wait("online", lambda: site.stack.online("rover"))
 
 
 def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
@@ -173,7 +173,7 @@ def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
     scout = hosts.boot("scout")
     site.stack.robotether("robot", "add", "scout", "--mac", scout.mac)
     played = site.play_well("enroll.yml", scout, robotether_tuning_bbr="true")
-    assert site.stack.online("scout")
+    scout.wait("online", lambda: site.stack.online("scout"))
     played.must_say("scout keeps its kernel settings: they are read-only here")
 
 

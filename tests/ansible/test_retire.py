@@ -44,9 +44,10 @@ def test_a_join_token_may_not(enrolled: Enrolled, site: Site) -> None:
 
 def test_retired_leaves_nothing(enrolled: Enrolled, site: Site) -> None:
     """After it, also under another name on the server, files, users, units and row are as before the enrolment."""
-    site.stack.request(
+    status, answer = site.stack.request(
         "PATCH", "/api/v1/robots/veteran", {"name": "renamed"}, {"Authorization": f"Bearer {site.token}"}
     )  # fmt: skip
+    assert status == 200, answer
     site.play_well("retire.yml", enrolled.robot, retire_confirm="true")
     assert enrolled.robot.footprint() ^ enrolled.before == set()
     assert not enrolled.robot.succeeds("pgrep -f robotether-agent")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from jump_people import ended
 from playbooks import Site
 from robot_hosts import ROOT, USER, RobotHost, RobotHosts
 from shell_hosts import make_key
@@ -188,7 +189,8 @@ def test_shell_ends_when_the_grant_ends(known: Person, stack: Stack) -> None:
         assert session.stdout is not None
         assert session.stdout.readline() == b"in\n"
         stack.robotether("revoke", PERSON, NAME)
-        session.wait(AT_ONCE_S + 1)  # the command itself takes its time to say that it is done
+        # The command itself takes its time to say that it is done.
+        assert ended(session, AT_ONCE_S + 1)
     finally:
         session.kill()
         session.communicate()

@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from crew import release_all
 from pages import open_page, open_robot
 from playwright.sync_api import Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+ROBOT = "sim1"
 PHONE: dict[str, Any] = {"viewport": {"width": 360, "height": 740}, "has_touch": True}
 DESKTOP: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}}
 LOOKS = [
@@ -47,7 +49,8 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
     for view in ("table", "cards"):
         page.get_by_test_id(f"view-{view}").click()
         _assert_accessible(page, f"the fleet as {view}")
-    open_robot(page, stack, "sim1")
+    stack.wait_until_drivable(ROBOT)
+    open_robot(page, stack, ROBOT)
     _assert_accessible(page, "the drive page")
     for opener in ("gamepad-open", "topics"):
         fold = page.get_by_test_id(opener)
@@ -56,17 +59,20 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
     # Not under the stop bar, beneath which the page scrolls.
     page.get_by_test_id("topic-close").evaluate("e => e.scrollIntoView({block: 'center'})")
     _assert_accessible(page, "the drive page with gamepad and topics unfolded")
-    with frozen_cameras(stack, "sim1"):
+    with frozen_cameras(stack, ROBOT):
         expect(page.get_by_test_id("state")).to_have_attribute("data-shown", "held", timeout=5_000)
         _assert_accessible(page, "the drive page while driving is held")
-    page.get_by_test_id("stop").click()
-    bar = page.get_by_test_id("stop-bar")
-    expect(bar).to_have_attribute("data-stop", "stopped", timeout=5_000)
-    _assert_accessible(page, "the drive page of a stopped robot")
-    page.get_by_test_id("release").hover()
-    page.mouse.down()
-    expect(bar).to_have_attribute("data-stop", "none", timeout=5_000)
-    page.mouse.up()
+    try:
+        page.get_by_test_id("stop").click()
+        bar = page.get_by_test_id("stop-bar")
+        expect(bar).to_have_attribute("data-stop", "stopped", timeout=5_000)
+        _assert_accessible(page, "the drive page of a stopped robot")
+        page.get_by_test_id("release").hover()
+        page.mouse.down()
+        expect(bar).to_have_attribute("data-stop", "none", timeout=5_000)
+        page.mouse.up()
+    finally:
+        release_all(stack, [ROBOT], stack.admin_token)
 
 
 @pytest.mark.parametrize("context", [LOOKS[0], LOOKS[3]], indirect=True, ids=[NAMES[0], NAMES[3]])

@@ -18,6 +18,20 @@ PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobil
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 
 
+@pytest.fixture(autouse=True)
+def nothing_stays(stack: Stack) -> Iterator[None]:
+    """Robots and people that a test leaves behind when it fails are gone: others could not make them anew."""
+    before = _records(stack)
+    yield
+    for kind, name in _records(stack) - before:
+        stack.admin.remove(kind, name)
+
+
+def _records(stack: Stack) -> set[tuple[str, str]]:
+    listed = {kind: stack.admin.ask("GET", f"/{kind}")[kind] for kind in ("robots", "users")}
+    return {(kind, one["name"]) for kind, found in listed.items() for one in found}
+
+
 def _state(stack: Stack, name: str) -> list[list[str]]:
     return stack.sql(f"SELECT state, fingerprint FROM robots WHERE name = '{name}'")
 

@@ -18,8 +18,15 @@ VICTIM = "sim1"
 
 @pytest.fixture(scope="module")
 def inside(stack: Stack) -> Iterator[Insider]:
-    """Somebody on the tunnel network."""
+    """Somebody on the tunnel network, where the victim's guard answers: a test before may have restarted it."""
+    [[port]] = stack.sql(f"SELECT ros_port FROM robots WHERE name = '{VICTIM}'")
     with insider(stack) as somebody:
+        stack.wait(
+            f"{VICTIM} behind its port",
+            lambda: somebody.get("sshd", int(port)).startswith("HTTP/1.1 426 "),
+            VICTIM,
+            "relay",
+        )
         yield somebody
 
 

@@ -18,6 +18,7 @@ from sim_watch import SimWatch
 from stack import LAB, ROOT, Stack
 
 ROBOT = "sim1"
+ROBOTS = (ROBOT, "sim2")
 EXAMPLE = (ROOT / "docs" / "robotether_client.html").read_text()
 EMPTY = '<!doctype html><meta charset="utf-8"><title>Lab</title><img id="picture"><p>Lab'
 # Makes `robot` with tickets of the lab's backend, and connects it.
@@ -47,6 +48,13 @@ COUNT_COLOURS = """() => {
 def token(stack: Stack) -> str:
     """An API token of the admin."""
     return stack.token("client")
+
+
+@pytest.fixture(autouse=True)
+def _drivable(stack: Stack) -> None:
+    """The robots are there, and nobody else drives them, or the page would only watch."""
+    for robot in ROBOTS:
+        stack.wait_until_drivable(robot)
 
 
 @contextmanager
@@ -103,21 +111,27 @@ def test_the_documented_page_drives_from_another_site(
     stack: Stack, browser: Browser, token: str
 ) -> None:
     """It shows video and speed, drives while its button is held, stands when it is let go, and stops the robot."""
-    with _at(browser, LAB, EXAMPLE) as page, SimWatch(stack, ROBOT) as watch:
-        page.goto(f"{LAB}/#{stack.url} {ROBOT} {token}")
-        expect(page.locator("#state")).to_have_text("driving", timeout=15_000)
-        _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.00")
-        page.locator("#forward").hover()
-        page.mouse.down()
-        watch.wait_pose("moving", _moving)
-        _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.30")
-        page.mouse.up()
-        watch.wait_pose("standing", _standing, seconds=2)
-        _expect_value(page, COUNT_COLOURS, lambda colours: colours > 10)
-        page.locator("#stop").click()
-        stack.wait("stopped", lambda: _stopped(stack, token), "relay")
-        expect(page.locator("#state")).to_have_text("live", timeout=10_000)
-    release_all(stack, [ROBOT], token)
+    try:
+        with _at(browser, LAB, EXAMPLE) as page, SimWatch(stack, ROBOT) as watch:
+            page.goto(f"{LAB}/#{stack.url} {ROBOT} {token}")
+            _drive_and_stop(page, watch, stack, token)
+    finally:
+        release_all(stack, [ROBOT], token)
+
+
+def _drive_and_stop(page: Page, watch: SimWatch, stack: Stack, token: str) -> None:
+    expect(page.locator("#state")).to_have_text("driving", timeout=15_000)
+    _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.00")
+    page.locator("#forward").hover()
+    page.mouse.down()
+    watch.wait_pose("moving", _moving)
+    _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.30")
+    page.mouse.up()
+    watch.wait_pose("standing", _standing, seconds=2)
+    _expect_value(page, COUNT_COLOURS, lambda colours: colours > 10)
+    page.locator("#stop").click()
+    stack.wait("stopped", lambda: _stopped(stack, token), "relay")
+    expect(page.locator("#state")).to_have_text("live", timeout=10_000)
 
 
 def _stopped(stack: Stack, token: str) -> bool:
@@ -139,6 +153,8 @@ def test_a_lab_page_gets_tickets_from_its_backend(lab: Page, stack: Stack) -> No
     _expect_value(
         lab, "document.querySelector('#picture').naturalWidth", lambda width: width >= 160
     )
+    # The <img> has a size a moment before the stream hears that it shows something.
+    _expect_value(lab, "video.ageMs", lambda age: age is not None)
     assert 0 <= lab.evaluate("video.ageMs") < 5000
     assert lab.evaluate("robot.drive({ forward: 0.2 })") is False
     with pytest.raises(Exception, match="cannot call /dock"):

@@ -8,10 +8,11 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 from crew import Crew, expect_mode
-from pages import expect_live
+from pages import expect_armed, expect_live
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -22,12 +23,19 @@ ROBOT = "sim1"
 @pytest.fixture
 def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
     """Ann and Ben, who may drive, and Olga, who may watch; nobody drives yet."""
-    stack.wait_until_free(ROBOT)
-    people = Crew(stack, browser)
-    for name, level in (("ann", "drive"), ("ben", "drive"), ("olga", "observe")):
-        people.let(name, level, ROBOT)
-    yield people
-    people.close()
+    stack.wait_until_drivable(ROBOT)
+    with closing(Crew(stack, browser)) as people:
+        for name, level in (("ann", "drive"), ("ben", "drive"), ("olga", "observe")):
+            people.let(name, level, ROBOT)
+        yield people
+
+
+@pytest.fixture
+def usual_policy(stack: Stack) -> Iterator[None]:
+    """The test may change the number of subscriptions, which is the usual one again for those that follow."""
+    yield
+    stack.admin.set_robot(ROBOT, {"policy.limits.subscriptions": None})
+    stack.wait_for_changes(ROBOT)
 
 
 @pytest.fixture
@@ -63,6 +71,7 @@ def _assert_drives_only_after_a_word(page: Page, stack: Stack) -> None:
         page.keyboard.press("w", delay=500)
         assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
         page.get_by_test_id("control-arm").click()
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
         page.keyboard.up("w")
@@ -176,23 +185,20 @@ def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
 
 
+@pytest.mark.usefixtures("usual_policy")
 def test_a_new_policy_ends_a_motion_and_not_the_drive(ann: Page, stack: Stack) -> None:
     """The page comes back by itself, and what was held before moves nothing more until it is pressed anew."""
     with SimWatch(stack, ROBOT) as watch:
+        expect_armed(ann)
         ann.keyboard.down("w")
         watch.wait_pose("moving", _moving)
-        _set_subscriptions(ann, stack, 99)
+        # The page opens its connection anew.
+        with ann.expect_websocket(lambda socket: "/ros?" in socket.url):
+            stack.admin.set_robot(ROBOT, {"policy.limits.subscriptions": 99})
         expect_live(ann, seconds=10)
-        expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
         ann.keyboard.up("w")
+        expect_armed(ann)
         ann.keyboard.down("w")
         watch.wait_pose("moving again", _moving)
         ann.keyboard.up("w")
-    _set_subscriptions(ann, stack, None)
-
-
-def _set_subscriptions(page: Page, stack: Stack, value: int | None) -> None:
-    """Change the policy, and wait until the page has opened its connection anew."""
-    with page.expect_websocket(lambda socket: "/ros?" in socket.url):
-        stack.admin.set_robot(ROBOT, {"policy.limits.subscriptions": value})

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import aiohttp
 import pytest
 from programs import Program, drive_on, echo, open_echo
+from robots_back import wait_until_back
 from stack import Stack
+from stopwatch import Stopwatch
 
 ROBOT = "sim3"
 AT_ONCE_S = 2.0
+# Longer than any of these connections may take to end.
+HANGS_S = 30.0
 
 
 @pytest.fixture(scope="module")
-def program(stack: Stack) -> Program:
-    """A program with an API token of the admin."""
-    return Program(stack, stack.token("deeds"))
+def program(stack: Stack) -> Iterator[Program]:
+    """A program with an API token of the admin; afterwards the robot is back for the tests that follow."""
+    yield Program(stack, stack.token("deeds"))
+    wait_until_back(stack, ROBOT)
 
 
 @pytest.fixture(autouse=True)
@@ -50,20 +54,21 @@ def audited(stack: Stack, kind: str, name: str = ROBOT) -> str:
 
 
 async def closed_within(socket: aiohttp.ClientWebSocketResponse, seconds: float) -> int | None:
-    """Wait for the connection's end; its close code."""
-    async with asyncio.timeout(seconds):
-        async for _ in socket:
-            pass
+    """Wait for the connection's end, in which the machine's pauses do not count; its close code."""
+    with Stopwatch() as since:
+        async with asyncio.timeout(HANGS_S):
+            async for _ in socket:
+                pass
+    assert since.s < seconds, f"the connection ended after {since.s:.1f} s"
     return socket.close_code
 
 
-async def until(what: str, condition: Callable[[], bool], seconds: float) -> float:
-    """Wait until it is so; the seconds it took."""
-    start = time.monotonic()
-    while not await asyncio.to_thread(condition):
-        assert time.monotonic() - start < seconds, f"after {seconds} s still not {what}"
-        await asyncio.sleep(0.05)
-    return time.monotonic() - start
+async def until(what: str, condition: Callable[[], bool], seconds: float) -> None:
+    """Wait until it is so; the machine's pauses do not count."""
+    with Stopwatch() as since:
+        while not await asyncio.to_thread(condition):
+            assert since.s < seconds, f"after {seconds} s still not {what}"
+            await asyncio.sleep(0.05)
 
 
 async def test_disabling_cuts_the_tunnel_and_enabling_lets_it_back(
@@ -74,9 +79,11 @@ async def test_disabling_cuts_the_tunnel_and_enabling_lets_it_back(
     async with program.connect(ROBOT) as socket:
         await open_echo(socket)
         await asyncio.to_thread(change, program, "PATCH", path, {"state": "disabled"})
-        assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
-    await until("offline", lambda: not robot(program)["online"], AT_ONCE_S)
-    await asyncio.to_thread(change, program, "PATCH", path, {"state": "active"})
+        try:
+            assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
+            await until("offline", lambda: not robot(program)["online"], AT_ONCE_S)
+        finally:
+            await asyncio.to_thread(change, program, "PATCH", path, {"state": "active"})
     # An agent that was told so asks again within 30 s.
     await until("online", lambda: bool(robot(program)["online"]), 45)
     assert audited(stack, "robot_disabled") == audited(stack, "robot_enabled") == "admin"
@@ -108,11 +115,11 @@ def sessions(program: Program, name: str) -> list[dict[str, object]]:
 
 
 async def open_by(program: Program, name: str, seconds: float) -> None:
-    """Wait until the robot can be driven under that name."""
-    started = time.monotonic()
-    while not await _opens(program, name):
-        assert time.monotonic() - started < seconds, f"{name} does not open within {seconds} s"
-        await asyncio.sleep(0.05)
+    """Wait until the robot can be driven under that name; the machine's pauses do not count."""
+    with Stopwatch() as since:
+        while not await _opens(program, name):
+            assert since.s < seconds, f"{name} does not open within {seconds} s"
+            await asyncio.sleep(0.05)
 
 
 async def _opens(program: Program, name: str) -> bool:
@@ -149,14 +156,26 @@ async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) 
         await drive_on(socket, renewed)
         # Longer than the relay needs to see the row change.
         await drive_on(socket, asyncio.sleep(2))
-    status = await asyncio.to_thread(
-        stack.exec, ROBOT, "sh", "-c", "cat /run/robotether-agent/status.json"
-    )
-    assert (await asyncio.to_thread(robot, program))["fingerprint"] == json.loads(status)[
-        "fingerprint"
-    ]
+    after = await asyncio.to_thread(robot, program)
+    # The agent writes it down after the server has taken the key.
+    await until("told by the robot", lambda: shown_by_robot(stack) == after["fingerprint"], 10)
     await asyncio.to_thread(stack.container(ROBOT).restart, timeout=5)
     await open_by(program, ROBOT, 40)
+
+
+def shown_by_robot(stack: Stack) -> str:
+    """The fingerprint that the robot shows to whoever stands before it."""
+    status = stack.exec(ROBOT, "cat", "/run/robotether-agent/status.json")
+    return str(json.loads(status)["fingerprint"])
+
+
+def let_in_again(stack: Stack, was: dict[str, object]) -> None:
+    """Announce the robot again, with the same MAC; its key waits and is approved as at the first time."""
+    do = stack.robotether
+    do("robot", "add", ROBOT, "--mac", str(was["mac"]), "--allow-local-mac")
+    key = ("--fingerprint", str(was["fingerprint"]))
+    do("robot", "approve", ROBOT, "--wait-for-key", "45", *key)
+    do("robot", "wait-online", ROBOT, "--timeout", "45")
 
 
 async def test_a_removed_robot_is_gone_and_comes_back_as_a_stranger(
@@ -167,12 +186,8 @@ async def test_a_removed_robot_is_gone_and_comes_back_as_a_stranger(
     async with program.connect(ROBOT) as socket:
         await open_echo(socket)
         await asyncio.to_thread(change, program, "DELETE", f"/api/v1/robots/{ROBOT}")
-        assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
-    assert audited(stack, "robot_removed") == "admin"
-    # Announced again, with the same MAC, its key waits and is approved as at the first time.
-    stack.robotether("robot", "add", ROBOT, "--mac", str(was["mac"]), "--allow-local-mac")
-    await asyncio.to_thread(
-        stack.robotether, "robot", "approve", ROBOT, "--wait-for-key", "45",
-        "--fingerprint", str(was["fingerprint"]),
-    )  # fmt: skip
-    await asyncio.to_thread(stack.robotether, "robot", "wait-online", ROBOT, "--timeout", "45")
+        try:
+            assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
+            assert audited(stack, "robot_removed") == "admin"
+        finally:
+            await asyncio.to_thread(let_in_again, stack, was)

@@ -13,11 +13,12 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
+import page_holds
 import pytest
 from crew import release_all
 from fingers import Fingers
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble, Way
-from pages import expect_no_sideways_scroll, open_live, open_robot
+from pages import expect_armed, expect_no_sideways_scroll, open_live, open_robot
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -26,6 +27,15 @@ from stopwatch import Stopwatch
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 ROBOT = "sim1"
 PERIODS_PER_S = 20
+# Of the machine's time: the page's zeros last 0.2 s and the guard's 0.5 s, some of them on a busy machine later.
+LOOKED_AT_S, ZEROS_LAST_S = 1.2, 0.9
+STRETCHES = 5
+
+
+@pytest.fixture(autouse=True)
+def _drivable(stack: Stack) -> None:
+    """The robot is there, and nobody else drives it, or the page would only watch."""
+    stack.wait_until_drivable(ROBOT)
 
 
 @pytest.fixture
@@ -73,28 +83,39 @@ def _is_zero(twist: dict[str, Any]) -> bool:
 def _stands(watch: SimWatch) -> None:
     """Wait until the robot stands; then nothing but zero comes, and soon nothing at all."""
     watch.wait_pose("standing", _standing, seconds=1)
-    since = time.monotonic()
-    while time.monotonic() < since + 1.2:
-        moved = [seen.msg for seen in watch.commands(since) if not _is_zero(seen.msg)]
-        assert moved == [], "it is driven by what nobody holds"
-        time.sleep(0.05)
-    assert watch.commands(since + 0.7) == [], "the zeros do not end"
+    since = silent_from = time.monotonic()
+    with Stopwatch() as stopwatch:
+        while stopwatch.s < LOOKED_AT_S:
+            moved = [seen.msg for seen in watch.commands(since) if not _is_zero(seen.msg)]
+            assert moved == [], "it is driven by what nobody holds"
+            if stopwatch.s < ZEROS_LAST_S:
+                silent_from = time.monotonic()
+            time.sleep(0.05)
+    assert watch.commands(silent_from) == [], "the zeros do not end"
 
 
-def _wait_command(watch: SimWatch, what: str, condition: Callable[[Any], bool]) -> Any:
+def _wait_command(
+    watch: SimWatch, what: str, condition: Callable[[Any], bool], since: float = 0.0
+) -> Any:
     """Wait for a command that is so, and return it; the robot may not move by it yet."""
     end = time.monotonic() + 5
     while True:
-        sent = [seen.msg for seen in watch.commands()]
+        sent = [seen.msg for seen in watch.commands(since)]
         if found := next((twist for twist in reversed(sent) if condition(twist)), None):
             return found
         assert time.monotonic() < end, f"no command {what}: {sent[-3:]}"
         time.sleep(0.02)
 
 
-def _drive(gamepad: GamepadDouble, watch: SimWatch) -> None:
-    gamepad.push(LEFT_Y, -1)
+def _press_enable(page: Page, gamepad: GamepadDouble) -> None:
+    """Press it when that counts: pressed while a late picture holds driving, it would be stuck."""
+    _expect_gamepad(page, "ready")
     gamepad.press(LB)
+
+
+def _drive(page: Page, gamepad: GamepadDouble, watch: SimWatch) -> None:
+    gamepad.push(LEFT_Y, -1)
+    _press_enable(page, gamepad)
     watch.wait_pose("moving by the gamepad", _moving)
 
 
@@ -102,30 +123,40 @@ def _stays_until_pressed_anew(page: Page, gamepad: GamepadDouble, watch: SimWatc
     _stands(watch)
     _expect_gamepad(page, "stuck")
     gamepad.release(LB)
-    _expect_gamepad(page, "ready")
-    gamepad.press(LB)
+    _press_enable(page, gamepad)
     watch.wait_pose("moving by a new press", _moving)
     gamepad.release(LB)
     _stands(watch)
 
 
-def test_a_gamepad_drives_while_its_button_is_held(gamepad: GamepadDouble, watch: SimWatch) -> None:
+def test_a_gamepad_drives_while_its_button_is_held(
+    page: Page, gamepad: GamepadDouble, watch: SimWatch
+) -> None:
     """The stick alone moves nothing; with the button it drives 20 times a second; without, zero and silence."""
     gamepad.push(LEFT_Y, -1)
     _stands(watch)
-    gamepad.press(LB)
-    watch.wait_pose("moving", _moving)
-    since = time.monotonic()
-    with Stopwatch() as stopwatch:
-        gamepad.push(LEFT_X, -1)
-        watch.wait_pose("turning left", lambda pose: pose["angular_velocity"] > 0.1)
-        watch.wait_pose("driven for two seconds", lambda _: time.monotonic() > since + 2)
-        sent = watch.commands(since)
+    for _ in range(STRETCHES):
+        gamepad.push(LEFT_X, 0)
+        _press_enable(page, gamepad)
+        watch.wait_pose("moving", _moving)
+        page_holds.note(page)
+        since = time.monotonic()
+        with Stopwatch() as stopwatch:
+            gamepad.push(LEFT_X, -1)
+            page.wait_for_timeout(2000)
+            sent = watch.commands(since)
+        if not page_holds.had_to_let_go(page):
+            break
+        gamepad.release(LB)
+    else:
+        raise AssertionError("the machine never let the page look for two seconds")
+    watch.wait_seen("turning left", lambda pose: pose["angular_velocity"] > 0.1, since)
     periods_s = [later.at - one.at for one, later in pairwise(sent)]
     # The usual one: on a busy machine some come late, and the next ones at once.
     assert median(periods_s) == pytest.approx(1 / PERIODS_PER_S, rel=0.2)
     assert len(sent) / stopwatch.s > PERIODS_PER_S * 0.7
-    assert len(sent) / (sent[-1].at - since) <= PERIODS_PER_S + 2
+    # Some of before may come late, too.
+    assert len(sent) / (sent[-1].at - since) < PERIODS_PER_S * 1.3
     gamepad.release(LB)
     _stands(watch)
 
@@ -146,7 +177,7 @@ def test_turbo_goes_beyond_the_sliders_but_not_beyond_the_robots_limit(
         )
 
     gamepad.push(LEFT_Y, -1)
-    gamepad.press(LB)
+    _press_enable(page, gamepad)
     drives_at(least)
     gamepad.press(RB)
     drives_at(most)
@@ -161,7 +192,7 @@ def test_a_lost_gamepad_stops_the_robot(
     page: Page, gamepad: GamepadDouble, watch: SimWatch, way: Way
 ) -> None:
     """The robot stands, the page says so, and the same gamepad, still held, does not drive when it is back."""
-    _drive(gamepad, watch)
+    _drive(page, gamepad, watch)
     gamepad.unplug(way)
     watch.wait_pose("standing", _standing, seconds=1)
     _expect_gamepad(page, "lost")
@@ -194,7 +225,7 @@ def test_a_gamepad_drives_no_page_that_nobody_looks_at(
     page: Page, gamepad: GamepadDouble, watch: SimWatch, happen: Callable[[Page], None]
 ) -> None:
     """What is held when the page loses the focus, is hidden or freezes counts only after a new press."""
-    _drive(gamepad, watch)
+    _drive(page, gamepad, watch)
     happen(page)
     _stays_until_pressed_anew(page, gamepad, watch)
 
@@ -217,7 +248,7 @@ def test_the_gamepads_stop_button_stops(
 ) -> None:
     """In mid-drive it is a Stop as any other: it holds until somebody releases the robot."""
     token = stack.token("driving tests")
-    _drive(gamepad, watch)
+    _drive(page, gamepad, watch)
     try:
         gamepad.press(B)
         watch.wait_pose("standing", _standing, seconds=1)
@@ -276,6 +307,7 @@ def _choose_two_sticks(page: Page) -> None:
     page.get_by_test_id("two-sticks").click()
     expect(page.get_by_test_id("joystick-turn")).to_be_visible()
     page.get_by_test_id("joystick-turn").scroll_into_view_if_needed()
+    expect_armed(page)
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
@@ -328,12 +360,15 @@ def test_keys_go_sideways_on_a_robot_that_can(
     with _robot_is(stack, "holonomic"):
         open_live(page, stack, ROBOT)
         expect(page.get_by_test_id("joystick-turn")).to_be_visible()
+        expect_armed(page)
         page.keyboard.down(key)
         sent = _wait_command(watch, "sideways", lambda twist: twist["linear"]["y"] != 0)
         assert (sent["linear"]["y"] > 0) == (key == "q")
         assert sent["linear"]["x"] == sent["angular"]["z"] == 0
+        released = time.monotonic()
         page.keyboard.up(key)
-        _wait_command(watch, "to stand", _is_zero)
+        # As seen from outside, this robot stands all the time.
+        _wait_command(watch, "to stand", _is_zero, released)
         _stands(watch)
 
 
@@ -363,6 +398,7 @@ def test_a_car_does_not_turn_in_place(page: Page, stack: Stack, watch: SimWatch)
     """A alone asks for nothing; with S too the robot backs and turns the other way."""
     with _robot_is(stack, "ackermann"):
         open_live(page, stack, ROBOT)
+        expect_armed(page)
         page.keyboard.down("a")
         _wait_command(watch, "at all", lambda _: True)
         assert all(_is_zero(seen.msg) for seen in watch.commands())

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from crew import release_all
 from events_double import double_events
 from pages import expect_no_sideways_scroll, log_in, open_page
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
 CROWD = 500
+SIMS = ("sim1", "sim2", "sim3")
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 FILTER_MS = 100
 # Of the range that is kept for documentation: no machine has such a MAC.
@@ -29,19 +31,30 @@ SWAP = (
     "WHERE name LIKE 'crowd-%'"
 )
 NOTE_LONG_TASKS = """() => {
-  window.longTasks = [];
-  new PerformanceObserver((list) => list.getEntries().forEach(({ duration }) => window.longTasks.push(duration)))
-    .observe({ type: "longtask" });
+  const tasks = [];
+  const note = (entries) => entries.forEach(({ duration }) => tasks.push(duration));
+  const observer = new PerformanceObserver((list) => note(list.getEntries()));
+  observer.observe({ type: "longtask" });
+  // Those since it was asked last.
+  window.takeLongTasks = () => {
+    note(observer.takeRecords());
+    return tasks.splice(0);
+  };
 }"""
-# How long the page works from a key press in the search field until what it shows is laid out.
-TIME_SEARCHES = """(texts) => texts.map((text) => {
+# How long the page works from a key press in the search field until what it shows is laid out. The work is the same
+# each time, and what the machine does meanwhile is not: of three rounds the middle one counts for each text.
+TIME_SEARCHES = """(texts) => {
   const field = document.querySelector("[data-testid=fleet-search]");
-  field.value = text;
-  const began = performance.now();
-  field.dispatchEvent(new Event("input", { bubbles: true }));
-  document.body.offsetHeight;
-  return performance.now() - began;
-})"""
+  const time = (text) => {
+    field.value = text;
+    const began = performance.now();
+    field.dispatchEvent(new Event("input", { bubbles: true }));
+    document.body.offsetHeight;
+    return performance.now() - began;
+  };
+  const rounds = [1, 2, 3].map(() => texts.map(time));
+  return texts.map((_, place) => rounds.map((round) => round[place]).sort((a, b) => a - b)[1]);
+}"""
 FRAMES_IN = """(ms) => new Promise((done) => {
   let frames = 0;
   const until = performance.now() + ms;
@@ -63,13 +76,25 @@ def _crowd(stack: Stack) -> Iterator[None]:
 
 
 @pytest.fixture
-def fleet(page: Page, _crowd: None) -> Page:
+def fleet(page: Page, stack: Stack, _crowd: None) -> Page:
     """The admin's fleet page, which has heard of all robots."""
+    # A test before may have switched one off and on.
+    for robot in SIMS:
+        stack.wait_until_drivable(robot)
     page.reload()
     expect(page.get_by_test_id("fleet-count")).to_have_text(
         f"3 of {CROWD + 3} online", timeout=15_000
     )
+    # So much the server wrote into the page. Round trips are of the events, and come in one frame with all the rest.
+    expect(_card(page, "sim1").locator("[data-part=rtt]")).to_contain_text("ms")
     return page
+
+
+@pytest.fixture
+def token(stack: Stack) -> Iterator[str]:
+    """An admin's API token, of a test that stops robots; afterwards none of them is stopped."""
+    yield stack.admin_token
+    release_all(stack, ["sim1", "sim2"], stack.admin_token)
 
 
 def _card(page: Page, name: str) -> Any:
@@ -101,11 +126,14 @@ def test_changes_of_500_robots_at_once_hold_up_nobody(fleet: Page, stack: Stack)
     """The page goes on while each robot moves to another site and back."""
     fleet.evaluate(NOTE_LONG_TASKS)
     card = _card(fleet, "crowd-007")
-    for site in ("even", "odd"):
+    tasks = []
+    for site in ("even", "odd") * 3:
         stack.sql(SWAP)
         expect(card.locator("[data-part=site]")).to_have_text(site, timeout=10_000)
-    tasks = fleet.evaluate("window.longTasks")
-    assert max(tasks, default=0) < 250, f"the page did nothing else for {tasks} ms"
+        tasks.append(fleet.evaluate("takeLongTasks()"))
+    # Less one: a machine that stands still for a moment makes one longer.
+    longest = sorted(max(each, default=0) for each in tasks)[-2]
+    assert longest < 250, f"the page did nothing else for {tasks} ms"
 
 
 def test_500_online_robots_are_followed_without_lag(browser: Browser, stack: Stack) -> None:
@@ -120,7 +148,7 @@ def test_500_online_robots_are_followed_without_lag(browser: Browser, stack: Sta
         page.evaluate(NOTE_LONG_TASKS)
         told = page.evaluate("window.eventsTold")
         frames = page.evaluate(FRAMES_IN, 4000)
-        tasks = page.evaluate("window.longTasks")
+        tasks = page.evaluate("takeLongTasks()")
         assert page.evaluate("window.eventsTold") - told > 500
         assert frames > 4 * 20, f"{frames} frames in 4 s; long tasks: {tasks}"
         assert sum(tasks) < 800, f"of 4 s, {tasks} ms were lost"
@@ -143,7 +171,7 @@ def test_what_is_searched_for_stands_in_the_address(fleet: Page, stack: Stack) -
     expect(fleet.get_by_test_id("fleet-site")).to_have_value("site odd")
 
 
-def test_a_table_shows_the_same_and_is_remembered(fleet: Page) -> None:
+def test_a_table_shows_the_same_and_is_remembered(fleet: Page, token: str) -> None:
     """Its headers sort, by mouse and keyboard, and say so; the next visit begins with it."""
     fleet.get_by_test_id("view-table").click()
     row = fleet.get_by_test_id("robot-row-sim1")
@@ -171,21 +199,15 @@ def test_a_table_shows_the_same_and_is_remembered(fleet: Page) -> None:
     )
 
 
-def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack) -> None:
+def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack, token: str) -> None:
     """A robot comes into the list when it is stopped, and says by whom in words."""
     fleet.get_by_test_id("show-stopped").click()
-    bearer = {"Authorization": f"Bearer {stack.token('fleet page')}"}
-    stack.request("POST", "/api/v1/robots/sim2/stop", {}, bearer)
+    bearer = {"Authorization": f"Bearer {token}"}
+    assert stack.request("POST", "/api/v1/robots/sim2/stop", {}, bearer)[0] == 200
     expect(_card(fleet, "sim2")).to_be_visible(timeout=5_000)
     expect(_card(fleet, "sim2").get_by_test_id("card-stopped")).to_contain_text("Stopped by admin")
     expect(_card(fleet, "sim3")).to_be_hidden()
-    for robot in ("sim1", "sim2"):
-        stack.wait(
-            f"{robot} released",
-            lambda robot=robot: (
-                stack.request("POST", f"/api/v1/robots/{robot}/release", {}, bearer)[0] == 200
-            ),
-        )
+    release_all(stack, ["sim2"], token)
     fleet.mouse.move(0, 0)
     expect(_card(fleet, "sim2")).to_be_hidden(timeout=5_000)
 

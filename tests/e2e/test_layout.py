@@ -47,6 +47,7 @@ def test_what_appears_while_somebody_drives_does_not_move_the_stick(
     page: Page, stack: Stack
 ) -> None:
     """Held for a picture and driving without it: the stick stays where the finger is."""
+    stack.wait_until_drivable(ROBOT)
     open_robot(page, stack, ROBOT)
     before = _box(page, "joystick")
     state = page.get_by_test_id("state")

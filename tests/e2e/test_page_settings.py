@@ -22,18 +22,23 @@ SETTINGS = f"/robots/{ROBOT}/settings"
 def people(stack: Stack) -> Iterator[dict[str, str]]:
     """Passwords of mia, who manages sim3, and dan, who drives it; drivers may switch its lights."""
     admin = stack.admin
-    found = {name: admin.add_user(name) for name in ("mia", "dan")}
-    # First, so that the relay knows it with the rights.
-    admin.set_robot(ROBOT, {"policy.drive.publish": ["/lights"]})
-    admin.grant("mia", ROBOT, "manage")
-    admin.grant("dan", ROBOT, "drive")
-    for name in found:
-        stack.wait_for_right(name, ROBOT)
-    yield found
-    admin.set_robot(ROBOT, {"page": None, "buttons": None, "policy": None})
-    stack.wait_for_changes(ROBOT)
-    for name in found:
-        admin.remove("users", name)
+    stack.wait_until_drivable(ROBOT)
+    found: dict[str, str] = {}
+    try:
+        for name in ("mia", "dan"):
+            found[name] = admin.add_user(name)
+        # First, so that the relay knows it with the rights.
+        admin.set_robot(ROBOT, {"policy.drive.publish": ["/lights"]})
+        admin.grant("mia", ROBOT, "manage")
+        admin.grant("dan", ROBOT, "drive")
+        for name in found:
+            stack.wait_for_right(name, ROBOT)
+        yield found
+    finally:
+        for name in found:
+            admin.remove("users", name)
+        admin.set_robot(ROBOT, {"page": None, "buttons": None, "policy": None})
+        stack.wait_for_changes(ROBOT)
 
 
 @contextmanager
@@ -42,12 +47,14 @@ def _opened(
 ) -> Iterator[Page]:
     """A browser of this person's own, logged in; no page of it may raise an error."""
     context = browser.new_context(ignore_https_errors=True, **options)
-    page = context.new_page()
     errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    log_in(page, stack, name, password)
-    yield page
-    context.close()
+    try:
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        log_in(page, stack, name, password)
+        yield page
+    finally:
+        context.close()
     assert errors == []
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import page_holds
 import pytest
 from crew import Crew, expect_mode, release_all
-from pages import expect_no_sideways_scroll, open_live, wait_until
+from pages import expect_armed, expect_no_sideways_scroll, open_live, wait_until
 from playwright.sync_api import Browser, Locator, Page, WebSocket, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -27,6 +29,9 @@ BUTTONS = [
 ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock", "/nowhere"]}
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 TABLET = {"viewport": {"width": 800, "height": 1280}, "has_touch": True}
+# Of driving, in one of which the machine lets the page look all the time.
+STRETCHES = 5
+PLOTTED = re.compile(r"Now (1|0\.\d+); in the last minute 0 to (1|0\.\d+)\.")
 HIDE = (
     "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
     "document.dispatchEvent(new Event('visibilitychange'))"
@@ -47,9 +52,11 @@ def _set(stack: Stack, **settings: Any) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def _buttons(stack: Stack) -> Iterator[None]:
     """A robot with buttons that a driver may press."""
-    _set(stack, policy__drive=ALLOWED, buttons=BUTTONS)
-    yield
-    _set(stack, buttons=None, policy__drive=None)
+    try:
+        _set(stack, policy__drive=ALLOWED, buttons=BUTTONS)
+        yield
+    finally:
+        _set(stack, buttons=None, policy__drive=None)
 
 
 @pytest.fixture(scope="module")
@@ -61,14 +68,15 @@ def token(stack: Stack) -> str:
 @pytest.fixture
 def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
     """Dora, who may drive, and Olga, who may watch; nobody drives yet, and afterwards the robot is not stopped."""
-    stack.wait_until_free(ROBOT)
-    people = Crew(stack, browser)
-    people.let("dora", "drive", ROBOT)
-    people.let("olga", "observe", ROBOT)
-    yield people
-    people.close()
-    release_all(stack, [ROBOT], token)
-    stack.wait_until_free(ROBOT)
+    stack.wait_until_drivable(ROBOT)
+    try:
+        with closing(Crew(stack, browser)) as people:
+            people.let("dora", "drive", ROBOT)
+            people.let("olga", "observe", ROBOT)
+            yield people
+    finally:
+        release_all(stack, [ROBOT], token)
+        stack.wait_until_free(ROBOT)
 
 
 @pytest.fixture
@@ -155,6 +163,7 @@ def test_a_button_that_asks_waits_for_yes_and_moves_nothing(dora: Page) -> None:
 @pytest.mark.parametrize("context", [TABLET], indirect=True, ids=["tablet"])
 def test_a_second_finger_presses_a_button(page: Page, stack: Stack) -> None:
     """The first one drives on meanwhile."""
+    stack.wait_until_drivable(ROBOT)
     open_live(page, stack, ROBOT)
     _button(page, SET_LIGHTS).scroll_into_view_if_needed()
     devtools = page.context.new_cdp_session(page)
@@ -165,16 +174,25 @@ def test_a_second_finger_presses_a_button(page: Page, stack: Stack) -> None:
         devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
 
     (x, y), button = _centre(page, "joystick"), _centre(page, f"button-{SET_LIGHTS}")
+    outcome = page.get_by_test_id("button-outcome")
     with SimWatch(stack, ROBOT) as watch:
-        touch("touchStart", {0: (x, y)})
-        touch("touchMove", {0: (x, y - 40)})
-        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
-        touch("touchStart", {0: (x, y - 40), 1: button})
-        touch("touchEnd", {1: button})
-        expect(page.get_by_test_id("button-outcome")).to_contain_text("lights off", timeout=5_000)
-        assert watch.pose["linear_velocity"] > 0.1
-        touch("touchEnd", {0: (x, y - 40)})
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        for _ in range(STRETCHES):
+            outcome.evaluate("element => (element.textContent = '')")
+            expect_armed(page)
+            page_holds.note(page)
+            touch("touchStart", {0: (x, y)})
+            touch("touchMove", {0: (x, y - 40)})
+            watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+            touch("touchStart", {0: (x, y - 40), 1: button})
+            touch("touchEnd", {1: button})
+            expect(outcome).to_contain_text("lights off", timeout=5_000)
+            drives_on = watch.pose["linear_velocity"] > 0.1
+            had_to_let_go = page_holds.had_to_let_go(page)
+            touch("touchEnd", {0: (x, y - 40)})
+            watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+            if drives_on or not had_to_let_go:
+                break
+        assert drives_on
 
 
 def test_a_service_that_is_not_there_is_said(dora: Page) -> None:
@@ -257,14 +275,29 @@ def test_a_message_is_looked_into_and_a_number_plotted(dora: Page, stack: Stack)
     look = _look(dora, "/odom")
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)
     look.get_by_test_id("topic-field").select_option("twist.twist.linear.x")
-    expect(look.get_by_test_id("topic-plot-words")).to_contain_text("Now 0;")
+    words = look.get_by_test_id("topic-plot-words")
+    expect(words).to_contain_text("Now 0;")
+
+    def is_plotted() -> bool:
+        return bool(PLOTTED.fullmatch(words.text_content() or ""))
+
     with SimWatch(stack, ROBOT) as watch:
-        dora.keyboard.down("w")
-        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
-        expect(look.get_by_test_id("topic-plot-words")).to_have_text(
-            re.compile(r"Now (1|0\.\d+); in the last minute 0 to (1|0\.\d+)\."), timeout=5_000
-        )
-        dora.keyboard.up("w")
+        for _ in range(STRETCHES):
+            expect_armed(dora)
+            page_holds.note(dora)
+            dora.keyboard.down("w")
+            watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+            wait_until(
+                dora,
+                "plotted",
+                lambda: is_plotted() or watch.pose["linear_velocity"] == 0,
+                seconds=5,
+            )
+            plotted, had_to_let_go = is_plotted(), page_holds.had_to_let_go(dora)
+            dora.keyboard.up("w")
+            if plotted or not had_to_let_go:
+                break
+        assert plotted, words.text_content()
     drawn = look.get_by_test_id("topic-plot").evaluate(
         "canvas => canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some(Boolean)"
     )
@@ -313,6 +346,7 @@ def test_a_drive_that_ends_is_told_and_saved(
 ) -> None:
     """In words on the page, and as the record that the server keeps."""
     with SimWatch(stack, ROBOT) as watch:
+        expect_armed(dora)
         dora.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
         dora.wait_for_timeout(1000)

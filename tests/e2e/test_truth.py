@@ -14,8 +14,8 @@ from contextlib import contextmanager
 
 import processes
 import pytest
-from crew import Crew
-from pages import expect_live, open_robot
+from crew import Crew, release_all
+from pages import expect_armed, expect_live, open_robot
 from playwright.sync_api import Browser, Page, expect
 from sim_service import frozen_cameras
 from sim_watch import SimWatch
@@ -33,6 +33,13 @@ NOTE_STATES = """() => {
   new MutationObserver(() => (window.shownAt[state.dataset.shown] ??= Date.now() / 1000))
     .observe(state, {attributes: true, attributeFilter: ['data-shown']});
 }"""
+
+
+@pytest.fixture(autouse=True)
+def _drivable(stack: Stack) -> None:
+    """The robots are there, and nobody else drives them, or the page would only watch."""
+    for name in ("sim1", "sim2"):
+        stack.wait_until_drivable(name)
 
 
 def _moving(pose: dict[str, float]) -> bool:
@@ -69,6 +76,7 @@ def test_a_frozen_picture_holds_driving_until_pressed_anew(page: Page, stack: St
     open_robot(page, stack, ROBOT)
     page.evaluate(NOTE_STATES)
     with SimWatch(stack, ROBOT) as watch:
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
         with frozen_cameras(stack, ROBOT):
@@ -86,6 +94,7 @@ def test_a_frozen_picture_holds_driving_until_pressed_anew(page: Page, stack: St
         page.keyboard.down("w")
         _assert_still(watch, back_at)
         page.keyboard.up("w")
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving by a new press", _moving)
         page.keyboard.up("w")
@@ -101,6 +110,7 @@ def test_a_driver_may_go_on_without_the_picture_until_it_is_back(page: Page, sta
             page.keyboard.press("Enter")
             _expect_shown(page, "blind", "You cannot see")
             expect(page.get_by_test_id("state")).to_be_focused()
+            expect_armed(page)
             page.keyboard.down("w")
             watch.wait_pose("moving without a picture", _moving)
             page.keyboard.up("w")
@@ -142,6 +152,7 @@ def test_offline_and_online_again(page: Page, stack: Stack) -> None:
     """Without this machine's network the page says so at once, and comes back; what was held does not drive on."""
     open_robot(page, stack, ROBOT)
     with SimWatch(stack, ROBOT) as watch:
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
         page.context.set_offline(True)
@@ -183,19 +194,23 @@ def test_a_rosbridge_that_does_not_answer_is_told(page: Page, stack: Stack) -> N
 
 def test_a_stop_is_a_state_of_its_own(page: Page, stack: Stack) -> None:
     """A stopped robot's banner says who stopped it and what to do, until it is released."""
+    token = stack.token("truth tests")
     open_robot(page, stack, ROBOT)
-    page.get_by_test_id("stop").click()
-    _expect_shown(page, "stopped", "By admin at")
-    expect(page.get_by_test_id("state")).to_contain_text("Hold the release button")
-    release = page.get_by_test_id("release")
-    box = release.bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.down()
-    _expect_shown(page, "live", "Press Start driving", seconds=10)
-    page.mouse.up()
-    page.get_by_test_id("control-arm").click()
-    _expect_shown(page, "live", "Ready to drive.")
+    try:
+        page.get_by_test_id("stop").click()
+        _expect_shown(page, "stopped", "By admin at")
+        expect(page.get_by_test_id("state")).to_contain_text("Hold the release button")
+        release = page.get_by_test_id("release")
+        box = release.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        _expect_shown(page, "live", "Press Start driving", seconds=10)
+        page.mouse.up()
+        page.get_by_test_id("control-arm").click()
+        _expect_shown(page, "live", "Ready to drive.")
+    finally:
+        release_all(stack, [ROBOT], token)
 
 
 @pytest.mark.parametrize("power", ["lost", "switched off and on"])
@@ -206,6 +221,7 @@ def test_a_robot_that_reboots_in_mid_drive_waits_for_a_new_press(
     open_robot(page, stack, "sim2")
     sim = stack.container("sim2")
     with SimWatch(stack, "sim2") as watch:
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
     if power == "lost":
@@ -220,11 +236,13 @@ def test_a_robot_that_reboots_in_mid_drive_waits_for_a_new_press(
         _expect_shown(page, "offline", "Connects by itself when it is back.", seconds=20)
     finally:
         sim.start()
+        stack.wait("sim2 online", lambda: stack.online("sim2"), "sim2", seconds=60)
     expect_live(page, seconds=40)
     with SimWatch(stack, "sim2") as watch:
         page.keyboard.down("w")
         _assert_still(watch, since=0)
         page.keyboard.up("w")
+        expect_armed(page)
         page.keyboard.down("w")
         watch.wait_pose("moving by a new press", _moving)
         page.keyboard.up("w")

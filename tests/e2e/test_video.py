@@ -10,6 +10,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
+from pathlib import Path
 from urllib.parse import quote
 
 import aiohttp
@@ -18,11 +19,14 @@ from frames_viewer import FramesViewer
 from local_network import insecure_tls
 from playwright.sync_api import BrowserContext
 from programs import Program
+from robots_back import wait_until_back
 from stack import Stack
 
 TOPIC = "/camera/image_raw"
 # Steady, so that bytes can be compared.
 STEADY = {"quality_min": 60, "quality_max": 60, "fps": 10, "latency_ms": 5000}
+# As many as the camera gives: the robot leaves none out by itself.
+ALL = {**STEADY, "fps": 30}
 
 NUMBER = re.compile(rb"X-Number: (\d+)\r\n")
 
@@ -31,7 +35,8 @@ Watch = Callable[..., Awaitable[FramesViewer]]
 
 @pytest.fixture(scope="module")
 def program(stack: Stack) -> Program:
-    """A program with an API token of the admin's."""
+    """A program with an API token of the admin's; the cameras are there, which a test before may have taken away."""
+    wait_until_back(stack, "sim1", "sim2")
     return Program(stack, stack.token("video"))
 
 
@@ -54,38 +59,45 @@ async def viewing(program: Program) -> AsyncIterator[Watch]:
         yield watch
 
 
-async def take(viewer: FramesViewer, seconds: float, numbers: set[int] | None = None) -> int:
-    """Take pictures for so long as they come, each when the last has come; return how many."""
-    count, end = 0, time.monotonic() + seconds
+async def take(viewer: FramesViewer, seconds: float) -> list[int]:
+    """Take pictures for so long as they come, each when the last has come; return their numbers."""
+    numbers, end = [], time.monotonic() + seconds
     await viewer.credit(2)
     while time.monotonic() < end:
-        seen = await viewer.picture()
-        count += 1
-        if numbers is not None:
-            numbers.add(seen.number)
+        numbers.append((await viewer.picture()).number)
         await viewer.credit()
-    return count
+    return numbers
 
 
-def sent_bytes(stack: Stack, service: str) -> int:
-    """What the service's machine has sent over its network so far."""
-    return int(stack.exec(service, "cat", "/sys/class/net/eth0/statistics/tx_bytes"))
+def part_of_all(numbers: list[int]) -> float:
+    """How many of the pictures that the camera gave meanwhile these are."""
+    return len(numbers) / (numbers[-1] - numbers[0] + 1)
+
+
+def sent_bytes(pid: int) -> int:
+    """What the machine of a process has sent over its network so far."""
+    lines = Path(f"/proc/{pid}/net/dev").read_text().splitlines()
+    [counts] = [line for line in lines if line.strip().startswith("eth0:")]
+    return int(counts.partition(":")[2].split()[8])
 
 
 async def test_one_stream_leaves_the_robot_whoever_watches(stack: Stack, program: Program) -> None:
     """With 1, 5 and 20 viewers a picture costs the robot's uplink the same, and each viewer gets them all."""
     bytes_a_picture = {}
+    # Read here and at once: a command in there takes the time of some pictures, now more and now less.
+    sim = stack.container("sim1").attrs["State"]["Pid"]
     for count in (1, 5, 20):
         async with viewing(program) as watch:
             viewers = [await watch(**STEADY) for _ in range(count)]
             # Until it runs evenly.
-            await asyncio.gather(*(take(viewer, 1) for viewer in viewers))
-            numbers: set[int] = set()
-            before = await asyncio.to_thread(sent_bytes, stack, "sim1")
-            taken = await asyncio.gather(*(take(viewer, 6, numbers) for viewer in viewers))
-            after = await asyncio.to_thread(sent_bytes, stack, "sim1")
-        assert min(taken) > 0.6 * max(taken)
-        bytes_a_picture[count] = (after - before) / len(numbers)
+            begun = await asyncio.gather(*(take(viewer, 1) for viewer in viewers))
+            before = sent_bytes(sim)
+            taken = await asyncio.gather(*(take(viewer, 6) for viewer in viewers))
+            after = sent_bytes(sim)
+        assert min(map(len, taken)) > 0.6 * max(map(len, taken))
+        # Not those that had been sent before, and that only some had seen by then.
+        sent = set().union(*taken).difference(*begun)
+        bytes_a_picture[count] = (after - before) / len(sent)
     # The agent's and Docker's own traffic counts as well, and other pictures are larger.
     assert max(bytes_a_picture.values()) < 1.05 * min(bytes_a_picture.values()), bytes_a_picture
 
@@ -93,20 +105,23 @@ async def test_one_stream_leaves_the_robot_whoever_watches(stack: Stack, program
 async def test_a_slow_viewer_slows_no_one_and_sees_the_newest(program: Program) -> None:
     """Who takes nothing for three seconds finds no queue when it looks again, and the other missed nothing."""
     async with viewing(program) as watch:
-        fast, slow = await watch(**STEADY), await watch(**STEADY)
+        fast, slow = await watch(**ALL), await watch(**ALL)
         alone = await take(fast, 3)
         await slow.credit(2)
         beside = await take(fast, 3)
-        assert beside > 0.7 * alone
+        # Of what there was: a busy machine makes fewer pictures now, and more then.
+        assert part_of_all(beside) > 0.7 * part_of_all(alone)
         # What was under way when it stopped to look.
         old = [await slow.picture() for _ in range(2)]
         fast_taking = asyncio.create_task(take(fast, 1))
         await slow.credit()
         new = await slow.picture()
-        await fast_taking
-        assert new.number - old[-1].number > alone / 2
+        # How old it is when it comes, and not when the other has taken all of its own.
         await slow.socket.send_json({"op": "beat", "t_ms": 0})
         now_ms = (await slow.text("beat"))["sender_ms"]
+        await fast_taking
+        assert new.number - old[-1].number > len(beside) / 2
+        assert new.number >= beside[-1]
         assert now_ms - new.moment_ms < 1500
 
 
@@ -121,8 +136,8 @@ async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) 
             begun = await asyncio.to_thread(stream.next_number)
             assert begun is not None
             size, newest = 0, begun
-            # Twice what the way holds. On a busy machine the robot makes its pictures smaller.
-            while size < 1_300_000:
+            # At least twice what the way holds. On a busy machine the robot makes its pictures smaller.
+            while size < 2_000_000:
                 await fast.credit()
                 picture = await fast.picture()
                 size, newest = size + len(picture.jpeg), picture.number
@@ -175,7 +190,9 @@ async def test_a_robot_that_restarts_is_watched_again(stack: Stack, program: Pro
                 assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}
         assert message.data == 4505
         await restart
-        await asyncio.to_thread(stack.wait, "sim2 back", lambda: stack.online("sim2"))
+        await asyncio.to_thread(
+            stack.wait, "sim2 back", lambda: stack.online("sim2"), "sim2", seconds=60
+        )
         deadline = time.monotonic() + 20
         while True:
             again = await watch("sim2", **STEADY)

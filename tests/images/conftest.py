@@ -14,34 +14,43 @@ from stack import Stack
 def robot(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
     """A robot whose shell listens."""
     made = ShellRobot(stack, tmp_path_factory.mktemp("robot"), "jumped", "00:00:5e:00:53:61")
-    with made.listening():
-        yield made
-    made.remove()
+    # Whatever happens: names and MACs come again in the next module.
+    try:
+        with made.listening():
+            yield made
+    finally:
+        made.remove()
 
 
 @pytest.fixture(scope="module")
 def other(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
     """A robot whose shell listens too, and that ann may only drive."""
     made = ShellRobot(stack, tmp_path_factory.mktemp("other"), "foreign", "00:00:5e:00:53:62")
-    with made.listening():
-        yield made
-    made.remove()
+    try:
+        with made.listening():
+            yield made
+    finally:
+        made.remove()
 
 
 @pytest.fixture
 def ann(stack: Stack, tmp_path: Path, robot: ShellRobot, other: ShellRobot) -> Iterator[Person]:
     """Somebody who manages one robot and drives the other."""
     person = Person(stack, tmp_path, "jumping-ann")
-    person.grant(robot, "manage")
-    person.grant(other, "drive")
-    yield person
-    person.remove()
+    try:
+        person.grant(robot, "manage")
+        person.grant(other, "drive")
+        yield person
+    finally:
+        person.remove()
 
 
 @pytest.fixture
 def bob(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[Person]:
     """Somebody else who manages the robot."""
     person = Person(stack, tmp_path, "jumping-bob")
-    person.grant(robot, "manage")
-    yield person
-    person.remove()
+    try:
+        person.grant(robot, "manage")
+        yield person
+    finally:
+        person.remove()

@@ -142,7 +142,8 @@ def _through_socks(proxy: int, port: int) -> bytes | None:
 )
 def test_person_runs_and_opens_nothing(ann: Person, arguments: tuple[str, ...]) -> None:
     """No shell, no command, no file transfer, no port on the server, no socket file, no network device."""
-    done = ann.key.ssh(*arguments)
+    # With a path for -W the client waits until sshd ends the connection, after 10 s without a use of it.
+    done = ann.key.ssh(*arguments, timeout=40)
     assert done.returncode != 0
     assert done.stdout == ""
     assert "Permission denied" not in done.stderr

@@ -18,6 +18,7 @@ import pytest
 from docker.models.containers import Container
 from inside import run_inside
 from PIL import Image
+from stopwatch import Stopwatch
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE = "robotether/sim_robot:dev"
@@ -51,12 +52,13 @@ class Robot:
         done = run_inside(self.container, "sh", "-c", command, merged=True)
         return done.returncode, done.stdout.strip()
 
-    def wait(self, what: str, condition: Callable[[], bool], seconds: float = 20) -> None:
+    def wait(self, what: str, condition: Callable[[], bool], seconds: float = 60) -> None:
         """Wait until the condition holds, or fail with the container's log."""
         end = time.monotonic() + seconds
         while not condition():
-            log = self.container.logs(tail=40).decode()
-            assert time.monotonic() < end, f"after {seconds} s still not: {what}\n{log}"
+            if time.monotonic() > end:
+                log = self.container.logs(tail=40).decode()
+                raise AssertionError(f"after {seconds} s still not: {what}\n{log}")
             time.sleep(0.1)
 
 
@@ -116,7 +118,8 @@ async def test_robot_shows_what_a_robot_shows(robot: Robot) -> None:
 def test_robot_can_do_little_on_its_machine(robot: Robot) -> None:
     """No process is root, the file system is read-only but for the agent's state and /tmp."""
     assert robot.shell("id -u") == (0, "10090")
-    owners = {row[0] for row in robot.container.top()["Processes"]}
+    # But for runc, which brings a health check in as root and becomes its user only then.
+    owners = {row[0] for row in robot.container.top()["Processes"] if "runc" not in row[-1]}
     assert owners == {"10090"}
     for folder in ("/", "/etc", "/opt/robotether", "/opt/venv"):
         code, printed = robot.shell(f"touch {folder}/x")
@@ -133,10 +136,10 @@ def test_robot_has_a_key_of_its_own(robot: Robot) -> None:
 
 def test_stop_ends_it_soon(robot: Robot) -> None:
     """SIGTERM ends simulator and agent within 5 s, with code 0."""
-    start = time.monotonic()
-    robot.container.kill("SIGTERM")
-    assert robot.container.wait(timeout=10)["StatusCode"] == 0
-    assert time.monotonic() - start < 5
+    with Stopwatch() as stopwatch:
+        robot.container.kill("SIGTERM")
+        assert robot.container.wait(timeout=30)["StatusCode"] == 0
+    assert stopwatch.s < 5
 
 
 def pid_of(robot: Robot, module: str) -> str:

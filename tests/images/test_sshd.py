@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from jump_people import RobotSshd
+from database_outage import database_away
+from jump_people import RobotSshd, heartbeat
 from robot_key import RobotKey
 from stack import Stack
 
@@ -44,6 +45,15 @@ def _session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[s
 def _end(running: subprocess.Popen[str]) -> str:
     running.terminate()
     return running.communicate(timeout=10)[1]
+
+
+def _free_port(key: RobotKey) -> int:
+    """The robot's rosbridge port, when nobody holds it: sshd hears a moment later that a test has ended its client."""
+    ros, _ = key.ports()
+    connect = ["bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{ros}"]
+    sshd = key.stack.container("sshd")
+    key.stack.wait("the port free", lambda: sshd.exec_run(connect).exit_code != 0, "sshd")
+    return ros
 
 
 @pytest.mark.parametrize(
@@ -121,18 +131,20 @@ def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: P
     running = key.start("-M", "-S", control, USER, "session")
     try:
         assert _session_line(running)["type"] == "config"
-        for port in key.ports():
-            forward = ("-O", "forward", "-R", f"0.0.0.0:{port}:127.0.0.1:9")
-            done = key.ssh("-S", control, *forward, USER)
-            assert done.returncode == 0, done.stderr
-            stack.exec("sshd", "bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}")
+        # As an agent does: the relay ends a session that is silent for 5 s.
+        with heartbeat(running):
+            for port in key.ports():
+                forward = ("-O", "forward", "-R", f"0.0.0.0:{port}:127.0.0.1:9")
+                done = key.ssh("-S", control, *forward, USER)
+                assert done.returncode == 0, done.stderr
+                stack.exec("sshd", "bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}")
     finally:
         _end(running)
 
 
 def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> None:
     """A session is told why it ends when its port already listens somewhere else."""
-    ros, _ = key.ports()
+    ros = _free_port(key)
     running = key.start("-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER, "session")
     try:
         line = _session_line(running)
@@ -225,7 +237,7 @@ def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None
 
 def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
     """The second session of a robot gets its port although the first one never let go."""
-    ros, _ = key.ports()
+    ros = _free_port(key)
     running: list[subprocess.Popen[str]] = []
     try:
         for control in (str(tmp_path / "first"), str(tmp_path / "second")):
@@ -243,7 +255,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
 
 def test_connection_without_a_session_ends(key: RobotKey) -> None:
     """A connection that only holds ports is ended, since the relay could not end it."""
-    ros, _ = key.ports()
+    ros = _free_port(key)
     holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER)
     try:
         assert holding.wait(timeout=20) != 0
@@ -255,7 +267,7 @@ def test_connection_without_a_session_ends_though_somebody_uses_it(
     key: RobotKey, stack: Stack
 ) -> None:
     """Neither does a client of the robot's port keep such a connection alive."""
-    ros, _ = key.ports()
+    ros = _free_port(key)
     with RobotSshd.running() as target:
         holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:{target}", USER)
         connect = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && head -n 1 <&3"
@@ -309,18 +321,13 @@ def test_known_key_works_while_the_database_is_away(
     running = key.start(USER, "session")
     _session_line(running)
     _end(running)
-    mysql = stack.container("mysql")
-    mysql.stop(timeout=20)
-    try:
+    with database_away(stack):
         running = key.start(USER, "session")
         try:
             assert _session_line(running)["robot"] == "thief"
         finally:
             _end(running)
         assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
-    finally:
-        mysql.start()
-        stack.wait_healthy("mysql")
 
 
 def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Stack) -> None:
@@ -332,9 +339,7 @@ def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Sta
         f'command="/usr/lib/robotether/session {robot_id}" {key.public}'
     )
     file = "/var/cache/robotether/" + key.fingerprint.removeprefix("SHA256:").replace("/", "_")
-    mysql = stack.container("mysql")
-    mysql.stop(timeout=20)
-    try:
+    with database_away(stack):
         write = f"cat > '{file}' <<< '{line}'"
         stack.exec("sshd", "bash", "-c", write, user="keylookup")
         running = key.start(USER, "session")
@@ -342,9 +347,6 @@ def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Sta
             assert _session_line(running)["robot"] == "thief"
         finally:
             _end(running)
-    finally:
-        mysql.start()
-        stack.wait_healthy("mysql")
 
 
 def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:

@@ -73,7 +73,7 @@ def insider(stack: Stack) -> Iterator[Insider]:
     """Start the container, and remove it at the end."""
     container = stack.engine.containers.run(
         stack.container("relay").image,
-        ["300"],
+        ["infinity"],
         entrypoint="sleep",
         network=f"{PROJECT}_tunnel",
         name=f"{PROJECT}-insider",

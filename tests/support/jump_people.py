@@ -15,9 +15,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from socketserver import BaseRequestHandler, ThreadingTCPServer
+from typing import Any
 
 from robot_key import RobotKey
 from stack import Stack
+from stopwatch import Stopwatch
 
 JUMP = "jump@127.0.0.1"
 TUNNEL = "tunnel@127.0.0.1"
@@ -97,14 +99,14 @@ class ShellRobot:
                 forward = ("-O", "forward", "-R", f"0.0.0.0:{port}:127.0.0.1:{target}")
                 done = self.key.ssh("-S", str(self._control), *forward, TUNNEL)
                 assert done.returncode == 0, done.stderr
-                with _heartbeat(running):
+                with heartbeat(running):
                     yield running
             finally:
                 end(running)
 
 
 @contextmanager
-def _heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
+def heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
     """Ping the relay, as an agent does, until the connection ends; ends it with the block."""
     ended = threading.Event()
 
@@ -193,13 +195,14 @@ def end(running: subprocess.Popen[str]) -> str:
     return running.communicate(timeout=10)[1]
 
 
-def ended(running: subprocess.Popen[str], seconds: float = ENDED_WITHIN_S) -> bool:
-    """Whether the client's connection ends in time."""
-    try:
-        running.wait(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
+def ended(running: subprocess.Popen[Any], seconds: float = ENDED_WITHIN_S) -> bool:
+    """Whether the client's connection ends in time, in which a pause of the machine, and so of the server, is none."""
+    with Stopwatch() as stopwatch:
+        while (left_s := seconds - stopwatch.s) > 0:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                running.wait(timeout=left_s)
+                return True
+    return False
 
 
 def lives(running: subprocess.Popen[str], word: str) -> bool:

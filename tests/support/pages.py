@@ -88,6 +88,11 @@ def expect_live(page: Page, seconds: float) -> None:
     expect(page.locator(LIVE)).to_have_count(1, timeout=seconds * 1000)
 
 
+def expect_armed(page: Page) -> None:
+    """Wait until what is pressed counts: since the page was live a late picture may have held driving for a moment."""
+    expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
+
+
 def wait_until(page: Page, what: str, condition: Callable[[], bool], seconds: float = 10) -> None:
     """Wait for what the page's events tell this process."""
     end = time.monotonic() + seconds

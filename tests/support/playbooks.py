@@ -27,6 +27,8 @@ ANSIBLE = ROOT / "ansible"
 # proxy; or from a folder that the tests' hosts have, which costs neither the network nor a copy of each wheel.
 FROM_INDEX = {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
 FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELS}
+# Some two minutes are usual for twenty hosts on two cores; this is for a playbook that hangs.
+ENDS_WITHIN_S = 1200
 RECAP = re.compile(
     r"^(?P<host>\S+)\s+: ok=(?P<ok>\d+)\s+changed=(?P<changed>\d+)\s+unreachable=(?P<unreachable>\d+)"
     r"\s+failed=(?P<failed>\d+)\s+skipped=(?P<skipped>\d+)\s+rescued=(?P<rescued>\d+)",
@@ -175,7 +177,7 @@ class Site:
         ]  # fmt: skip
         started = time.monotonic()
         done = subprocess.run(
-            command, cwd=ANSIBLE, env=environment, capture_output=True, text=True, timeout=400,
+            command, cwd=ANSIBLE, env=environment, capture_output=True, text=True, timeout=ENDS_WITHIN_S,
             check=False, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         return Played(done.returncode, done.stdout + done.stderr, time.monotonic() - started)

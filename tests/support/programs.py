@@ -60,9 +60,13 @@ async def drive_on(
 ) -> Result:
     """Drive while something else is done: a driver who reads nothing answers no ping, and is gone."""
     task = asyncio.create_task(doing)
-    while not task.done():
-        assert await echo(socket, "driving on") == "driving on"
-        await asyncio.sleep(0.1)
+    try:
+        while not task.done():
+            assert await echo(socket, "driving on") == "driving on"
+            await asyncio.sleep(0.1)
+    finally:
+        # Also when the drive fails: what goes on meanwhile would come after what puts it right again.
+        await asyncio.wait({task})
     return await task
 
 

@@ -186,6 +186,17 @@ class Stack:
 
         self.wait(f"{robot} free", is_free, "relay")
 
+    def wait_until_drivable(self, robot: str) -> None:
+        """Wait until a robot is there with its guard and nobody drives: a test before may have cut it off."""
+
+        def is_drivable() -> bool:
+            status, control = self.admin.try_to("GET", f"/robots/{robot}/control")
+            # Of a robot that is offline nobody knows the guard.
+            is_there = status == HTTPStatus.OK and control["guard"] == "ready"
+            return is_there and not (control["driver"] or control["reserved"])
+
+        self.wait(f"{robot} drivable", is_drivable, robot, "relay", seconds=60)
+
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
         """Wait until the engine calls the service's container healthy."""
         self.wait(
@@ -221,6 +232,11 @@ class Stack:
     def token(self, name: str, user: str = "admin") -> str:
         """A new API token."""
         return self.admin.token(name, user)
+
+    @cached_property
+    def admin_token(self) -> str:
+        """An API token of the admin's, the same one whenever it is asked for."""
+        return self.token("tests")
 
     def online(self, robot: str) -> bool:
         """Whether the server says that the robot's tunnel is up."""

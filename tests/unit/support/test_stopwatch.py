@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from stopwatch import Stopwatch
 
 HELD_S = 0.3
@@ -31,6 +32,7 @@ def work() -> None:
         pass
 
 
+@pytest.mark.alone  # beside other tests most ticks of a sleep may come late
 async def test_a_loop_that_is_held_up_counts() -> None:
     """By a call that blocks as by work, and whoever reads it last."""
     for hold_up in (lambda: time.sleep(HELD_S), work):

@@ -1,0 +1,30 @@
+"""Robots that a test has taken away, or whose server: the next test is to find them as it expects."""
+
+from __future__ import annotations
+
+from functools import partial
+from http import HTTPStatus
+
+from stack import Stack
+
+# An agent that was kept out asks again within 30 s, and opens the way for its pictures after that for its commands.
+BACK_WITHIN_S = 90
+
+
+def wait_until_back(stack: Stack, *robots: str) -> None:
+    """Wait until each robot is online, its guard takes commands, and its camera is seen."""
+    headers = {"Authorization": f"Bearer {stack.admin_token}"}
+    for robot in robots:
+        is_back = partial(_is_back, stack, robot, headers)
+        stack.wait(f"{robot} back", is_back, robot, "sshd", "relay", seconds=BACK_WITHIN_S)
+
+
+def _is_back(stack: Stack, robot: str, headers: dict[str, str]) -> bool:
+    try:
+        status, control = stack.request("GET", f"/api/v1/robots/{robot}/control", headers=headers)
+        if status != HTTPStatus.OK or control["guard"] != "ready":
+            return False
+        path = f"/robots/{robot}/video/snapshot?topic=/camera/image_raw"
+        return stack.request("GET", path, headers=headers)[0] == HTTPStatus.OK
+    except OSError:
+        return False
