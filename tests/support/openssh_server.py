@@ -221,9 +221,12 @@ def wait_until(
 def descendants(pid: int) -> list[int]:
     """Return all processes below `pid`, zombies left out."""
     parents = {}
-    for path in Path("/proc").glob("[0-9]*/stat"):
+    for path in Path("/proc").iterdir():
+        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
+        if not path.name.isdigit():
+            continue
         try:
-            name, _, rest = path.read_text().rpartition(")")
+            name, _, rest = (path / "stat").read_text().rpartition(")")
         except OSError:
             continue
         state, parent = rest.split()[:2]

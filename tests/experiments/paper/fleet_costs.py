@@ -194,12 +194,15 @@ def _met(name: str, first: Use, last: Use) -> Iterable[str]:
 def _processes() -> dict[int, tuple[int, int]]:
     """The parent and the ticks of each process."""
     found = {}
-    for path in PROC.glob("[0-9]*/stat"):
+    for path in PROC.iterdir():
+        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
+        if not path.name.isdigit():
+            continue
         try:
-            fields = path.read_text().rpartition(")")[2].split()
+            fields = (path / "stat").read_text().rpartition(")")[2].split()
         except (FileNotFoundError, ProcessLookupError):
             continue
-        found[int(path.parent.name)] = (int(fields[PARENT]), sum(map(int, fields[CPU_FIELDS])))
+        found[int(path.name)] = (int(fields[PARENT]), sum(map(int, fields[CPU_FIELDS])))
     return found
 
 
