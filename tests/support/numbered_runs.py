@@ -37,6 +37,8 @@ def a_run(**changes: Any) -> dict[str, Any]:
         "foreign": 0,
         "redials": 0,
         "endings": [],
+        "failed_dials": 0,
+        "dial_failures": [],
         "missing": {},
         "latency": {"2.00": 99, "40.00": 1},
         "lateness": {"0.10": 100},

@@ -168,6 +168,11 @@ def joined(sent: Iterable[Mapping[str, Any]], came: Iterable[Mapping[str, Any]])
         # Connections that ended in mid-run at either end, and why.
         "redials": sum(one["redials"] for one in (*senders, *receivers)),
         "endings": sorted({why for one in (*senders, *receivers) for why in one["endings"]}),
+        # Those that failed before the start.
+        "failed_dials": sum(one["failed_dials"] for one in (*senders, *receivers)),
+        "dial_failures": sorted(
+            {why for one in (*senders, *receivers) for why in one["dial_failures"]}
+        ),
         "missing": {str(one["pair"]): one["missing"] for one in receivers if one["missing"]},
         "latency": _merged(receivers, "latency"),
         "lateness": _merged(senders, "lateness"),

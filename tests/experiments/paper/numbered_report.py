@@ -193,6 +193,10 @@ def _shortfalls(title: str, run: Values) -> Iterable[str]:
     if run["redials"]:
         why = ", ".join(run["endings"])
         yield f"{title}: {run['redials']} connections ended in mid-run ({why}) and were dialled again."
+    # A run of before this was told would have ended by it.
+    if failed := run.get("failed_dials", 0):
+        why = ", ".join(run["dial_failures"])
+        yield f"{title}: {failed} connections failed before the start ({why}) and were dialled again."
     if busy(run) > FULL:
         p99 = Histogram.of(run["latency"]).quantile_ms(0.99)
         late = "" if p99 is None else f" (p99 {number(p99)} ms)"

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from paper.uplinks import Uplink
     from paper.world import World
 
-READY_WITHIN_S = 60.0
+# Twice what the worker gives a connection, and some more.
+READY_WITHIN_S = 70.0
 # What the last messages may need behind the silence that ends a run, and the answer itself.
 MORE_THAN_SILENCE_S = 30.0
 BEGINS_IN_NS = 200_000_000

@@ -3,7 +3,7 @@
 Started by numbered_run.py, which speaks with it in JSON lines: a list of ends on stdin, "ready" back when all are
 connected; senders then wait for {"begin_ns"}, receivers for {"sent"} after which ten seconds of silence end them;
 the last line back is what each end saw, with this process's own CPU time. A connection that ends is dialled again and
-counted: what it had taken and never came is lost, and is not sent again.
+counted, before the start as in mid-run: what it had taken and never came is lost, and is not sent again.
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ class Dialled:
         self._heard = heard
         self._socket: aiohttp.ClientWebSocketResponse
         self._reading: asyncio.Task[None]
-        # Why connections ended, and how often.
+        # Why connections ended, and how often; and why there was none before.
         self.endings: Counter[str] = Counter()
+        self.failures: Counter[str] = Counter()
 
     async def dial(self) -> None:
         """Connect, and wait until the robot's rosbridge has taken what this end is for."""
@@ -85,8 +86,21 @@ class Dialled:
         waiting.cancel()
         if not ready.is_set():
             await self.close()
-            why = self._why() if done else f"no answer of rosbridge in {DIAL_WITHIN_S:g} s"
-            raise ConnectionError(f"pair {self._end.pair}: {why}")
+            raise ConnectionError(
+                self._why() if done else f"no answer of rosbridge in {DIAL_WITHIN_S:g} s"
+            )
+
+    async def dial_first(self) -> None:
+        """Connect, again and again for some time; ConnectionError with the pair when that fails."""
+        until_s = time.monotonic() + DIAL_WITHIN_S
+        while True:
+            try:
+                return await self.dial()
+            except (aiohttp.ClientError, ConnectionError, TimeoutError) as error:
+                self.failures[str(error)] += 1
+                if time.monotonic() > until_s:
+                    raise ConnectionError(f"pair {self._end.pair}: {error}") from error
+            await asyncio.sleep(AGAIN_S)
 
     async def dial_again(self, until_ns: float = math.inf) -> None:
         """Note why the connection ended, and try to connect until then."""
@@ -119,6 +133,15 @@ class Dialled:
         await asyncio.gather(self._reading, return_exceptions=True)
         with suppress(TimeoutError):
             await asyncio.wait_for(self._socket.close(), 2)
+
+    def as_json(self) -> dict[str, Any]:
+        """How often there was no connection, in mid-run and before, and why."""
+        return {
+            "redials": self.endings.total(),
+            "endings": list(self.endings),
+            "failed_dials": self.failures.total(),
+            "dial_failures": list(self.failures),
+        }
 
     def _why(self) -> str:
         return f"close code {self._socket.close_code}"
@@ -179,13 +202,11 @@ class Sender:
     def result(self) -> dict[str, Any]:
         """What became of it, also after the last message."""
         self.dialled.note_end()
-        endings = self.dialled.endings
         return {
             "pair": self._end.pair,
             "sent": self._sent,
             "unsent": self._end.count - self._sent,
-            "redials": endings.total(),
-            "endings": list(endings),
+            **self.dialled.as_json(),
             "lateness": self._lateness.as_json(),
         }
 
@@ -204,12 +225,7 @@ class Receiver:
 
     def result(self) -> dict[str, Any]:
         """What came."""
-        endings = self.dialled.endings
-        return {
-            **self.account.as_json(),
-            "redials": endings.total(),
-            "endings": list(endings),
-        }
+        return {**self.account.as_json(), **self.dialled.as_json()}
 
 
 async def _sleep_until(due_ns: int) -> None:
@@ -266,7 +282,7 @@ async def work() -> None:
         clients = {one: await stack.enter_async_context(_session(one)) for one in places}
         kind = Sender if ends[0].sends else Receiver
         made = [kind(end, clients[end.namespace]) for end in ends]
-        await asyncio.gather(*(one.dialled.dial() for one in made))
+        await asyncio.gather(*(one.dialled.dial_first() for one in made))
         for one in made:
             stack.push_async_callback(one.dialled.close)
         _tell({"ready": True})

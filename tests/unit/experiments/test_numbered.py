@@ -118,18 +118,29 @@ def test_the_share_of_longer_times_falls_to_nothing() -> None:
 
 def test_a_run_is_the_sum_of_its_pairs() -> None:
     """What was not sent is not lost, and each ending is told once."""
-    sender = {"sent": 4, "unsent": 0, "redials": 1, "endings": ["4408"], "lateness": {"0.10": 4}}
+    steady = {"redials": 0, "endings": [], "failed_dials": 0, "dial_failures": []}
+    cut = {**steady, "redials": 2, "endings": ["1006"]}
+    sender = {
+        **steady,
+        "sent": 4,
+        "unsent": 0,
+        "redials": 1,
+        "endings": ["4408"],
+        "lateness": {"0.10": 4},
+    }
     late = {
         "sent": 3,
         "unsent": 1,
         "redials": 0,
         "endings": ["4408"],
+        "failed_dials": 1,
+        "dial_failures": ["4505"],
         "lateness": {"0.10": 1, "9.00": 2},
     }
-    steady, cut = {"redials": 0, "endings": []}, {"redials": 2, "endings": ["1006"]}
     came = [{**account(0, 1, 2, 3).as_json(), **steady}, {**account(0, 2).as_json(), **cut}]
     run = joined([sender, late], came)
     assert (run["sent"], run["unsent"], run["received"], run["lost"]) == (7, 1, 6, 1)
     assert (run["redials"], run["endings"], run["missing"]) == (3, ["1006", "4408"], {"1": [1, 3]})
+    assert (run["failed_dials"], run["dial_failures"]) == (1, ["4505"])
     assert run["lateness"] == {"0.10": 5, "9.00": 2}
     assert run["latency"] == {"1.00": 6}

@@ -11,7 +11,14 @@ from paper.numbered_report import thinned
 def test_what_went_wrong_is_said() -> None:
     """What was lost with the numbers, what was not sent, duplicated or reordered, and why connections ended."""
     run = a_run(
-        lost=2, missing={"1": [7, 8]}, unsent=3, reordered=4, redials=1, endings=["close code 4408"]
+        lost=2,
+        missing={"1": [7, 8]},
+        unsent=3,
+        reordered=4,
+        redials=1,
+        endings=["close code 4408"],
+        failed_dials=6,
+        dial_failures=["close code 4505"],
     )
     said = "\n".join(numbered_report.shortfalls({"2 pairs": run}))
     for part in (
@@ -20,6 +27,7 @@ def test_what_went_wrong_is_said() -> None:
         "3 messages could not",
         "4 messages were reordered",
         "4408",
+        "6 connections failed before the start (close code 4505)",
     ):
         assert part in said
     assert numbered_report.shortfalls({"2 pairs": a_run()}) == []

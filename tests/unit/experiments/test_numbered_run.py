@@ -78,8 +78,9 @@ def test_pairs_on_one_network_are_not_told_twice() -> None:
 def test_pairs_are_told_by_their_network() -> None:
     """Each with what its own senders and receivers saw."""
     usual = a_run()
-    sender = {name: usual[name] for name in ("unsent", "redials", "endings", "lateness")}
-    names = ("duplicated", "reordered", "foreign", "redials", "endings", "latency")
+    connections = ("redials", "endings", "failed_dials", "dial_failures")
+    sender = {name: usual[name] for name in ("unsent", *connections, "lateness")}
+    names = ("duplicated", "reordered", "foreign", *connections, "latency")
     receiver = {name: usual[name] for name in names}
     sent: list[dict[str, Any]] = [{**sender, "pair": pair, "sent": 5} for pair in range(3)]
     came: list[dict[str, Any]] = [

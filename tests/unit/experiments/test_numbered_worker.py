@@ -125,6 +125,42 @@ async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -
     assert came["duplicated"] == 0
 
 
+async def test_a_connection_that_fails_before_the_start_is_dialled_again_and_counted(
+    port: int,
+) -> None:
+    """The robot's rosbridge comes when the first tries have failed."""
+    async with aiohttp.ClientSession() as http:
+        pair = OnePair(http, port, 10, 100)
+        dialling = asyncio.create_task(pair.sender.dialled.dial_first())
+        await failed(pair)
+        async with BusRobot(ADDRESS, port):
+            await dialling
+            sent = await pair.send_all()
+            await pair.sender.dialled.close()
+    assert (sent["sent"], sent["redials"]) == (10, 0)
+    assert sent["failed_dials"] >= 1
+    assert "Cannot connect" in sent["dial_failures"][0]
+
+
+async def failed(pair: OnePair) -> None:
+    """Wait until the sender has tried in vain."""
+    async with asyncio.timeout(ARRIVES_WITHIN_S):
+        while True:
+            if pair.sender.dialled.failures:
+                return
+            await asyncio.sleep(0.01)
+
+
+async def test_a_connection_that_never_stands_is_told_with_its_pair(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends the run."""
+    monkeypatch.setattr("paper.numbered_worker.DIAL_WITHIN_S", 0.3)
+    async with aiohttp.ClientSession() as http:
+        with pytest.raises(ConnectionError, match=r"^pair 3: Cannot connect"):
+            await OnePair(http, port, 10, 100).sender.dialled.dial_first()
+
+
 async def test_what_cannot_be_sent_in_time_is_told(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
