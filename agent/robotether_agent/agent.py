@@ -41,7 +41,7 @@ from robotether_agent.settings import Settings
 from robotether_agent.ssh_command import Forward, Target, forward_to
 from robotether_agent.status import CONNECTED, StatusBoard
 from robotether_agent.supervisor import Uptime, keep_going
-from robotether_agent.tasks import first_of
+from robotether_agent.tasks import first_of, within
 from robotether_agent.vitals import Vitals
 from robotether_agent.wishes import Wishes
 
@@ -73,6 +73,8 @@ class Agent:
         self._board = StatusBoard(settings.run_dir, settings.server, on_state=notifier.status)
         self._session: Session | None = None
         self._session_up = asyncio.Event()
+        # For those that wait for one more session: set, and another one in its place, whenever one is up.
+        self._next_session = asyncio.Event()
         self._wishes = Wishes(allows_shell=bool(settings.shell_address))
         self._recheck = asyncio.Event()
         self._guard_moved = asyncio.Event()
@@ -120,14 +122,18 @@ class Agent:
 
     def _work(self) -> list[Coroutine[Any, Any, None]]:
         def keep(
-            what: str, attempt: Callable[[Uptime], Awaitable[None]], tell: Callable[[Problem], None]
+            what: str,
+            attempt: Callable[[Uptime], Awaitable[None]],
+            tell: Callable[[Problem], None],
+            pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
         ) -> Coroutine[Any, Any, None]:
-            return keep_going(what, attempt, Backoff(self._rng), tell)
+            return keep_going(what, attempt, Backoff(self._rng), tell, pause)
 
+        beside = self._until_next_session
         return [
             keep("session", self._session_attempt, self._no_session),
-            keep("video tunnel", self._media_attempt, self._no_media),
-            keep("shell tunnel", self._shell_attempt, self._no_shell),
+            keep("video tunnel", self._media_attempt, self._no_media, beside),
+            keep("shell tunnel", self._shell_attempt, self._no_shell, beside),
             keep("new key", self._rotation_attempt, self._no_rotation),
             self._health.run(),
             self._show_health(),
@@ -167,6 +173,11 @@ class Agent:
             self._session = None
             self._session_up.clear()
             self._board.set(**_seen_from_server(Checked()))
+
+    async def _until_next_session(self, most_s: float) -> None:
+        """Wait; a server that takes the robot's session again takes what goes beside it, too."""
+        with suppress(asyncio.TimeoutError):
+            await within(most_s, self._next_session.wait())
 
     async def _media_attempt(self, uptime: Uptime) -> None:
         await self._session_up.wait()
@@ -247,6 +258,8 @@ class Agent:
         uptime.is_up()
         self._session = session
         self._session_up.set()
+        self._next_session.set()
+        self._next_session = asyncio.Event()
         self._wishes.take(config)
         self._recheck.set()
         shell = self._shell_state(is_open=self._board.status.shell_tunnel == "open")

@@ -66,8 +66,9 @@ async def keep_going(
     attempt: Callable[[Uptime], Awaitable[None]],
     backoff: Backoff,
     tell: Callable[[Problem], None],
+    pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
-    """Run `attempt` again and again; `tell` hears of each problem before the pause."""
+    """Run `attempt` again and again; `tell` hears of each problem before the pause, of so many seconds at most."""
     repeats = Repeats()
     while True:
         uptime = Uptime()
@@ -81,4 +82,4 @@ async def keep_going(
                 raise
             tell(problem)
             repeats.tell(what, problem, wait_s)
-            await asyncio.sleep(wait_s)
+            await pause(wait_s)

@@ -11,9 +11,10 @@ from aiohttp import web
 from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import echo, eventually
 from openssh_server import listens
+from robotether_agent import backoff
 from robotether_agent.keys import ensure_key
 from robotether_agent.media.header import unpacked
-from robotether_agent.problems import AlreadyRunning, HostKeyChanged
+from robotether_agent.problems import AlreadyRunning, HostKeyChanged, Problem, Retry
 from robotether_agent.status import has_problem
 
 
@@ -212,6 +213,26 @@ async def test_session_failing_leaves_media_alone(make_cloud, start_agent):
     await cloud.link("session", number=2)
     await agent.until_connected()
     assert len(cloud.of_kind("media", live=False)) == 1
+
+
+def _slowly_or_at_once(problem: Problem, *_: object) -> float:
+    return 60.0 if problem.retry is Retry.SLOWLY else 0.05
+
+
+async def test_a_session_that_comes_back_brings_the_video_with_it(
+    make_cloud, start_agent, monkeypatch
+):
+    """A robot that is let in again is seen as soon as it can be driven: no pause of the video's own outlasts it."""
+    monkeypatch.setattr(backoff, "retry_or_give_up", _slowly_or_at_once)
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    media = await cloud.link("media")
+    media.send({"type": "bye", "code": "robot_disabled", "detail": "an admin disabled robot sim1"})
+    await agent.until(lambda status: status.problem_code == "robot_disabled", "robot_disabled")
+    (await cloud.link("session")).drop()
+    await cloud.link("session", number=2)
+    await cloud.link("media", number=2)
 
 
 async def test_killed_connections_come_back(make_cloud, start_agent):
