@@ -9,8 +9,8 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator, Callable, Iterable
-from contextlib import suppress
+from collections.abc import AsyncGenerator, Callable, Iterable
+from contextlib import aclosing, suppress
 from http import HTTPStatus
 from typing import Any
 
@@ -48,8 +48,10 @@ class Board:
         """Follow the fleet without end."""
         while True:
             with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
-                async for event, data in self._events():
-                    await self._hear(event, data)
+                # Whoever ends this while it hears ends the connection, too.
+                async with aclosing(self._events()) as events:
+                    async for event, data in events:
+                        await self._hear(event, data)
             await self._become(set())
             await asyncio.sleep(TRY_AGAIN_S)
 
@@ -61,7 +63,7 @@ class Board:
                 lambda: wanted <= self._online if online else not wanted & self._online
             )
 
-    async def _events(self) -> AsyncIterator[tuple[str, Any]]:
+    async def _events(self) -> AsyncGenerator[tuple[str, Any], None]:
         timeout = aiohttp.ClientTimeout(total=None, sock_read=EVENTS_SILENT_S)
         async with self._http.get(f"{self._site}/api/v1/events", timeout=timeout) as response:
             response.raise_for_status()

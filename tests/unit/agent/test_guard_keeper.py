@@ -101,8 +101,9 @@ async def test_a_session_reaches_the_guard_in_order(keep, place):
     kept.keeper.release("77aa", "ann")
     await eventually(lambda: not kept.keeper.view.stopped, lambda: f"{kept.keeper.view}")
     kept.keeper.session_lost()
-    await eventually(lambda: len(heard(place)) == before + 6, lambda: f"{heard(place)}")
-    assert heard(place)[before:] == [
+    await eventually(lambda: len(heard(place)) >= before + 6, lambda: f"{heard(place)}")
+    # When the machine stands still for longer than a guard may be silent, another one is born behind these.
+    assert heard(place)[before : before + 6] == [
         {"type": "config", "rosbridge_url": URL, "guard": WANTS, "direct": True},
         {"type": "session", "up": True},
         {"type": "lease", "fence": 13, "held": True},
