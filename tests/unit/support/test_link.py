@@ -117,6 +117,32 @@ def burst(link: Link, count: int) -> list[tuple[float, bytes]]:
         return found
 
 
+def burst_rate(link: Link) -> float:
+    """The rate in bit/s from the first to the last of 600 packets, none of which is lost."""
+    arrived = burst(link, 600)
+    assert len(arrived) == 600
+    return 599 * PACKET * 8 / (arrived[-1][0] - arrived[0][0])
+
+
+def bulk_rate(link: Link) -> float:
+    """The rate in bit/s of 2 MB over a TCP connection from the robot."""
+    with link.server.entered():
+        listener = socket.create_server((link.server.address, PORT))
+    with link.robot.entered():
+        here = socket.create_connection((link.server.address, PORT), timeout=5)
+    there, _ = listener.accept()
+    with listener, here, there:
+        sender = threading.Thread(target=here.sendall, args=(bytes(2_000_000),))
+        sender.start()
+        there.settimeout(5)
+        total, started = 0, time.perf_counter()
+        while total < 2_000_000:
+            total += len(there.recv(65536))
+        lasted_s = time.perf_counter() - started
+        sender.join()
+    return total * 8 / lasted_s
+
+
 def test_round_trip_is_both_delays() -> None:
     """Within 1 ms at the median."""
     with Link(up=Shape(delay_s=0.019), down=Shape(delay_s=0.012)) as link:
@@ -125,12 +151,10 @@ def test_round_trip_is_both_delays() -> None:
 
 @pytest.mark.parametrize("rate", [4.97e6, 50e6])
 def test_rate_is_kept(rate: float) -> None:
-    """Within 5 %, from the first to the last of a burst that waits in the queue."""
+    """Within 5 %, in the middle one of three bursts that wait in the queue: the machine may pause in one."""
     with Link(up=Shape(rate_bit_s=rate, queue_bytes=1 << 20), down=Shape()) as link:
-        arrived = burst(link, 600)
-    lasted = arrived[-1][0] - arrived[0][0]
-    assert len(arrived) == 600
-    assert 599 * PACKET * 8 / lasted == pytest.approx(rate, rel=0.05)
+        rates = [burst_rate(link) for _ in range(3)]
+    assert statistics.median(rates) == pytest.approx(rate, rel=0.05), rates
 
 
 def test_queue_drops_what_is_too_much() -> None:
@@ -173,23 +197,12 @@ def test_a_running_link_can_be_changed() -> None:
 
 
 def test_tcp_gets_through_at_the_rate() -> None:
-    """A bulk transfer over both directions, as an SSH connection would make it."""
+    """Bulk transfers over both directions, as an SSH connection would make them; the machine may pause in one."""
     shape = Shape(rate_bit_s=10e6, delay_s=0.005)
     with Link(up=shape, down=shape) as link:
-        with link.server.entered():
-            listener = socket.create_server((link.server.address, PORT))
-        with link.robot.entered():
-            here = socket.create_connection((link.server.address, PORT), timeout=5)
-        there, _ = listener.accept()
-        with listener, here, there:
-            threading.Thread(target=here.sendall, args=(bytes(2_000_000),)).start()
-            there.settimeout(5)
-            total, started = 0, time.perf_counter()
-            while total < 2_000_000:
-                total += len(there.recv(65536))
-            rate = total * 8 / (time.perf_counter() - started)
+        rates = [bulk_rate(link) for _ in range(3)]
     # The headers of IP and TCP take 3.5 %, the start some more.
-    assert 8.5e6 < rate < 10e6
+    assert 8.5e6 < statistics.median(rates) < 10e6, rates
 
 
 def made_by(pid: int) -> list[str]:
