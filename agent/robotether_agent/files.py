@@ -41,11 +41,11 @@ def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> Non
 
 
 def read_text(path: Path) -> str | None:
-    """Return the text of `path`, or None when there is no such file."""
+    """Return the text of `path`, or None when there is no such file, or no such process any more under /proc."""
     try:
         with os.fdopen(_open_regular(path), encoding="utf-8") as file:
             return file.read()
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return None
     except (OSError, UnicodeDecodeError) as error:
         raise StateUnusable(

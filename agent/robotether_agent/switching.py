@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robotether_agent import systemd
-from robotether_agent.files import only_one
+from robotether_agent.files import only_one, read_text
 from robotether_agent.problems import Problem, SwitchFailed
 from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
 from robotether_agent.unfinished import Unfinished
@@ -145,9 +145,5 @@ class Switch:
 
 def _runs(pid: int) -> bool:
     """Tell whether the process `pid` runs; one that ended and was not waited for yet does not."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        # The second when it ends between opening and reading.
-        return False
-    return text.rpartition(")")[2].split()[0] != "Z"
+    text = read_text(Path(f"/proc/{pid}/stat"))
+    return text is not None and text.rpartition(")")[2].split()[0] != "Z"
