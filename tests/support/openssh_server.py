@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from local_network import free_port
+from proc_stat import words_of, words_of_all
 
 SSHD = Path("/usr/sbin/sshd")
 WAIT_S = 10.0
@@ -220,18 +221,7 @@ def wait_until(
 
 def descendants(pid: int) -> list[int]:
     """Return all processes below `pid`, zombies left out."""
-    parents = {}
-    for path in Path("/proc").iterdir():
-        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
-        if not path.name.isdigit():
-            continue
-        try:
-            name, _, rest = (path / "stat").read_text().rpartition(")")
-        except OSError:
-            continue
-        state, parent = rest.split()[:2]
-        if state != "Z":
-            parents[int(name.split()[0])] = int(parent)
+    parents = {one: int(parent) for one, (state, parent, *_) in words_of_all() if state != "Z"}
     found, frontier = [], [pid]
     while frontier:
         above = frontier.pop()
@@ -244,10 +234,9 @@ def descendants(pid: int) -> list[int]:
 def is_alive(pid: int) -> bool:
     """Tell whether `pid` runs; a zombie does not."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text()
+        return words_of(pid)[0] != "Z"
     except OSError:
         return False
-    return text.rpartition(")")[2].split()[0] != "Z"
 
 
 def kill(pid: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from docker.models.containers import Container
+from proc_stat import words_of
 
 # Of proc(5)'s stat, counted from the state, which follows the name.
 STATE, USER_TICKS, SYSTEM_TICKS, START = 0, 11, 12, 19
@@ -30,13 +31,13 @@ def oldest(pids: Iterable[int]) -> int:
 
 def ticks(pid: int) -> int:
     """Processor time that a process has used so far, in the kernel's ticks."""
-    words = _words(pid)
+    words = words_of(pid)
     return int(words[USER_TICKS]) + int(words[SYSTEM_TICKS])
 
 
 def sleeps(pid: int) -> bool:
     """Whether it waits for something else than a processor."""
-    return _words(pid)[STATE] == "S"
+    return words_of(pid)[STATE] == "S"
 
 
 def _lives(pid: int) -> bool:
@@ -44,8 +45,4 @@ def _lives(pid: int) -> bool:
 
 
 def _started(pid: int) -> int:
-    return int(_words(pid)[START])
-
-
-def _words(pid: int) -> list[str]:
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(words_of(pid)[START])

@@ -179,23 +179,24 @@ class Stack:
 
     def wait_until_free(self, robot: str) -> None:
         """Wait until nobody drives: the relay hears a moment later that a test before has closed its browser."""
-
-        def is_free() -> bool:
-            status, control = self.admin.try_to("GET", f"/robots/{robot}/control")
-            return status == HTTPStatus.OK and not (control["driver"] or control["reserved"])
-
-        self.wait(f"{robot} free", is_free, "relay")
+        self.wait(f"{robot} free", lambda: self._control_if_free(robot), "relay")
 
     def wait_until_drivable(self, robot: str) -> None:
         """Wait until a robot is there with its guard and nobody drives: a test before may have cut it off."""
-
-        def is_drivable() -> bool:
-            status, control = self.admin.try_to("GET", f"/robots/{robot}/control")
+        self.wait(
+            f"{robot} drivable",
             # Of a robot that is offline nobody knows the guard.
-            is_there = status == HTTPStatus.OK and control["guard"] == "ready"
-            return is_there and not (control["driver"] or control["reserved"])
+            lambda: self._control_if_free(robot).get("guard") == "ready",
+            robot,
+            "relay",
+            seconds=60,
+        )
 
-        self.wait(f"{robot} drivable", is_drivable, robot, "relay", seconds=60)
+    def _control_if_free(self, robot: str) -> dict[str, Any]:
+        """What the relay says of the robot's control, when nobody drives and it is kept for nobody; else nothing."""
+        status, control = self.admin.try_to("GET", f"/robots/{robot}/control")
+        is_free = status == HTTPStatus.OK and not (control["driver"] or control["reserved"])
+        return control if is_free else {}
 
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
         """Wait until the engine calls the service's container healthy."""

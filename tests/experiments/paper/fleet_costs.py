@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from proc_stat import words_of_all
+
 if TYPE_CHECKING:
     from docker.models.containers import Container
 
@@ -193,17 +195,10 @@ def _met(name: str, first: Use, last: Use) -> Iterable[str]:
 
 def _processes() -> dict[int, tuple[int, int]]:
     """The parent and the ticks of each process."""
-    found = {}
-    for path in PROC.iterdir():
-        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
-        if not path.name.isdigit():
-            continue
-        try:
-            fields = (path / "stat").read_text().rpartition(")")[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        found[int(path.name)] = (int(fields[PARENT]), sum(map(int, fields[CPU_FIELDS])))
-    return found
+    return {
+        pid: (int(words[PARENT]), sum(map(int, words[CPU_FIELDS])))
+        for pid, words in words_of_all(PROC)
+    }
 
 
 def _table(path: Path) -> dict[str, int]:

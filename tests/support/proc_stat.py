@@ -1,0 +1,26 @@
+"""What the kernel tells of processes in /proc/PID/stat, of which some end while they are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+PROC = Path("/proc")
+
+
+def words_of(pid: int, proc: Path = PROC) -> list[str]:
+    """Those of proc(5) behind the name, from the state on; OSError when there is no such process any more."""
+    return (proc / str(pid) / "stat").read_text().rpartition(")")[2].split()
+
+
+def words_of_all(proc: Path = PROC) -> Iterator[tuple[int, list[str]]]:
+    """Each process with its words."""
+    for path in proc.iterdir():
+        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
+        if not path.name.isdigit():
+            continue
+        try:
+            words = words_of(int(path.name), proc)
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        yield int(path.name), words
