@@ -72,7 +72,7 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
         expect(bar).to_have_attribute("data-stop", "none", timeout=5_000)
         page.mouse.up()
     finally:
-        release_all(stack, [ROBOT], stack.admin_token)
+        release_all(stack, [ROBOT])
 
 
 @pytest.mark.parametrize("context", [LOOKS[0], LOOKS[3]], indirect=True, ids=[NAMES[0], NAMES[3]])

@@ -276,7 +276,7 @@ def test_an_observer_stops_and_only_a_driver_releases(ann: Person, ben: Person) 
         assert ann.ask("POST", f"/api/v1/robots/{ROBOT}/release").code == OPEN
     finally:
         # A robot that stays stopped would fail all that come after this test.
-        release_all(ann.stack, [ROBOT], ann.token)
+        release_all(ann.stack, [ROBOT])
 
 
 # Method, path, headers beside the driver's cookie, body.

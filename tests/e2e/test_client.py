@@ -116,7 +116,7 @@ def test_the_documented_page_drives_from_another_site(
             page.goto(f"{LAB}/#{stack.url} {ROBOT} {token}")
             _drive_and_stop(page, watch, stack, token)
     finally:
-        release_all(stack, [ROBOT], token)
+        release_all(stack, [ROBOT])
 
 
 def _drive_and_stop(page: Page, watch: SimWatch, stack: Stack, token: str) -> None:

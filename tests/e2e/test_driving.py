@@ -247,7 +247,6 @@ def test_the_gamepads_stop_button_stops(
     page: Page, gamepad: GamepadDouble, watch: SimWatch, stack: Stack
 ) -> None:
     """In mid-drive it is a Stop as any other: it holds until somebody releases the robot."""
-    token = stack.token("driving tests")
     _drive(page, gamepad, watch)
     try:
         gamepad.press(B)
@@ -255,7 +254,7 @@ def test_the_gamepads_stop_button_stops(
         expect(page.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "stopped")
         _stands(watch)
     finally:
-        release_all(stack, [ROBOT], token)
+        release_all(stack, [ROBOT])
 
 
 def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(

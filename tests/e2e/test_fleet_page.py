@@ -91,10 +91,10 @@ def fleet(page: Page, stack: Stack, _crowd: None) -> Page:
 
 
 @pytest.fixture
-def token(stack: Stack) -> Iterator[str]:
-    """An admin's API token, of a test that stops robots; afterwards none of them is stopped."""
-    yield stack.admin_token
-    release_all(stack, ["sim1", "sim2"], stack.admin_token)
+def _released(stack: Stack) -> Iterator[None]:
+    """The test may stop robots; afterwards none of them is stopped."""
+    yield
+    release_all(stack, ["sim1", "sim2"])
 
 
 def _card(page: Page, name: str) -> Any:
@@ -171,7 +171,8 @@ def test_what_is_searched_for_stands_in_the_address(fleet: Page, stack: Stack) -
     expect(fleet.get_by_test_id("fleet-site")).to_have_value("site odd")
 
 
-def test_a_table_shows_the_same_and_is_remembered(fleet: Page, token: str) -> None:
+@pytest.mark.usefixtures("_released")
+def test_a_table_shows_the_same_and_is_remembered(fleet: Page) -> None:
     """Its headers sort, by mouse and keyboard, and say so; the next visit begins with it."""
     fleet.get_by_test_id("view-table").click()
     row = fleet.get_by_test_id("robot-row-sim1")
@@ -199,15 +200,16 @@ def test_a_table_shows_the_same_and_is_remembered(fleet: Page, token: str) -> No
     )
 
 
-def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack, token: str) -> None:
+@pytest.mark.usefixtures("_released")
+def test_only_stopped_robots_are_shown_on_request(fleet: Page, stack: Stack) -> None:
     """A robot comes into the list when it is stopped, and says by whom in words."""
     fleet.get_by_test_id("show-stopped").click()
-    bearer = {"Authorization": f"Bearer {token}"}
-    assert stack.request("POST", "/api/v1/robots/sim2/stop", {}, bearer)[0] == 200
+    status, answer = stack.admin.try_to("POST", "/robots/sim2/stop", {})
+    assert status == 200, answer
     expect(_card(fleet, "sim2")).to_be_visible(timeout=5_000)
     expect(_card(fleet, "sim2").get_by_test_id("card-stopped")).to_contain_text("Stopped by admin")
     expect(_card(fleet, "sim3")).to_be_hidden()
-    release_all(stack, ["sim2"], token)
+    release_all(stack, ["sim2"])
     fleet.mouse.move(0, 0)
     expect(_card(fleet, "sim2")).to_be_hidden(timeout=5_000)
 

@@ -66,7 +66,7 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture
-def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
+def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
     """Dora, who may drive, and Olga, who may watch; nobody drives yet, and afterwards the robot is not stopped."""
     stack.wait_until_drivable(ROBOT)
     try:
@@ -75,7 +75,7 @@ def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
             people.let("olga", "observe", ROBOT)
             yield people
     finally:
-        release_all(stack, [ROBOT], token)
+        release_all(stack, [ROBOT])
         stack.wait_until_free(ROBOT)
 
 

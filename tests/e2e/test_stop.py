@@ -49,7 +49,7 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture
-def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
+def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
     """Ann, who may drive, and Olga, who may watch; nobody drives yet, and afterwards no robot is stopped."""
     stack.wait_until_drivable(ROBOT)
     try:
@@ -58,7 +58,7 @@ def crew(stack: Stack, browser: Browser, token: str) -> Iterator[Crew]:
             people.let("olga", "observe", ROBOT)
             yield people
     finally:
-        release_all(stack, ["sim1", "sim2", "sim3"], token)
+        release_all(stack, ["sim1", "sim2", "sim3"])
 
 
 @pytest.fixture

@@ -194,7 +194,6 @@ def test_a_rosbridge_that_does_not_answer_is_told(page: Page, stack: Stack) -> N
 
 def test_a_stop_is_a_state_of_its_own(page: Page, stack: Stack) -> None:
     """A stopped robot's banner says who stopped it and what to do, until it is released."""
-    token = stack.token("truth tests")
     open_robot(page, stack, ROBOT)
     try:
         page.get_by_test_id("stop").click()
@@ -210,7 +209,7 @@ def test_a_stop_is_a_state_of_its_own(page: Page, stack: Stack) -> None:
         page.get_by_test_id("control-arm").click()
         _expect_shown(page, "live", "Ready to drive.")
     finally:
-        release_all(stack, [ROBOT], token)
+        release_all(stack, [ROBOT])
 
 
 @pytest.mark.parametrize("power", ["lost", "switched off and on"])

@@ -68,12 +68,11 @@ def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
     expect(stands).to_have_count(1, timeout=seconds * 1000)
 
 
-def release_all(stack: Stack, robots: list[str], token: str) -> None:
-    """Release robots, so that the next test finds them as it expects."""
+def release_all(stack: Stack, robots: list[str]) -> None:
+    """Release robots as the admin, so that the next test finds them as it expects."""
 
     def released(robot: str) -> Callable[[], bool]:
-        path, headers = f"/api/v1/robots/{robot}/release", {"Authorization": f"Bearer {token}"}
-        return lambda: stack.request("POST", path, {}, headers)[0] == 200
+        return lambda: stack.admin.try_to("POST", f"/robots/{robot}/release", {})[0] == 200
 
     for robot in robots:
         stack.wait(f"{robot} released", released(robot), "relay", robot)

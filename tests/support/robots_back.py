@@ -13,18 +13,16 @@ BACK_WITHIN_S = 90
 
 def wait_until_back(stack: Stack, *robots: str) -> None:
     """Wait until each robot is online, its guard takes commands, and its camera is seen."""
-    headers = {"Authorization": f"Bearer {stack.admin_token}"}
     for robot in robots:
-        is_back = partial(_is_back, stack, robot, headers)
+        is_back = partial(_is_back, stack, robot)
         stack.wait(f"{robot} back", is_back, robot, "sshd", "relay", seconds=BACK_WITHIN_S)
 
 
-def _is_back(stack: Stack, robot: str, headers: dict[str, str]) -> bool:
+def _is_back(stack: Stack, robot: str) -> bool:
     try:
-        status, control = stack.request("GET", f"/api/v1/robots/{robot}/control", headers=headers)
+        status, control = stack.admin.try_to("GET", f"/robots/{robot}/control")
         if status != HTTPStatus.OK or control["guard"] != "ready":
             return False
-        path = f"/robots/{robot}/video/snapshot?topic=/camera/image_raw"
-        return stack.request("GET", path, headers=headers)[0] == HTTPStatus.OK
+        return stack.admin.sees(f"/robots/{robot}/video/snapshot?topic=/camera/image_raw")
     except OSError:
         return False

@@ -234,11 +234,6 @@ class Stack:
         """A new API token."""
         return self.admin.token(name, user)
 
-    @cached_property
-    def admin_token(self) -> str:
-        """An API token of the admin's, the same one whenever it is asked for."""
-        return self.token("tests")
-
     def online(self, robot: str) -> bool:
         """Whether the server says that the robot's tunnel is up."""
         try:

@@ -33,12 +33,11 @@ class Admin:
 
     def try_to(self, method: str, path: str, body: dict[str, Any] | None = None) -> tuple[int, Any]:
         """Send one request to a path below /api/v1; status and answer."""
-        status, answer = self._send(method, path, body)
-        if status == HTTPStatus.UNAUTHORIZED:
-            # A test has removed all tokens.
-            self._token = None
-            status, answer = self._send(method, path, body)
-        return status, answer
+        return self._try_to(method, f"/api/v1{path}", body)
+
+    def sees(self, path: str) -> bool:
+        """Tell whether a path of the site, such as that of a picture, gives something now."""
+        return self._try_to("GET", path, None)[0] == HTTPStatus.OK
 
     def ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
         """Send one request that must succeed; its answer."""
@@ -81,9 +80,15 @@ class Admin:
                 settings = setting_paths.put(settings, path, value)
         self.ask("PATCH", f"/robots/{robot}", {"settings": settings})
 
+    def _try_to(self, method: str, path: str, body: dict[str, Any] | None) -> tuple[int, Any]:
+        status, answer = self._send(method, path, body)
+        if status == HTTPStatus.UNAUTHORIZED:
+            # A test has removed all tokens.
+            self._token = None
+            status, answer = self._send(method, path, body)
+        return status, answer
+
     def _send(self, method: str, path: str, body: dict[str, Any] | None) -> tuple[int, Any]:
         if self._token is None:
             self._token = self._make_token(f"stack-{time.monotonic_ns()}")
-        return self._request(
-            method, f"/api/v1{path}", body, {"Authorization": f"Bearer {self._token}"}
-        )
+        return self._request(method, path, body, {"Authorization": f"Bearer {self._token}"})
