@@ -68,5 +68,5 @@ target "pebble" {
 target "frontend_test" {
   inherits = ["server"]
   target   = "bundle"
-  tags     = ["robotether/frontend_test:dev"]
+  tags     = ["robotether/frontend_test:${TAG}"]
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import subprocess
 import time
 import uuid
@@ -21,7 +22,7 @@ from PIL import Image
 from stopwatch import Stopwatch
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE = "robotether/sim_robot:dev"
+IMAGE = f"robotether/sim_robot:{os.environ.get('TAG', 'dev')}"
 NOWHERE = {
     "ROBOTETHER_SERVER": "127.0.0.1:1",
     "ROBOTETHER_INTERFACE": "eth0",
