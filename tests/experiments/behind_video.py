@@ -31,7 +31,6 @@ from sections import Section, percentile
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
 HERE = Path(__file__).resolve().parent
-ALLOWED = Path("/proc/sys/net/ipv4/tcp_allowed_congestion_control")
 AGENT = HERE.parents[1] / "agent"
 UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
 UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
@@ -219,18 +218,10 @@ async def watch(port: int, way: Way) -> None:
         writer.close()
 
 
-def allow(congestion_control: str) -> None:
-    """Let the namespaces choose an algorithm that the kernel has; it stays allowed until the next boot."""
-    present = ALLOWED.read_text().split()
-    if congestion_control not in present:
-        ALLOWED.write_text(" ".join([*present, congestion_control]))
-
-
 def measure(seconds: float = SECONDS) -> Section:
     """Measure all ways, one after the other, and return them as a table."""
     if why := why_not_here():
         raise RuntimeError(f"cannot measure behind video: {why}")
-    allow("cubic")
     place = Path(tempfile.mkdtemp(prefix="rt-video-"))
     measured = ways()
     try:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import aiohttp
 from bare_tunnel import BareTunnel
-from behind_video import DOWN, UP, UP_MBIT_S, allow, running
+from behind_video import DOWN, UP, UP_MBIT_S, running
 from demo import Demo
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
@@ -237,7 +237,6 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
     if why := why_not_here():
         raise RuntimeError(f"cannot measure the age of pictures over a link: {why}")
     rows = asyncio.run(on_loopback(demo, seconds))
-    allow("cubic")
     with Link(up=UP, down=DOWN) as link:
         link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
         with link.server.entered():

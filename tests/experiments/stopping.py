@@ -32,6 +32,8 @@ WATCHED_S = 3.0
 BACK_WITHIN_S = 60.0
 AIM_MS = 600
 LIMIT_MS = 1000
+# By it tools/host_settings knows a rule that a run left which was killed.
+MARK = ("-m", "comment", "--comment", "robotether-bench")
 
 
 class NeverDroveError(Exception):
@@ -181,7 +183,7 @@ def kill_on_robot(words: str, demo: Demo, _: ProgramDriver, __: ExitStack) -> No
 @contextmanager
 def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Iterator[None]:
     """Drop these packets inside the block, on this machine or where the command `at` goes first."""
-    command, rule = [*at, "iptables", "-w", "-t", table], [*what, "-j", "DROP"]
+    command, rule = [*at, "iptables", "-w", "-t", table], [*what, *MARK, "-j", "DROP"]
     subprocess.run([*command, "-I", chain, *rule], check=True)
     try:
         yield

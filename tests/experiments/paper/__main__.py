@@ -106,10 +106,7 @@ def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
         except KeyboardInterrupt:
             sys.stderr.write(f"experiments: {GO_ON}\n")
             return INTERRUPTED
-    chapters = [
-        chapter(part, scale, journal, runner.unprepared.get(name, ""))
-        for name, part in parts.items()
-    ]
+    chapters = [chapter(part, scale, journal) for part in parts.values()]
     folder = QUICK_PAGE if scale.quick else PAGE
     write_page(folder, chapters, scale, journal)
     ours = [one for one in chapters if one.part in asked]

@@ -12,8 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 
-from behind_video import allow
-
 from paper.operators_plan import ADAPTIVE, NETWORKS, OURS, PLAIN, QUALITIES, ROBOTS, step_name
 from paper.operators_report import report
 from paper.operators_run import Times, measured
@@ -92,5 +90,4 @@ PART = Part(
     title="Three operators drive three robots, with video",
     steps=steps,
     report=report,
-    prepare=partial(allow, CONGESTION_CONTROL),
 )

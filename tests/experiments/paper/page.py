@@ -85,11 +85,11 @@ def short(comparison: Comparison) -> bool:
     return not math.isfinite(comparison.ours) or comparison.falls_short
 
 
-def chapter(part: Part, scale: Scale, journal: Journal, unprepared: str = "") -> Chapter:
+def chapter(part: Part, scale: Scale, journal: Journal) -> Chapter:
     """Read a part's outcomes and let it report; a report that raises is a problem and not the page's end."""
     steps = {step.name: step.title for step in checked_steps(part, scale)}
     kept = journal.read(part, list(steps))
-    problems = [f"could not be prepared: {unprepared}"] if unprepared else []
+    problems = []
     report = Report(sections=())
     if kept:
         results: Results = {name: one.outcome for name, one in kept.items()}

@@ -53,8 +53,6 @@ class Runner:
     versions: Callable[[World], Mapping[str, str]] = circumstances.versions
     commit: str = field(default_factory=circumstances.commit)
     answer_s: float = ANSWER_S
-    # Parts whose preparation failed, and why: their steps have not run, and can run later.
-    unprepared: dict[str, str] = field(default_factory=dict)
 
     def run(self, parts: Sequence[Part], *, restart: bool = False) -> None:
         """Run all steps of these parts that have not run; all of them, if none is left or with `restart`.
@@ -98,23 +96,12 @@ class Runner:
     def _run_part(
         self, part: Part, steps: Sequence[Step], world: World, progress: Progress
     ) -> None:
-        if steps and self._is_prepared(part, progress):
-            for step in steps:
-                self._check_answers(world, f"{part.name}, {step.name}")
-                with progress.step(f"{part.name}: {step.title}", step.expected_s):
-                    outcome = self._run_step(part, step, world)
-                if outcome.failure:
-                    progress.say(f"FAILED {part.name}, {step.name}: {outcome.failure}")
-
-    def _is_prepared(self, part: Part, progress: Progress) -> bool:
-        try:
-            part.prepare()
-        except Exception as error:  # noqa: BLE001 (the border of a part; others can still be measured)
-            self.unprepared[part.name] = sentence(error)
-            self._log(f"{part.name}: preparing")
-            progress.say(f"cannot prepare {part.name}: {sentence(error)}")
-            return False
-        return True
+        for step in steps:
+            self._check_answers(world, f"{part.name}, {step.name}")
+            with progress.step(f"{part.name}: {step.title}", step.expected_s):
+                outcome = self._run_step(part, step, world)
+            if outcome.failure:
+                progress.say(f"FAILED {part.name}, {step.name}: {outcome.failure}")
 
     def _run_step(self, part: Part, step: Step, world: World) -> Outcome:
         """Run it and keep its outcome; only KeyboardInterrupt and the like get out, and leave nothing behind."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sections import Section
@@ -133,8 +133,6 @@ class Part:
     steps: Callable[[Scale], Sequence[Step]]
     # Only of steps of this scale.
     report: Callable[[Scale, Results], Report]
-    # What it needs beyond the stack is made here, once, before its first step: packages for instance.
-    prepare: Callable[[], None] = field(default=lambda: None)
 
 
 def succeeded(results: Results) -> dict[str, Values]:

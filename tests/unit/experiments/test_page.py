@@ -154,12 +154,6 @@ def test_report_that_raises_is_a_problem_of_its_part_alone(journal: Journal) -> 
     assert [one.is_fine for one in made] == [False, True]
 
 
-def test_part_that_could_not_be_prepared_says_why(journal: Journal) -> None:
-    """Beside that its steps are missing."""
-    text = page(journal, chapter(part(report=EMPTY), DEFAULT, journal, "OSError: no network"))
-    assert "- could not be prepared: OSError: no network" in text
-
-
 def test_unequal_is_not_fine_and_lower_is_no_error(journal: Journal) -> None:
     """The exit status tells of what must be met, and not of every figure that a peer has better."""
     slower = part("a", Report(sections=(), comparisons=[compared(3)]))

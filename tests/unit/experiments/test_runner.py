@@ -62,13 +62,12 @@ class Bench:
         return {name: one.outcome for name, one in self.journal.read(of, names).items()}
 
 
-def part(*steps: Step, name: str = "test", prepare: Callable[[], None] = lambda: None) -> Part:
+def part(*steps: Step, name: str = "test") -> Part:
     return Part(
         name=name,
         title="A test",
         steps=lambda _scale: steps,
         report=lambda _scale, _results: Report(sections=()),
-        prepare=prepare,
     )
 
 
@@ -160,21 +159,6 @@ def test_stack_that_does_not_answer_ends_the_run(bench: Bench) -> None:
     with pytest.raises(StackGoneError, match=r"before test, next.*nobody there"):
         bench.runner().run([one])
     assert list(bench.kept(one)) == ["breaks"]
-
-
-def test_part_that_cannot_be_prepared_leaves_its_steps_for_later(bench: Bench) -> None:
-    """Other parts are measured; why this one is missing is known."""
-
-    def fail() -> None:
-        raise OSError("no such package")
-
-    wanting = part(bench.step("a"), name="wanting", prepare=fail)
-    other = part(bench.step("b"), name="other")
-    runner = bench.runner()
-    runner.run([wanting, other])
-    assert bench.ran == ["b"]
-    assert runner.unprepared == {"wanting": "OSError: no such package"}
-    assert bench.kept(wanting) == {}
 
 
 def test_values_that_json_cannot_carry_fail_their_step(bench: Bench) -> None:
