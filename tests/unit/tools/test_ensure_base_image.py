@@ -1,0 +1,116 @@
+"""tools/ensure_base_image where no registry answers: a real Docker, and a program in the place of mmdebstrap."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import docker
+import pytest
+from docker.errors import ImageNotFound
+
+ROOT = Path(__file__).resolve().parents[3]
+TOOL = ROOT / "tools" / "ensure_base_image"
+# Nobody has a release of this name, nor does another run.
+SUITE = f"nowhere{os.getpid()}"
+IMAGE = f"debian:{SUITE}-slim"
+DOCKER = """#!/bin/sh
+[ "$1" != pull ] || exit 1
+exec {docker} "$@"
+"""
+# Also where the tests' user is not root; the real one forgets the PATH.
+SUDO = """#!/bin/sh
+[ "$1" != -v ] || exit 0
+exec "$@"
+"""
+APT_GET = """#!/bin/sh
+echo 'http://mirror.invalid/debian/|main|Debian'
+"""
+MAKES = """#!/bin/sh
+head -c 12000000 /dev/zero > {folder}/file
+tar -C {folder} -c file
+"""
+BREAKS = """#!/bin/sh
+head -c 4096 /dev/zero
+echo 'E: the mirror is gone' >&2
+exit 25
+"""
+
+
+@dataclass
+class Machine:
+    """Where the tool runs: its PATH has these programs first."""
+
+    folder: Path
+
+    def put(self, name: str, text: str) -> None:
+        path = self.folder / "bin" / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text.format(folder=self.folder, docker=shutil.which("docker")))
+        path.chmod(0o755)
+
+    def ensure(self) -> subprocess.CompletedProcess[str]:
+        """Run the tool."""
+        env = os.environ | {
+            "PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}",
+            "TMPDIR": str(self.folder),
+        }
+        return subprocess.run(
+            [TOOL, SUITE], env=env, capture_output=True, text=True, timeout=60, check=False
+        )
+
+
+@pytest.fixture
+def engine() -> Iterator[docker.DockerClient]:
+    """A Docker that has not got the image, and has not got it afterwards."""
+    client = docker.from_env()
+    yield client
+    if client.images.list(IMAGE):
+        client.images.remove(IMAGE, force=True)
+    client.close()
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    """A machine without a registry."""
+    made = Machine(tmp_path)
+    for name, text in (("docker", DOCKER), ("sudo", SUDO), ("apt-get", APT_GET)):
+        made.put(name, text)
+    return made
+
+
+def test_image_is_whole_or_not_there(machine: Machine, engine: docker.DockerClient) -> None:
+    """What failed once is tried again, and does not count as done."""
+    machine.put("mmdebstrap", BREAKS)
+    done = machine.ensure()
+    assert done.returncode != 0
+    assert "E: the mirror is gone" in done.stderr
+    assert f"cannot make {IMAGE}: mmdebstrap failed" in done.stderr
+    with pytest.raises(ImageNotFound):
+        engine.images.get(IMAGE)
+    machine.put("mmdebstrap", MAKES)
+    done = machine.ensure()
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (
+        0,
+        f"ensure_base_image: done: made {IMAGE}",
+    ), done.stderr
+    assert engine.images.get(IMAGE).attrs["Size"] >= 12_000_000
+    assert "nothing to do" in machine.ensure().stdout
+    assert list(machine.folder.glob("*.tar")) == []
+
+
+def test_empty_image_of_an_earlier_failure_is_made_again(
+    machine: Machine, engine: docker.DockerClient
+) -> None:
+    """`docker import` makes one of nothing, and calls that a success."""
+    subprocess.run(["docker", "import", "-", IMAGE], input=b"", check=True, capture_output=True)
+    assert engine.images.get(IMAGE).attrs["Size"] == 0
+    machine.put("mmdebstrap", MAKES)
+    done = machine.ensure()
+    assert done.returncode == 0, done.stderr
+    assert f"removing {IMAGE}: it is empty" in done.stdout
+    assert engine.images.get(IMAGE).attrs["Size"] >= 12_000_000
