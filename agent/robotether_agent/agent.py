@@ -95,7 +95,6 @@ class Agent:
                 self._board.tell(problem, "stopped")
                 raise
             finally:
-                self._notifier.stopping()
                 self._board.set(
                     state="stopped",
                     rtt_ms=-1.0,

@@ -1,6 +1,7 @@
 """When to try again: the delays, and the one decision between retry and giving up.
 
-Used by the supervisor for each connection. Never sleeps and never reads a clock; it only answers.
+Used by the supervisor for each connection, and by `run` when the agent itself fails. Never sleeps and never reads
+a clock; it only answers.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ AT_ONCE_S = (0.02, 0.2)
 AFTER_SILENCE_S = (0.02, 0.5)
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)
+# The agent that fails at its start: systemd starts it anew a second after its end, without end. Below WatchdogSec.
+FAILED_START_S = (5.0, 15.0)
 # A connection that stood this long was a good one: what follows is a new trouble, not the old one.
 STABLE_S = 10.0
 
@@ -45,6 +48,14 @@ def retry_or_give_up(problem: Problem, soon: Iterator[float], rng: Random) -> fl
     if problem.retry is Retry.SLOWLY:
         return rng.uniform(*SLOWLY_S)
     return next(soon)
+
+
+def before_restart(ran_s: float, rng: Random) -> float:
+    """Return the seconds that an agent waits before it ends with an error, after it ran for `ran_s`.
+
+    An agent that ran well is back at once; one that fails at each start leaves the robot's processor alone.
+    """
+    return 0.0 if ran_s >= STABLE_S else rng.uniform(*FAILED_START_S)
 
 
 class Backoff:

@@ -30,6 +30,11 @@ class Notifier:
         watchdog_s = int(usec) / 1e6 if for_us and usec.isdecimal() and int(usec) else None
         return cls(environ.get("NOTIFY_SOCKET") or None, watchdog_s)
 
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd started this process, and does so again when it ends."""
+        return self._address is not None
+
     def ready(self) -> None:
         """Say that the service has started."""
         self._send("READY=1")

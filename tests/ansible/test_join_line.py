@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from inside import run_inside
 from robot_hosts import CA_BUNDLE, ROOT, RobotHost, RobotHosts
+from robotether_agent.backoff import FAILED_START_S
 from stack import Stack
 
 WHEELHOUSE = "/opt/wheelhouse"
@@ -172,6 +173,28 @@ def test_row_of_plain_sql_is_enough(stack: Stack, admin: dict[str, str], robot: 
     assert good, said
     stack.robotether("robot", "approve", "by-sql", "--fingerprint", robot.key())
     stack.wait("online", lambda: online(stack, robot.host.mac), "relay", "sshd", seconds=40)
+
+
+def test_agent_that_fails_at_its_start_leaves_the_processor_alone(
+    stack: Stack, admin: dict[str, str], robot: Robot
+) -> None:
+    """Debian 12's systemd knows every line of the unit, and has no growing delays: the agent itself pauses."""
+    good, said = robot.install(invite(stack, admin))
+    assert good, said
+    unit = "/etc/systemd/system/robotether-agent.service"
+    assert robot.host.run(f"systemd-analyze verify --man=no {unit}") == ""
+    robot.host.run("echo 'run_dir = \"/nowhere/at-all\"' >> /etc/robotether/agent.toml")
+    # A start that fails takes longer than a person should wait.
+    robot.host.run("systemctl restart --no-block robotether-agent")
+
+    def failures() -> list[float]:
+        journal = robot.host.run("journalctl -u robotether-agent -o short-unix --no-pager")
+        return [float(line.split()[0]) for line in journal.splitlines() if "STOPPED:" in line]
+
+    first, second = robot.host.wait(
+        "two failed starts", lambda: failures() if len(failures()) == 2 else None, 60
+    )
+    assert second - first >= FAILED_START_S[0]
 
 
 def test_absent_rosbridge_is_no_error(stack: Stack, admin: dict[str, str], robot: Robot) -> None:

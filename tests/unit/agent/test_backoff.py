@@ -6,7 +6,14 @@ from itertools import islice
 from random import Random
 
 import pytest
-from robotether_agent.backoff import STABLE_S, Backoff, delays, retry_or_give_up
+from robotether_agent.backoff import (
+    FAILED_START_S,
+    STABLE_S,
+    Backoff,
+    before_restart,
+    delays,
+    retry_or_give_up,
+)
 from robotether_agent.problems import (
     HostKeyChanged,
     LinkLost,
@@ -75,3 +82,11 @@ def test_silence_on_a_connection_that_stood_is_the_networks():
     backoff = Backoff(Longest())
     assert backoff.after(ServerSilent("x"), stood_s=STABLE_S) == 0.5
     assert [backoff.after(ServerSilent("x"), stood_s=0) for _ in range(3)] == [1, 2, 4]
+
+
+def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():
+    """The robot is back at once after a crash, and its processor is left alone by one that never comes up."""
+    low, high = FAILED_START_S
+    assert low <= before_restart(0.1, Random()) <= high
+    assert before_restart(STABLE_S - 0.1, Longest()) == high
+    assert before_restart(STABLE_S, Longest()) == 0
