@@ -420,6 +420,7 @@ tell_result() {
     robot=$(sed -n 's/.*"robot": "\([^"]*\)".*/\1/p' "$STATE/enrolment.json")
     say "done: this robot is $robot, at https://$server/robots/$robot"
     if ! grep -q '^rosbridge *ok' "$work/status"; then tell_rosbridge; fi
+    sed -n 's/^warning */WARNING: /p' "$work/status" | while read -r line; do say "$line"; done
   else
     cat "$work/status" >&2
     fail "cannot see it connected after $WAIT_S s. The agent is installed and goes on trying; ask it why: $AGENT doctor"

@@ -309,6 +309,7 @@ class Agent:
             self._board.set(
                 ros=report.ros,
                 ros_detail=report.ros_detail,
+                ros_exposed=report.ros_exposed,
                 video=report.video,
                 video_detail=report.video_detail,
             )

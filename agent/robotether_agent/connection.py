@@ -154,7 +154,13 @@ async def _report(session: Session, health: Health, guard: GuardKeeper | None) -
     report = health.report
     while True:
         session.send(
-            {"type": "health", "ros": report.ros, "video": report.video, "detail": report.detail}
+            {
+                "type": "health",
+                "ros": report.ros,
+                "video": report.video,
+                "detail": report.detail,
+                "ros_exposed": bool(report.ros_exposed),
+            }
         )
         report = await health.changed(report)
 

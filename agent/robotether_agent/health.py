@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
+from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import FieldError, parse_object
 from robotether_agent.media.sources import Places
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
@@ -31,7 +32,7 @@ PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
 # The list of all topics of a large robot.
 MESSAGE_LIMIT = 1024 * 1024
-# rosapi and cameras are asked once in so many times.
+# rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
 
 log = logging.getLogger(__name__)
@@ -45,6 +46,8 @@ class HealthReport:
     video: ServiceState = "unknown"
     ros_detail: str = ""
     video_detail: str = ""
+    # The address at which everybody in the robot's own network reaches rosbridge, past the guard.
+    ros_exposed: str = ""
 
     @property
     def detail(self) -> str:
@@ -75,6 +78,7 @@ class Health:
             await first_of(
                 self._again(lambda: self._hold_rosbridge(http), self._ros_is),
                 self._again(lambda: self._ask_video(http), self._video_is),
+                self._watch_exposure(),
             )
 
     async def changed(self, known: HealthReport) -> HealthReport:
@@ -94,6 +98,15 @@ class Health:
             except Problem as problem:
                 await tell(problem)
             await asyncio.sleep(self._every_s)
+
+    async def _watch_exposure(self) -> None:
+        while True:
+            address = exposed_at(self._rosbridge_url)
+            if address != self.report.ros_exposed:
+                await self._set(replace(self.report, ros_exposed=address))
+                if address:
+                    log.warning("rosbridge listens on %s: %s; %s", address, PAST_GUARD, ADVICE)
+            await asyncio.sleep(SELDOM * self._every_s)
 
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
         """Hold one WebSocket as long as rosbridge answers its pings."""

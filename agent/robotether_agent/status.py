@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from robotether_agent import __version__
+from robotether_agent.exposure import ADVICE, PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import Problem, StateUnusable
@@ -52,6 +53,8 @@ class Status:
     rtt_ms: float = -1.0
     ros: str = "unknown"
     ros_detail: str = ""
+    # The address at which everybody in the robot's own network reaches rosbridge, past the guard.
+    ros_exposed: str = ""
     video: str = "unknown"
     video_detail: str = ""
     # ready, down, or off by the settings; why it is down, or lets nobody drive.
@@ -191,6 +194,9 @@ def render(status: Status, now: float) -> str:
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
+    if status.ros_exposed:
+        exposed = f"rosbridge listens on {status.ros_exposed}: {PAST_GUARD}; {ADVICE}"
+        rows += [("warning", exposed)]
     if status.new_key:
         rows += [("new key", status.new_key)]
     rows += _problem_rows(status)

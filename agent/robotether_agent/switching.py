@@ -15,7 +15,7 @@ from robotether_agent import systemd
 from robotether_agent.files import only_one, read_text
 from robotether_agent.problems import Problem, SwitchFailed
 from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
-from robotether_agent.unfinished import Unfinished
+from robotether_agent.unfinished import SILENT, Unfinished
 from robotether_agent.versions import Layout, Report
 
 # A version that crashes and is started again shows a good state for a moment, too.
@@ -23,8 +23,8 @@ STANDS_S = 2.0
 POLL_S = 0.2
 # systemd's words for a service that nobody stopped.
 RUNS = frozenset({"active", "activating", "reloading", "deactivating"})
-# What stands in the place of an agent's state: a service that somebody stopped, and one that says nothing.
-STOPPED, SILENT = "stopped", "silent"
+# What stands in the place of an agent's state: a service that somebody stopped.
+STOPPED = "stopped"
 # States that an agent can stay in; the others pass.
 LASTING = frozenset({CONNECTED, "pending", "waiting"})
 # How much each state is worth: a switch must not end in a worse one.

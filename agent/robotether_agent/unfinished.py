@@ -11,8 +11,13 @@ from pathlib import Path
 
 from robotether_agent.files import write_atomic
 from robotether_agent.problems import StateUnusable
+from robotether_agent.status import MEANINGS
 
 NAME = "robotether-agent-unfinished-switch.service"
+# What stands in the place of the state of an agent that says nothing, or nothing known.
+SILENT = "silent"
+# The agent's own word becomes a word of a command that root runs.
+STATES = frozenset({*MEANINGS, SILENT})
 BOOT = "multi-user.target.wants"
 ADVICE = "run this with sudo, and see that the disk is neither full nor read-only"
 UNIT = """\
@@ -38,6 +43,7 @@ class Unfinished:
 
     def note(self, was: Path, target: Path, state: str, wait_s: float) -> None:
         """Let the next boot change from `was` to `target`, which must end in a state as good as `state`."""
+        state = state if state in STATES else SILENT
         text = UNIT.format(was=was, target=target, state=state, wait_s=wait_s)
         write_atomic(self.units / NAME, text, 0o644)
         link = self.units / BOOT / NAME

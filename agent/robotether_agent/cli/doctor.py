@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 
 from robotether_agent.doctor.examination import examine
-from robotether_agent.doctor.findings import FAIL, fail
+from robotether_agent.doctor.findings import FAIL, WARNING, fail
 from robotether_agent.problems import SettingsInvalid
 from robotether_agent.settings import Settings
 from robotether_agent.users import become_owner
@@ -25,9 +25,11 @@ def doctor(load: Callable[[], Settings]) -> int:
 
 
 async def _examine(settings: Settings) -> int:
-    failed = 0
+    failed = warned = 0
     async for finding in examine(settings):
         print(finding, flush=True)
         failed += finding.state == FAIL
-    print("all is well" if not failed else f"{failed} of these steps failed")
+        warned += finding.state == WARNING
+    well = "all works, but see the warning" if warned else "all is well"
+    print(f"{failed} of these steps failed" if failed else well)
     return 1 if failed else 0

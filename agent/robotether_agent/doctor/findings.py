@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-OK, FAIL, SKIPPED = "ok", "FAIL", "skipped"
+OK, FAIL, WARNING, SKIPPED = "ok", "FAIL", "warning", "skipped"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One step's result; `advice` stands only beside a FAIL."""
+    """One step's result; `advice` stands only beside a FAIL or a warning."""
 
     step: str
     state: str
@@ -29,6 +29,11 @@ def ok(step: str, detail: str) -> Finding:
 def fail(step: str, detail: str, advice: str) -> Finding:
     """Return what is wrong with a step, and what to do."""
     return Finding(step, FAIL, detail, advice)
+
+
+def warning(step: str, detail: str, advice: str) -> Finding:
+    """Return what works and should not stay so, and what to do."""
+    return Finding(step, WARNING, detail, advice)
 
 
 def skipped(step: str, why: str) -> Finding:

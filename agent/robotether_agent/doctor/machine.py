@@ -10,8 +10,9 @@ from pathlib import Path
 import aiohttp
 
 from robotether_agent import keys
-from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.doctor.findings import Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import EnrolmentStore
+from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
 from robotether_agent.identity import interface_with
 from robotether_agent.kept_identity import IdentityStore
@@ -88,6 +89,8 @@ async def check_rosbridge(settings: Settings) -> Finding:
             f"no WebSocket at {url}: {why(error, TIMEOUT_S)}",
             "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
         )
+    if exposed := exposed_at(url):
+        return warning("rosbridge", f"listens on {exposed}: {PAST_GUARD}", ADVICE)
     return ok("rosbridge", f"answers at {url}")
 
 
@@ -111,6 +114,9 @@ async def check_video(settings: Settings) -> Finding:
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
+    if exposed := exposed_at(url):
+        who = "everybody in this robot's own network can watch"
+        return ok("video", f"answers at {url}, and listens on {exposed}: {who}; or {ADVICE}")
     return ok("video", f"answers at {url}")
 
 

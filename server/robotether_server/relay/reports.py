@@ -113,9 +113,10 @@ class Reports:
             self._journal.add(entry)
 
     def _robot_told(self, change: Change) -> None:
-        entry = self._sessions.get(change.robot_id)
-        if entry is not None and entry.agent_version != change.presence.agent_version:
-            entry.agent_version = change.presence.agent_version
+        entry, presence = self._sessions.get(change.robot_id), change.presence
+        told = (presence.agent_version, presence.ros_exposed)
+        if entry is not None and (entry.agent_version, entry.ros_exposed) != told:
+            entry.agent_version, entry.ros_exposed = told
             self._journal.add(entry)
 
     def _guard_told(self, change: Change) -> None:

@@ -200,7 +200,9 @@ class RobotLink:
             self._registry.heard_guard(self, *lines.parse_guard(message))
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
-            self._registry.heard_health(self, ros, video)
+            # Agents from before it was looked for leave it out.
+            exposed = "ros_exposed" in message and lines.truth_field(message, "ros_exposed")
+            self._registry.heard_health(self, ros, video, ros_exposed=exposed)
         elif kind == "vitals":
             self._registry.heard_battery(self, lines.parse_vitals(message))
         elif kind == "check" and self.kind == "session":

@@ -97,6 +97,8 @@ class Presence:
     rtt_ms: float | None = None
     ros: Health = "unknown"
     video: Health = "unknown"
+    # Everybody in the robot's own network reaches its rosbridge, past the guard.
+    ros_exposed: bool = False
     agent_version: str | None = None
     guard_mode: GuardMode = "unknown"
     report: GuardReport = NO_REPORT
@@ -212,10 +214,13 @@ class SessionRegistry:
             after = replace(self.presence(link.robot_id), report=report)
             self._tell(Change("guard", link.robot_id, after, answers=answers))
 
-    def heard_health(self, link: Link, ros: Health, video: Health) -> None:
-        """The agent told whether rosbridge and web_video_server answer."""
+    def heard_health(
+        self, link: Link, ros: Health, video: Health, *, ros_exposed: bool = False
+    ) -> None:
+        """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
         if self._is_online(link):
-            self._told(link, replace(self.presence(link.robot_id), ros=ros, video=video))
+            before = self.presence(link.robot_id)
+            self._told(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
 
     def heard_battery(self, link: Link, battery: Battery | None) -> None:
         """The agent told how full the robot's battery is."""

@@ -111,6 +111,7 @@ class SessionEntry:
     started_at: datetime
     address: str
     agent_version: str | None = None
+    ros_exposed: bool = False
     ended_at: datetime | None = None
     end_code: str | None = None
     row_id: int | None = None
@@ -258,13 +259,14 @@ def _write_session(tx: Transaction, entry: SessionEntry) -> int | None:
 def _add_session(tx: Transaction, entry: SessionEntry) -> int:
     return tx.insert(
         "INSERT INTO robot_sessions"
-        " (robot_id, started_at, address, agent_version, ended_at, end_code)"
-        " VALUES (%s, %s, %s, %s, %s, %s)",
+        " (robot_id, started_at, address, agent_version, ros_exposed, ended_at, end_code)"
+        " VALUES (%s, %s, %s, %s, %s, %s, %s)",
         (
             entry.robot_id,
             entry.started_at,
             entry.address[:MAX_ADDRESS],
             _cut(entry.agent_version, MAX_VERSION),
+            entry.ros_exposed,
             entry.ended_at,
             entry.end_code,
         ),
@@ -273,8 +275,15 @@ def _add_session(tx: Transaction, entry: SessionEntry) -> int:
 
 def _update_session(tx: Transaction, entry: SessionEntry) -> None:
     tx.change(
-        "UPDATE robot_sessions SET agent_version = %s, ended_at = %s, end_code = %s WHERE id = %s",
-        (_cut(entry.agent_version, MAX_VERSION), entry.ended_at, entry.end_code, entry.row_id),
+        "UPDATE robot_sessions SET agent_version = %s, ros_exposed = %s, ended_at = %s, end_code = %s"
+        " WHERE id = %s",
+        (
+            _cut(entry.agent_version, MAX_VERSION),
+            entry.ros_exposed,
+            entry.ended_at,
+            entry.end_code,
+            entry.row_id,
+        ),
     )
 
 

@@ -30,6 +30,7 @@ SELECT_SEEN = (
     "COALESCE(s.ended_at, s.started_at) AS since, "
     "COALESCE(s.address, r.join_address) AS seen_address, "
     "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
+    "s.ended_at IS NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
     "IF(%(admin)s, 'manage', g.level) AS level "
     "FROM robots r "
     "LEFT JOIN robot_sessions s "
@@ -88,7 +89,7 @@ class SeenRobot:
     """A robot as one user sees it.
 
     `since`: the last change of `online`; None: never seen. `address` and `agent_version` are the newest
-    session's, or else the join's.
+    session's, or else the join's. `ros_exposed`: everybody in the robot's own network reaches its rosbridge.
     """
 
     robot: Robot
@@ -97,6 +98,7 @@ class SeenRobot:
     level: Level
     address: str | None = None
     agent_version: str | None = None
+    ros_exposed: bool = False
 
 
 def _robot(row: Row) -> Robot:
@@ -135,6 +137,7 @@ def _seen(row: Row) -> SeenRobot:
         level=row["level"],
         address=row["seen_address"],
         agent_version=row["seen_version"],
+        ros_exposed=bool(row["ros_exposed"]),
     )
 
 

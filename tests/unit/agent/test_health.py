@@ -138,3 +138,19 @@ async def test_video_of_cameras_of_the_settings(watch, nowhere):
         cameras = {"rear": f"{nowhere}/video", "front": url}
         health = watch(nowhere.replace("http", "ws"), nowhere, "auto", cameras)
         await until(health, lambda report: report.video == "ok")
+
+
+async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
+    watch, services, monkeypatch, caplog
+):
+    """Once in the log, with what to do, and in the report for as long as it lasts."""
+    address = ["0.0.0.0"]
+    monkeypatch.setattr(health_module, "exposed_at", lambda _url: address[0])
+    monkeypatch.setattr(health_module, "SELDOM", 1)
+    health = watch(services.ws_url, services.http_url)
+    await until(health, lambda report: report.ros_exposed == "0.0.0.0")
+    address[0] = ""
+    await until(health, lambda report: not report.ros_exposed)
+    warnings = [line for line in caplog.messages if "0.0.0.0" in line]
+    assert len(warnings) == 1
+    assert "past the guard; start it with address:=127.0.0.1" in warnings[0]

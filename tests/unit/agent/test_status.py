@@ -66,6 +66,18 @@ def test_a_robot_with_something_to_say():
     assert "new key       it is disabled [x]" in lines
 
 
+def test_rosbridge_that_its_network_reaches_is_a_warning():
+    """The installer and the playbook print this line."""
+    [line] = [
+        line
+        for line in render(replace(UP, ros_exposed="0.0.0.0"), NOW).splitlines()
+        if line.startswith("warning ")
+    ]
+    assert "rosbridge listens on 0.0.0.0: everybody in this robot's own network can drive" in line
+    assert "address:=127.0.0.1" in line
+    assert "warning" not in render(UP, NOW)
+
+
 def test_a_stopped_robot_says_so_first():
     """Who stopped it and how it is released stand where nobody overlooks them; so does a guard that is down."""
     stopped = replace(UP, stopped_by="ben", guard="down", guard_detail="the guard hangs")

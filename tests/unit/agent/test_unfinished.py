@@ -51,3 +51,13 @@ def test_systemd_reads_it(tmp_path):
     command = ["systemd-analyze", "verify", "--man=no", str(unit)]
     told = subprocess.run(command, check=False, capture_output=True, text=True).stderr
     assert NAME not in told
+
+
+@pytest.mark.parametrize("state", ["hacked", "", "connected\nExecStartPre=/bin/sh -c id", "a b"])
+def test_only_states_that_are_known_reach_the_unit(tmp_path, state):
+    """The agent's user writes its state, and root runs the unit."""
+    Unfinished(tmp_path).note(WAS, TARGET, state, 60)
+    lines = (tmp_path / NAME).read_text().splitlines()
+    starts = [line for line in lines if line.startswith("Exec")]
+    assert len(starts) == 1
+    assert starts[0].endswith(f" {TARGET} silent")

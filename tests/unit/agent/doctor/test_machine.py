@@ -12,7 +12,7 @@ import pytest
 from fake_root import FakeRoot
 from local_network import free_port
 from robotether_agent.doctor import machine
-from robotether_agent.doctor.findings import FAIL, OK, SKIPPED
+from robotether_agent.doctor.findings import FAIL, OK, SKIPPED, WARNING
 from robotether_agent.keys import ensure_key
 from robotether_agent.settings import Settings
 
@@ -116,6 +116,17 @@ async def test_the_robots_services(settings, services):
     assert "a robot without a camera needs none" in video.detail
     elsewhere = await machine.check_video(replace(away, video_source="rosbridge"))
     assert (elsewhere.state, "rosbridge" in elsewhere.detail) == (SKIPPED, True)
+
+
+async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
+    """That of rosbridge is a warning, since the guard is not in the way; the camera is for information."""
+    monkeypatch.setattr(machine, "exposed_at", lambda _url: "0.0.0.0")
+    rosbridge, video = await machine.check_rosbridge(settings), await machine.check_video(settings)
+    assert rosbridge.state == WARNING
+    assert "listens on 0.0.0.0: everybody in this robot's own network can drive" in rosbridge.detail
+    assert "address:=127.0.0.1" in rosbridge.advice
+    assert video.state == OK
+    assert "everybody in this robot's own network can watch" in video.detail
 
 
 async def test_the_robots_own_ssh_server(settings):

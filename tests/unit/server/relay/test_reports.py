@@ -73,6 +73,15 @@ def test_a_session_is_one_entry_from_its_begin_to_its_end(reports, journal):
     assert journal.waiting() == 1
 
 
+def test_rosbridge_that_its_network_reaches_is_written(reports, journal):
+    """When it is told first, and when it is mended."""
+    reports.robot(Change("came", 7, ONLINE))
+    for exposed in (True, True, False):
+        reports.robot(Change("told", 7, replace(ONLINE, ros_exposed=exposed)))
+    begun = SessionEntry(7, CAME, "198.51.100.7")
+    assert journal.notes == [begun, replace(begun, ros_exposed=True), begun]
+
+
 def test_health_and_heartbeats_are_not_written(reports, journal):
     """A robot that tells of itself all the time costs the database nothing."""
     reports.robot(Change("came", 7, ONLINE))

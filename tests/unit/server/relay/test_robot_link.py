@@ -78,6 +78,9 @@ async def test_health_and_version_are_told(relay, sim1, connect):
     await until(lambda: presence(relay, sim1).ros == "ok", "health is known")
     assert presence(relay, sim1).video == "down"
     assert presence(relay, sim1).agent_version == "0.1.0"
+    assert not presence(relay, sim1).ros_exposed
+    session.send(type="health", ros="ok", video="down", detail="", ros_exposed=True)
+    await until(lambda: presence(relay, sim1).ros_exposed, "whom rosbridge answers is known")
 
 
 async def test_a_version_that_nothing_can_keep_ends_the_session(relay, sim1, connect):
@@ -295,6 +298,7 @@ async def test_a_robot_that_answers_stays(relay, sim1, connect):
     [
         b"no json\n",
         b'{"type": "health", "ros": "fine", "video": "ok"}\n',
+        b'{"type": "health", "ros": "ok", "video": "ok", "ros_exposed": "0.0.0.0"}\n',
         b'{"type": "pong", "seq": "one"}\n',
         b'{"type": "hello", "hostname": "h"}\n',
         b'{"type": "vitals", "battery": 81}\n',

@@ -144,7 +144,7 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     entry = SessionEntry(sim1, NOON, "198.51.100.7", agent_version="0.1.0" * 20)
     with relay_database.transaction() as tx:
         (entry.row_id,) = fleet.write(tx, [entry]).values()
-    entry.ended_at, entry.end_code = NOON + HOUR, "timeout"
+    entry.ended_at, entry.end_code, entry.ros_exposed = NOON + HOUR, "timeout", True
     with relay_database.transaction() as tx:
         assert fleet.write(tx, [entry]) == {}
         (row,) = tx.rows("SELECT * FROM robot_sessions")
@@ -152,6 +152,7 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     assert (row["started_at"], row["ended_at"]) == (NOON, NOON + HOUR)
     assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
     assert len(row["agent_version"]) == fleet.MAX_VERSION
+    assert row["ros_exposed"]
 
 
 def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):

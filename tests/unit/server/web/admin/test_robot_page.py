@@ -29,6 +29,26 @@ def test_page_tells_all_that_is_known(
     assert fingerprint(1) in page.replace("</span><span>", "")
 
 
+def test_page_warns_of_a_rosbridge_that_its_network_reaches(
+    admin: Browser, admin_database: Database
+) -> None:
+    """While the robot is online and says so; what a session said that is over may be mended."""
+    for ended_at, exposed, warns in (
+        ("NULL", "FALSE", False),
+        ("NULL", "TRUE", True),
+        ("NOW()", "TRUE", False),
+    ):
+        with admin_database.transaction() as tx:
+            tx.change(
+                "INSERT INTO robot_sessions (robot_id, address, ros_exposed, ended_at) "
+                f"VALUES (%s, '', {exposed}, {ended_at})",
+                (robots.get(tx, "sim1").id,),
+            )
+        page = admin.ask("GET", "/admin/robots/sim1").text
+        assert ('data-testid="ros-exposed"' in page) == warns
+        assert ("<code>address:=127.0.0.1</code>" in page) == warns
+
+
 def test_page_says_what_to_do_next(admin: Browser, program: Browser) -> None:
     """A robot that has not joined needs its agent, one that waits needs an admin."""
     assert "has not joined yet" in admin.ask("GET", "/admin/robots/sim1").text
