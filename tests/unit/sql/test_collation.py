@@ -1,0 +1,55 @@
+"""Texts in the database are what Python takes them for: no blank is overlooked, and no case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from robotether_server.problems import RecordMissing, RobotUnknown
+from robotether_server.store import Database, Transaction, groups, robots, sites, users
+from robotether_server.store.audit import Event, Search, Source, find, record
+
+LOOK_UPS: list[Callable[[Transaction, str], object]] = [
+    users.get,
+    robots.get,
+    sites.get,
+    groups.get,
+]
+
+
+def test_no_column_is_compared_past_blanks_or_case(admin_database: Database) -> None:
+    """Those of tables that later migrations make included."""
+    with admin_database.transaction() as tx:
+        rows = tx.rows(
+            "SELECT c.table_name AS place, c.column_name AS name, c.collation_name AS collation "
+            "FROM information_schema.columns c JOIN information_schema.tables t USING (table_schema, table_name) "
+            "WHERE c.table_schema = DATABASE() AND t.table_type = 'BASE TABLE' "
+            "AND INSTR(c.table_name, 'yoyo') = 0 AND c.collation_name <> 'utf8mb4_nopad_bin'"
+        )
+        new = tx.row("SELECT @@collation_database AS collation")
+    assert not rows
+    assert new == {"collation": "utf8mb4_nopad_bin"}
+
+
+@pytest.mark.parametrize("look_up", LOOK_UPS)
+@pytest.mark.parametrize("name", ["x ", "x    ", "X", "x\t", "x\0"])
+def test_name_with_a_blank_or_in_other_case_is_another_name(
+    database: Database, look_up: Callable[[Transaction, str], object], name: str
+) -> None:
+    """Nobody is found by it whom rules in Python, which compare names as they are, would not know."""
+    with database.transaction() as tx:
+        users.add(tx, "x", "hash", "admin")
+        robots.add(tx, "02:00:00:00:00:01", "x")
+        sites.add(tx, "x")
+        groups.add(tx, "x")
+        assert look_up(tx, "x") is not None
+        with pytest.raises((RecordMissing, RobotUnknown)):
+            look_up(tx, name)
+
+
+def test_audit_log_tells_names_with_blanks_apart(database: Database) -> None:
+    """What somebody claimed to be called is not what an admin is called."""
+    with database.transaction() as tx:
+        record(tx, Source("root "), Event("login_failed"))
+        assert find(tx, Search(actor="root")) == []
+        assert len(find(tx, Search(actor="root "))) == 1
