@@ -5,9 +5,13 @@ from __future__ import annotations
 import html
 import json
 import re
+import threading
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
+from flask import Flask
 from robotether_server.robot_settings import parse
 from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
@@ -55,6 +59,63 @@ def test_failed_login_reveals_nothing(
     assert "name and password do not fit" in answer.text
     assert browser.client.get_cookie("robotether_login", "robots.example") is None
     assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
+
+
+def test_guesses_sent_at_once_are_counted_before_they_are_checked(
+    app: Flask, database: Database
+) -> None:
+    """Of twelve no more than five are checked, as when they come one after the other."""
+    together = threading.Barrier(12)
+    visitors = [Browser(app.test_client()) for _ in range(12)]
+    forms = [{"csrf_token": one.csrf(), "name": "ann", "password": "wrong"} for one in visitors]
+
+    def guess(number: int) -> int:
+        together.wait(20)
+        return visitors[number].ask("POST", "/login", data=forms[number]).status_code
+
+    with ThreadPoolExecutor(12) as threads:
+        answers = Counter(threads.map(guess, range(12)))
+    assert answers == {401: 5, 429: 7}
+    assert audit_kinds(database) == [("login_failed", "ann", "198.51.100.7")] * 5
+
+
+def test_guess_that_was_right_is_given_back(app: Flask, browser: Browser) -> None:
+    """People behind one address who log in at the same time do not use up each other's tries."""
+    together = threading.Barrier(4)
+    visitors = [Browser(app.test_client()) for _ in range(4)]
+
+    def log_in(one: Browser) -> int:
+        together.wait(20)
+        return one.log_in("ann").status_code
+
+    for _ in range(4):
+        assert browser.log_in("ann", "wrong").status_code == 401
+    assert browser.log_in("ann").status_code == 303
+    for _ in range(2):
+        with ThreadPoolExecutor(4) as threads:
+            assert set(threads.map(log_in, visitors)) == {303}
+        for one in visitors:
+            one.client.delete_cookie("robotether_login", domain="robots.example")
+    assert browser.log_in("ann", "wrong").status_code == 401
+
+
+@pytest.mark.parametrize("name", ["ann" + " " * 60 + "x", "Ann", "ann\0"])
+def test_no_other_spelling_of_a_name_logs_in(
+    browser: Browser, database: Database, name: str
+) -> None:
+    """It would be another name to the throttle, and so a way to more guesses."""
+    assert browser.log_in(name).status_code == 401
+    assert [kind for kind, _, _ in audit_kinds(database)] == ["login_failed"]
+
+
+def test_blanks_around_a_name_are_dropped_before_all_else(
+    browser: Browser, database: Database
+) -> None:
+    """Phones add them; throttle and log have the name that the database has."""
+    for blanks in range(5):
+        assert browser.log_in(" " * blanks + "ann" + " " * blanks, "wrong").status_code == 401
+    assert browser.log_in("ann").status_code == 429
+    assert {actor for _, actor, _ in audit_kinds(database)} == {"ann"}
 
 
 def test_form_without_its_token_is_refused(browser: Browser, database: Database) -> None:
