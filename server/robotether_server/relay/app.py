@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throttled
@@ -22,11 +23,28 @@ from robotether_server.relay.rosbridge import RosbridgeHandler
 from robotether_server.relay.video import VideoHandler
 
 log = logging.getLogger(__name__)
+# For aiohttp's server, in place of its own.
+server_log = logging.getLogger(f"{__name__}.server")
 
 # A reason, a site or an action.
 MAX_BODY_BYTES = 4096
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class WithoutRequest(logging.Filter):
+    """Keeps a request that cannot be parsed out of the log: its line may hold a ticket, its headers a login."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Leave what kind of error it was."""
+        error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, HttpProcessingError):
+            record.msg, record.args = f"{record.getMessage()}: {type(error).__name__}", ()
+            record.exc_info = record.exc_text = None
+        return True
+
+
+server_log.addFilter(WithoutRequest())
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPC
 
 from robotether_server.relay import endings
 from robotether_server.relay.access import Access
-from robotether_server.relay.app import Handlers, inside_app, public_app
+from robotether_server.relay.app import Handlers, inside_app, public_app, server_log
 from robotether_server.relay.board import Board
 from robotether_server.relay.bridge import Traffic
 from robotether_server.relay.checks import PortChecker
@@ -281,6 +281,7 @@ class Relay:
         runner = web.AppRunner(
             app,
             access_log=None,
+            logger=server_log,
             handler_cancellation=True,
             shutdown_timeout=HANDLERS_STOP_WITHIN_S,
         )

@@ -12,6 +12,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from urllib.parse import parse_qsl
 
 from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
@@ -130,10 +131,14 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
     """Return what the robot is asked for: less our prefix, and less the ticket."""
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)
-    query = "&".join(
-        part for part in raw_query.split("&") if part and not part.startswith("ticket=")
-    )
+    # All else as it came: web_video_server does not decode %2F in a topic, for one.
+    query = "&".join(part for part in raw_query.split("&") if part and not _is_ticket(part))
     return f"{path}?{query}" if query else path
+
+
+def _is_ticket(part: str) -> bool:
+    """Tell whether a part of a query is a ticket, by its name as `access` reads it: in any spelling."""
+    return any(name == "ticket" for name, _ in parse_qsl(part, keep_blank_values=True))
 
 
 async def _stream(

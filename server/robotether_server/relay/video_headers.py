@@ -8,7 +8,7 @@ Pure.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from multidict import CIMultiDict
 
@@ -67,7 +67,7 @@ def check_destination(headers: Mapping[str, str]) -> None:
 
 def headers_for_robot(headers: Mapping[str, str]) -> CIMultiDict[str]:
     """Keep what helps the robot to answer; nothing that shows who asks, and no upgrade."""
-    return CIMultiDict((name, headers[name]) for name in REQUEST_HEADERS if name in headers)
+    return _passing(headers, REQUEST_HEADERS)
 
 
 def headers_of_stream(*, embeddable: bool) -> dict[str, str]:
@@ -77,11 +77,19 @@ def headers_of_stream(*, embeddable: bool) -> dict[str, str]:
 
 def headers_for_viewer(headers: Mapping[str, str], *, embeddable: bool = False) -> CIMultiDict[str]:
     """Keep what describes the body; nothing that could act on our site."""
-    kept = CIMultiDict((name, headers[name]) for name in RESPONSE_HEADERS if name in headers)
+    kept = _passing(headers, RESPONSE_HEADERS)
     if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):
         kept.update(UNKNOWN_TYPE)
     kept.update(_our_headers(embeddable=embeddable))
     return kept
+
+
+def _passing(headers: Mapping[str, str], names: Collection[str]) -> CIMultiDict[str]:
+    """Keep these headers; but none that cannot be written again: bytes over 0x7F and control characters."""
+    found = ((name, headers[name]) for name in names if name in headers)
+    return CIMultiDict(
+        (name, text) for name, text in found if text.isascii() and text.isprintable()
+    )
 
 
 def _our_headers(*, embeddable: bool) -> dict[str, str]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
+from fake_robot import HOST, WAIT_S
+from relay_server import RelayServer
 from yarl import URL
 
 
@@ -59,6 +63,58 @@ async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, or
         pass
     (line,) = [record.getMessage() for record in caplog.records if "forged" in record.getMessage()]
     assert len(line.splitlines()) == 1
+
+
+async def ask_raw(relay: RelayServer, request: bytes) -> bytes:
+    """Send bytes as they are, and return the first line of the answer."""
+    reader, writer = await asyncio.open_connection(HOST, relay.relay.http_port)
+    try:
+        writer.write(request)
+        return await asyncio.wait_for(reader.readline(), WAIT_S)
+    finally:
+        writer.close()
+        await writer.wait_closed()
+
+
+@pytest.mark.parametrize(
+    "path", ["/api/v1/events", "/robots/sim1/video/snapshot", "/api/v1/robots/sim1/control"]
+)
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"Cookie: __Host-robotether_login=\xff\xfe",
+        b"Cookie: robotether_login=\xff\xfe",
+        b"Cookie: \xff=\xff",
+        b"Authorization: Bearer \xff",
+        b"Authorization: \xff",
+    ],
+)
+async def test_bytes_that_are_no_text_are_nobodys(*, relay, robot, caplog, path, header):
+    """Whoever shows them as a login or token is refused as with any other that does not hold."""
+    request = b"GET %b HTTP/1.1\r\nHost: robots.example\r\n%b\r\n\r\n" % (path.encode(), header)
+    assert (await ask_raw(relay, request)).startswith(b"HTTP/1.1 401 ")
+    assert [record for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"GET /robots/sim1/ros?ticket=SECRET HTTP/1.1 x\r\nHost: a\r\n\r\n",
+        b"GET /robots/sim1/ros?ticket=SECRET\xff HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"GET /robots/sim1/ros?ticket=SECRET HTTX/1.1\r\nHost: a\r\n\r\n",
+        b"G\xffT /robots/sim1/ros?ticket=SECRET HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"GET http://[/robots/sim1/ros?ticket=SECRET HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"GET /robots/sim1/ros?ticket=SECRET%b HTTP/1.1\r\nHost: a\r\n\r\n" % (b"x" * 9000),
+        b"GET / HTTP/1.1\r\nHost: a\r\nCookie: a=SECRET\x01\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nSECRET : a\r\n\r\n",
+    ],
+)
+async def test_request_that_cannot_be_parsed_stays_out_of_the_log(relay, caplog, request_):
+    """A ticket may stand in it, or a login; the log says what kind of error it was."""
+    caplog.set_level("DEBUG")
+    assert b" 400 " in await ask_raw(relay, request_)
+    assert "SECRET" not in caplog.text
+    assert "Error handling request from 127.0.0.1: " in caplog.text
 
 
 @pytest.mark.parametrize("name", ["x%0ay", "Sim1", "x" * 64, "..", "%e2%82%ac"])

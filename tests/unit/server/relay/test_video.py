@@ -6,7 +6,7 @@ import asyncio
 
 import aiohttp
 import pytest
-from fake_robot import JPEG, FakeRobot
+from fake_robot import HOST, JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
 from robotether_server.relay.connections import Caps
 from robotether_server.relay.video import path_for_robot
@@ -48,6 +48,30 @@ async def test_the_robot_learns_nothing_of_who_asks(*, relay, robot, sim1, http,
     assert seen["path"] == "/snapshot?topic=/a%2Fb&q=50"
     assert not {"Cookie", "Authorization", "X-Forwarded-For"} & set(seen["headers"])
     assert seen["headers"]["Accept"] == "image/jpeg"
+
+
+@pytest.mark.parametrize("value", [b"\xff", b"a\x01b"])
+@pytest.mark.parametrize(
+    "name", [b"ETag", b"Content-Type", b"Content-Disposition", b"X-Timestamp", b"X-Other"]
+)
+async def test_robot_with_broken_headers_still_shows_its_picture(
+    *, relay, connect, sim1, http, login, caplog, name, value
+):
+    """Bytes that cannot be passed on are left out, and are no defect of the relay's."""
+
+    async def answer_once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.1 200 OK\r\n%b: %b\r\nContent-Length: 3\r\n\r\nabc" % (name, value))
+        writer.close()
+
+    await connect()
+    await until(lambda: relay.relay.registry.presence(sim1.id).online, "sim1 is online")
+    server = await asyncio.start_server(answer_once, HOST, sim1.video_port)
+    url = video_url(relay, sim1, "snapshot")
+    async with server, http.get(url, headers=login) as answer:
+        assert (answer.status, await answer.read()) == (200, b"abc")
+        assert name.decode() not in answer.headers or name.startswith(b"Content-")
+    assert [record for record in caplog.records if record.levelname == "ERROR"] == []
 
 
 async def test_a_stream_streams(relay, robot, sim1, http, login):
@@ -259,6 +283,15 @@ async def test_many_pictures_ask_the_database_once(*, relay, robot, sim1, http, 
 def test_the_robot_is_asked_for_the_rest(path, query, expected):
     """Prefix and ticket go, the rest stays as it was written."""
     assert path_for_robot(path, query) == expected
+
+
+@pytest.mark.parametrize("name", ["ticket", "%74icket", "tick%65t", "%74%69%63%6B%65%74"])
+async def test_ticket_in_any_spelling_stays_here(relay, robot, sim1, http, name):
+    """A name that lets a viewer in is a name that the robot does not get."""
+    url = video_url(relay, sim1, f"snapshot?topic=/a/b&{name}={relay.ticket(sim1)}&q=5%300")
+    async with http.get(URL(url, encoded=True)) as answer:
+        assert answer.status == 200
+    assert robot.video_requests[0]["path"] == "/snapshot?topic=/a/b&q=5%300"
 
 
 async def test_a_robot_that_never_came_keeps_no_viewer(relay, sim1, http):

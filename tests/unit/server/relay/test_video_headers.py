@@ -99,6 +99,15 @@ def test_any_other_type_is_a_file_to_be_saved(content_type):
     assert headers.getall("Content-Disposition") == ["attachment"]
 
 
+@pytest.mark.parametrize("text", ["\udcff", "a\x01b", "caf\xe9", "a\x7f"])
+def test_header_that_cannot_be_written_again_is_dropped(text):
+    """Neither side gets an error for what the other one sent."""
+    sent = {"ETag": text, "X-Timestamp": "12.5", "Content-Type": "image/jpeg"}
+    assert "ETag" not in headers_for_viewer(sent)
+    assert headers_for_viewer(sent)["X-Timestamp"] == "12.5"
+    assert dict(headers_for_robot({"User-Agent": text, "Accept": "*/*"})) == {"Accept": "*/*"}
+
+
 def test_every_answer_is_shut_in():
     """Whatever the robot says of it."""
     headers = headers_for_viewer({"Content-Security-Policy": "script-src *", "Location": "/"})

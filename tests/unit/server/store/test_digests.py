@@ -17,3 +17,8 @@ def test_texts_differ_and_are_long() -> None:
 def test_digest_is_sha256_of_the_whole_text() -> None:
     """As docs/protocols.md says, so the relay finds the same row."""
     assert digests.digest("rt_abc") == hashlib.sha256(b"rt_abc").digest()
+
+
+def test_half_a_character_has_a_digest_of_its_own() -> None:
+    """So bytes in a header that are no text are an unknown login, and not an error."""
+    assert digests.digest("\udcff") not in {digests.digest(""), digests.digest("?")}
