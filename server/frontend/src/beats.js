@@ -8,6 +8,8 @@ const PERIOD_MS = 250;
 const KEPT_MS = 10_000;
 const TRIPS = 12; // three seconds of them
 
+const KEY_BYTES = 16;
+
 export class Beats {
   // `now()` is the clock of event.timeStamp.
   constructor({ now = () => performance.now() } = {}) {
@@ -20,6 +22,7 @@ export class Beats {
   start(send) {
     this.stop();
     this.send = send;
+    this.key = randomKey();
     this.timer = setInterval(() => this.beat(), PERIOD_MS);
     this.beat();
   }
@@ -30,12 +33,19 @@ export class Beats {
   }
 
   forget() {
+    this.key = undefined;
     this.samples = [];
     this.trips = [];
   }
 
   beat() {
-    this.send({ op: "robotether.beat", t_ms: this.now() });
+    this.send({ op: "robotether.beat", t_ms: this.now(), key: this.key });
+  }
+
+  // Whether the relay said it. A robot can say the same, as the relay passes its messages on unread; but no robot
+  // sees the key, which goes to the relay in the beats and comes back with all that it says itself.
+  isRelays({ key }) {
+    return this.key !== undefined && key === this.key;
   }
 
   hear({ t_ms, relay_ms }) {
@@ -60,4 +70,9 @@ export class Beats {
   fresh(at) {
     return this.samples.filter((sample) => at - sample.at <= KEPT_MS);
   }
+}
+
+function randomKey() {
+  const bytes = crypto.getRandomValues(new Uint8Array(KEY_BYTES));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

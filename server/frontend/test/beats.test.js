@@ -24,7 +24,7 @@ function answer(back) {
 }
 
 test("a beat goes out at once and then every 250 ms, until the connection ends", () => {
-  assert.deepEqual(sent, [{ op: "robotether.beat", t_ms: 100 }]);
+  assert.deepEqual(sent, [{ op: "robotether.beat", t_ms: 100, key: sent[0].key }]);
   mock.timers.tick(1000);
   assert.equal(sent.length, 5);
   beats.stop();
@@ -84,4 +84,20 @@ test("the round trip to the relay is the median of the newest answers, and unkno
   assert.equal(beats.roundTripMs, 12);
   beats.stop();
   assert.equal(beats.roundTripMs, null);
+});
+
+test("only what has the key of this connection's beats is the relay's: a robot sees none of them", () => {
+  const [{ key }] = sent;
+  assert.match(key, /^[0-9a-f]{32}$/);
+  assert.ok(beats.isRelays({ key }));
+  for (const forged of [{}, { key: undefined }, { key: null }, { key: "" }, { key: key.slice(1) }]) {
+    assert.ok(!beats.isRelays(forged));
+  }
+  mock.timers.tick(250);
+  assert.equal(sent[1].key, key);
+  beats.start((message) => sent.push(message));
+  assert.ok(!beats.isRelays({ key }), "the key of an earlier connection is none of this one");
+  beats.stop();
+  assert.ok(!beats.isRelays({ key: sent.at(-1).key }));
+  assert.ok(!beats.isRelays({}));
 });

@@ -1,7 +1,8 @@
 """Operations of our own on the rosbridge WebSocket: beats, the control object, and the stop.
 
 Each bridge has one. Only a client that sends beats gets any of these, so that other rosbridge clients never
-see them. None reaches a robot, and none waits for the database.
+see them. None reaches a robot, and none waits for the database. What comes from a robot passes unread, so a robot can
+write the same operations: the key in a client's beats, which no robot sees, shows which ones are the relay's.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class OwnOperations:
         self._user = user
         self._address = address
         self._beats = False
+        self._key: dict[str, object] = {}
         self._news = asyncio.Event()
 
     def watched(self) -> AbstractContextManager[None]:
@@ -37,17 +39,19 @@ class OwnOperations:
         if operation == "robotether.stop":
             self._control.stops.stop(self._robot, self._user, address=self._address)
             return None
+        self._key = {"key": own["key"]} if "key" in own else {}
         if not self._beats:
             self._beats = True
             self._news.set()
         relay_ms = round(time.monotonic() * 1000, 3)
-        return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms)
+        return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
     async def news(self) -> bytes:
         """Wait until there is something to tell; return the control object's message."""
         await self._news.wait()
         self._news.clear()
-        return _written("robotether.control", control=self._control.describe(self._robot.id))
+        control = self._control.describe(self._robot.id)
+        return _written("robotether.control", control=control, **self._key)
 
     def _changed(self) -> None:
         if self._beats:

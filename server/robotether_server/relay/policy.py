@@ -141,7 +141,9 @@ OPERATIONS: Mapping[str, Operation] = {
     "action_status": Operation("answer for", _ACTION, "serve", "action"),
     "status": Operation("send a status", _STATUS),
     "set_level": Operation("set the level", _STATUS),
-    "robotether.beat": Operation("answer the beat", {"t_ms": fields.moment}, own=True),
+    "robotether.beat": Operation(
+        "answer the beat", {"t_ms": fields.moment, "key": fields.text}, own=True
+    ),
     "robotether.stop": Operation("stop the robot", {}, own=True),
 }
 

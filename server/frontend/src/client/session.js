@@ -1,5 +1,6 @@
 // All that drives a robot over one connection that stays: the connection itself, the relay's clock, news of the control,
 // and drive commands, each with its moment. Used by the drive page and by index.js.
+// It must never believe what a robot says in the relay's name.
 
 import { Beats } from "../beats.js";
 import { Commands } from "../commands.js";
@@ -34,6 +35,7 @@ export class Session {
   }
 
   hear(operation) {
+    if (!this.beats.isRelays(operation)) return;
     if (operation.op === "robotether.beat") this.beats.hear(operation);
     if (operation.op === "robotether.control") this.news.fromLink(operation.control);
   }

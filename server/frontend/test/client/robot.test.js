@@ -27,9 +27,14 @@ class FakeServer {
   send(text) {
     const message = JSON.parse(text);
     this.sent.push(message);
-    if (message.op === "robotether.beat") this.say({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
+    if (message.op === "robotether.beat") this.relaySays({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
     if (message.op === "call_service") this.answer(message);
-    if (message.op === "robotether.stop" && stopped) this.say({ op: "robotether.control", control: { stopped } });
+    if (message.op === "robotether.stop" && stopped) this.relaySays({ op: "robotether.control", control: { stopped } });
+  }
+
+  // With the key of the newest beat, which no robot sees.
+  relaySays(message) {
+    this.say({ ...message, key: this.said("robotether.beat").at(-1).key });
   }
 
   answer({ id, service, args }) {
@@ -245,9 +250,28 @@ test("a release names the stop that this page was told of", async () => {
   answers["/api/v1/robots/sim%201/release"] = [409, { code: "not_possible", detail: "ben stopped it again" }];
   const robot = make();
   await goLive(robot, { mode: "observe" });
-  sockets[0].say({ op: "robotether.control", control: { stopped: { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true } } });
+  sockets[0].relaySays({ op: "robotether.control", control: { stopped: { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true } } });
   await assert.rejects(robot.release(), { message: "ben stopped it again", code: "not_possible" });
   assert.deepEqual(asked.at(-1).body, { by: "ann", at: "2026-01-01T12:03:00Z" });
+  robot.close();
+});
+
+test("a robot that speaks in the relay's name is not believed", async () => {
+  const robot = make();
+  const controls = [];
+  robot.on("control", (control) => controls.push(control));
+  await goLive(robot);
+  const stamp = () => robot.session.beats.stamp(1000);
+  const known = stamp();
+  const forged = { driver: null, stopped: { by: "nobody", at: "2026-01-01T12:03:00Z", confirmed: true } };
+  for (const key of [undefined, null, "", "00112233445566778899aabbccddeeff"]) {
+    sockets[0].say({ op: "robotether.beat", t_ms: 0, relay_ms: 1e9, key });
+    sockets[0].say({ op: "robotether.control", control: forged, key });
+  }
+  assert.deepEqual(stamp(), known, "commands would look younger than they are");
+  assert.deepEqual(controls, []);
+  sockets[0].relaySays({ op: "robotether.control", control: forged });
+  assert.deepEqual(controls, [forged]);
   robot.close();
 });
 

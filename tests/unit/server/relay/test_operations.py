@@ -272,6 +272,10 @@ def test_our_own_operations_go_no_further():
     beat = check({"op": "robotether.beat", "t_ms": 81, "x": 1}, gate())
     assert (beat.data, beat.operation, beat.drive) == (b"", "robotether.beat", None)
     assert beat.own == {"op": "robotether.beat", "t_ms": 81.0}
+    keyed = check({"op": "robotether.beat", "t_ms": 81, "key": "k"}, gate())
+    assert keyed.own == {"op": "robotether.beat", "t_ms": 81.0, "key": "k"}
+    for key in (1, ["k"], "k" * 1025, "\ud800"):
+        assert refused({"op": "robotether.beat", "key": key}, gate())[0] in {"shape", "json"}
     for t_ms in ("81", True, 1e300, [1]):
         assert refused({"op": "robotether.beat", "t_ms": t_ms}, gate())[0] == "shape"
     assert refused({"op": "robotether.control"}, gate("manage"))[0] == "operation"

@@ -20,6 +20,23 @@ async def test_a_beat_is_answered_with_the_relays_clock(relay, guarded, sim1, ht
         answer = await ann.until("robotether.beat")
         assert answer["t_ms"] == 81.25
         assert abs(answer["relay_ms"] - time.monotonic() * 1000) < 1000
+        # Who sends no key gets none.
+        assert "key" not in answer
+        assert "key" not in await ann.until("robotether.control")
+    assert guarded.received == []
+
+
+async def test_relay_shows_the_key_of_the_beats(relay, guarded, sim1, http):
+    """In all that it says itself, so that a client tells it from a robot that says the same."""
+    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+        for key in ("of the first", "of the second"):
+            await bob.send(op="robotether.beat", t_ms=1, key=key)
+            answer = await bob.until("robotether.beat")
+            assert answer["key"] == key
+        relay.relay.control.stops.stop(sim1, "carl")
+        while (told := await bob.until("robotether.control"))["control"]["stopped"] is None:
+            pass
+        assert told["key"] == "of the second"
     assert guarded.received == []
 
 
