@@ -22,6 +22,7 @@ const final = (name, reason = "", login = false) => ({ name, reason, retry: fals
 
 const BY_CLOSE_CODE = {
   1001: () => retrying("server_unreachable", reasons.restarting),
+  1008: () => retrying("link_lost"),
   1009: () => retrying("link_lost"),
   // Rights or settings changed; what is left, the next ticket tells.
   4001: () => retrying("connecting"),

@@ -17,6 +17,7 @@ test("each close code of the contract has its own state", () => {
   assert.equal(shown(4510), "lease_unavailable retry");
   assert.equal(shown(4408), "link_lost retry");
   assert.equal(shown(4413), "link_lost retry");
+  assert.equal(shown(1008), "link_lost retry");
   assert.equal(shown(4429), "server_unreachable retry");
   assert.equal(shown(1009), "link_lost retry");
   assert.equal(shown(1001), "server_unreachable retry");

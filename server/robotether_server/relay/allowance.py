@@ -1,7 +1,7 @@
 """How often somebody may do something: so many times a second on average, and some at once.
 
-`robot_link` keeps one for the lines of a robot, a `Gate` for the messages of a client and for the
-answers to them, a `Lease` for the questions of each user. Pure: no network, no clock of its own.
+`robot_link` keeps one for the lines of a robot, a `Gate` for the messages of a client, for the answers to them and
+for what it refuses, a `Lease` for the questions of each user. Pure: no network, no clock of its own.
 """
 
 from __future__ import annotations
@@ -30,3 +30,20 @@ class Allowance:
         """How long until it may be used so many times."""
         left = min(self._left + (now - self._filled_at) * self._per_s, self._most)
         return max(0.0, (count - left) / self._per_s)
+
+
+class Excess:
+    """Notices who goes on beyond a rate for some seconds; a burst, however large, is not that."""
+
+    def __init__(self, now: float, *, per_s: float, for_s: float) -> None:
+        self._for_s = for_s
+        self._most = max(1, int(per_s * for_s))
+        self._reserve = Allowance(now, per_s=per_s, at_once=self._most)
+        self._since = now
+
+    def add(self, now: float, count: int) -> bool:
+        """Count so many; tell whether the rate has been exceeded for long enough."""
+        if not self._reserve.free_in_s(now, self._most):
+            self._since = now
+        in_reserve = self._reserve.take(now, min(count, self._most))
+        return not in_reserve and now - self._since >= self._for_s

@@ -181,6 +181,8 @@ class Bridge:
         except RefusedError as refused:
             self.refused[refused.kind] += 1
             self._traffic.refused[refused.kind] += 1
+            if refused.floods:
+                raise EndedError(endings.client_floods(self._name)) from refused
             if refused.answer is not None:
                 await self._send_to_client(refused.answer, WSMsgType.TEXT)
             return

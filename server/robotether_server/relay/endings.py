@@ -118,6 +118,11 @@ def client_slow(robot: str, limit_s: float) -> Ending:
     )
 
 
+def client_floods(robot: str) -> Ending:
+    """The client sends far more than it may, and does not stop."""
+    return Ending(1008, "client_floods", f"you sent robot {robot} too much for too long")
+
+
 def too_many_connections(why: str) -> Ending:
     """The user has, or the robot has, as many connections as may be."""
     return Ending(4429, "too_many_connections", why)

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 from robotether_server.globs import Globs
 from robotether_server.relay import fields, json_text
-from robotether_server.relay.allowance import Allowance
+from robotether_server.relay.allowance import Allowance, Excess
 from robotether_server.relay.drive_commands import DriveCommand, speeds, stamped
 from robotether_server.relay.fields import FieldRefusedError
 from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS, Operation, Right
@@ -39,23 +39,30 @@ KB = 1024
 VALUES_AS_ONE = 64
 # Who only looks has less to say; and there may be many of them.
 OBSERVERS_SHARE = 10
+# Who is refused as much again as it may send, for so long, floods; even refusals cost the others time.
+FLOOD_AFTER_S = 3.0
+MIN_FLOOD_PER_S = 100
 # A stop passes whatever else its sender floods the relay with. It is short, and its name spelt out.
 STOP, LONGEST_STOP = "robotether.stop", 256
 STOP_WORD = f'"{STOP}"'.encode()
 TOO_MANY = "cannot pass message: there are too many of them; send less often"
 HIDING = frozenset(("fragment", "png"))
+# Refused before they count against what may be sent; all other refusals do.
+TOO_MUCH: Collection[Kind] = ("rate", "size")
 
 
 class RefusedError(Exception):
     """The message may not go to the robot.
 
-    `answer` is the status message for the client, None when it had enough of them this second.
+    `answer` is the status message for the client, None when it had enough of them this second; `floods` tells that
+    it was refused for its amount so often that the connection should end.
     """
 
-    def __init__(self, kind: Kind, why: str, answer: bytes | None) -> None:
+    def __init__(self, kind: Kind, why: str, answer: bytes | None, *, floods: bool = False) -> None:
         super().__init__(why)
         self.kind = kind
         self.answer = answer
+        self.floods = floods
 
 
 class Checked(NamedTuple):
@@ -102,6 +109,7 @@ class Gate:
         self._at_once = max(int(per_s), limits.message_kb + 1)
         self._messages = Allowance(now, per_s=per_s, at_once=self._at_once)
         self._answers = Allowance(now, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
+        self._refused = Excess(now, per_s=max(per_s, MIN_FLOOD_PER_S), for_s=FLOOD_AFTER_S)
         self._is_drive_topic = lru_cache(KNOWN_NAMES)(drive_topics.match)
         self._allowed: Mapping[Right, Callable[[str], bool]] = {
             "subscribe": lru_cache(KNOWN_NAMES)(policy.subscribe.match),
@@ -115,9 +123,12 @@ class Gate:
         try:
             return self._check(data)
         except _RefusalError as refusal:
-            told = self._answers.take(self._clock())
+            now = self._clock()
+            told = self._answers.take(now)
             answer = status_error(refusal.why, refusal.message_id) if told else None
-            raise RefusedError(refusal.kind, refusal.why, answer) from None
+            is_too_much = refusal.kind in TOO_MUCH
+            floods = is_too_much and self._refused.add(now, 1 + len(data) // KB)
+            raise RefusedError(refusal.kind, refusal.why, answer, floods=floods) from None
 
     def _check(self, data: bytes) -> Checked:
         passes = self._check_amount(data)

@@ -12,6 +12,7 @@ DRIVES: Mapping[str, str] = {
     "client_vanished": "loss of the driver's connection",
     "client_silent": "silence of the driver's connection",
     "client_slow": "a driver's connection that was too slow",
+    "client_floods": "a driver's connection that sent too much",
     "superseded": "a newer connection of the driver",
     "rights_ended": "a change of rights or settings",
     "robot_stopped": "a stop of the robot",

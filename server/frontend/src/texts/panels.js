@@ -80,6 +80,7 @@ export const endings = {
   client_vanished: "loss of this page's connection",
   client_silent: "silence of this page's connection",
   client_slow: "this page's connection, which was too slow",
+  client_floods: "this page's connection, which sent too much",
   superseded: "a newer window of yours",
   rights_ended: "a change of rights or settings",
   robot_stopped: "a stop of the robot",

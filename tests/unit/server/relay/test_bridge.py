@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import struct
 from dataclasses import replace
@@ -13,7 +14,7 @@ from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
 from robotether_server import robot_settings
-from robotether_server.relay import bridge
+from robotether_server.relay import bridge, operations
 from robotether_server.relay.rosbridge import OBSERVER_LIMIT
 from robotether_server.store.fleet import Robot, User
 
@@ -36,6 +37,31 @@ async def test_a_binary_frame_is_read_as_text_is(relay, robot, sim1, http):
         await socket.send_bytes(PUBLISH.encode())
         assert await socket.receive_str(timeout=5) == PUBLISH
     assert robot.received == [PUBLISH]
+
+
+async def test_an_observer_who_floods_is_closed_and_nobody_else(
+    relay, robot, sim1, http, monkeypatch
+):
+    """With a code that says so; the driver of the same robot goes on."""
+    monkeypatch.setattr(operations, "FLOOD_AFTER_S", 0.3)
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob,
+    ):
+        flood = asyncio.create_task(_flood(bob))
+        code, reason = await closing(bob)
+        await flood
+        assert (code, reason) == (1008, "you sent robot sim1 too much for too long")
+        await ann.send_str(PUBLISH)
+        assert await ann.receive_str(timeout=5) == PUBLISH
+
+
+async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
+    with contextlib.suppress(ConnectionError):
+        while not socket.closed:
+            for _ in range(100):
+                await socket.send_str('{"op":"subscribe","topic":"/a"}')
+            await asyncio.sleep(0.01)
 
 
 @pytest.fixture

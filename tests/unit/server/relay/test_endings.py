@@ -25,6 +25,7 @@ def test_all_reasons_fit_with_the_longest_name():
         endings.rights_ended(name),
         endings.client_silent(name, 6),
         endings.client_slow(name, 10),
+        endings.client_floods(name),
         endings.robot_offline(name, moment, utc(2026, 2, 1)),
         endings.link_lost(name),
         endings.video_down(name, "the robot refuses the connection"),

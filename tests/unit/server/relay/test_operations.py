@@ -249,6 +249,53 @@ def test_the_word_for_a_stop_opens_nothing_else():
     assert check({"op": "robotether.stop"}, at).operation == "robotether.stop"
 
 
+SMALL, LARGE = b'{"op":"subscribe","topic":"/a"}', b" " * 100_000
+STOP = b'{"op":"robotether.stop"}'
+
+
+def floods(at: Gate, data: bytes) -> bool:
+    """Send a message; tell whether it is one too many."""
+    try:
+        at.check(data)
+    except RefusedError as refusal:
+        return refusal.floods
+    return False
+
+
+def seconds_until_closed(data: bytes, per_s: int, *, within_s: int = 30) -> float | None:
+    """Send so many messages a second through an observer's gate of 200 a second; None: it is never closed."""
+    clock = Clock()
+    at = gate(clock=clock, settings={"policy": {"limits": {"message_kb": 1}}})
+    for count in range(per_s * within_s):
+        clock.now = 1000.0 + count / per_s
+        if floods(at, data):
+            return clock.now - 1000.0
+    return None
+
+
+@pytest.mark.parametrize(("data", "per_s"), [(SMALL, 1000), (SMALL, 20_000), (LARGE, 50)])
+def test_who_goes_on_sending_too_much_is_closed(data, per_s):
+    """Each refusal costs the relay time, so it does not go on refusing for ever."""
+    closed_after_s = seconds_until_closed(data, per_s)
+    assert closed_after_s is not None
+    assert 3 <= closed_after_s <= 6
+
+
+@pytest.mark.parametrize(("data", "per_s"), [(SMALL, 190), (SMALL, 300), (STOP, 2000), (LARGE, 1)])
+def test_who_sends_a_little_too_much_or_stops_is_not(data, per_s):
+    """Such messages are refused one by one; a stop is not even that."""
+    assert seconds_until_closed(data, per_s) is None
+
+
+def test_bursts_are_refused_and_close_nothing():
+    """What waited while a link stood still comes all at once."""
+    clock = Clock()
+    at = gate(clock=clock)
+    for _ in range(5):
+        assert not any(floods(at, SMALL) for _ in range(10_000))
+        clock.now += 5.0
+
+
 def test_answers_have_a_limit():
     """Who sends rubbish is told ten times a second, and no more."""
     clock = Clock()
