@@ -54,6 +54,10 @@ class Credentials:
             self._keep(credential, now, user)
         return user
 
+    async def holds(self, credential: Credential) -> bool:
+        """Ask the database, whatever is remembered. May raise StoreUnavailable."""
+        return credential in await self._records.users_of([credential])
+
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
         """Call `end` when the credential stops holding inside the block, or did so just before."""

@@ -13,7 +13,7 @@ from functools import partial
 
 from aiohttp import web
 
-from robotether_server.problems import HttpProblem
+from robotether_server.problems import HttpProblem, StoreUnavailable
 from robotether_server.relay import endings
 from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.bridge import Bridge, Reached, Traffic
@@ -22,7 +22,7 @@ from robotether_server.relay.control import Control
 from robotether_server.relay.deliveries import Deliveries
 from robotether_server.relay.drive_log import DriveLog, Meters
 from robotether_server.relay.drive_path import Seat
-from robotether_server.relay.endings import Ending
+from robotether_server.relay.endings import EndedError, Ending
 from robotether_server.relay.liveness import Limits
 from robotether_server.relay.means import Means
 from robotether_server.relay.operations import Gate
@@ -31,6 +31,7 @@ from robotether_server.relay.reach import Reach
 from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.sockets import OperatorSocket
 from robotether_server.store.control import DriveEntry
+from robotether_server.store.fleet import Credential
 
 # What an observer may say is short, and parsing it holds up everybody else.
 OBSERVER_LIMIT = 64 * 1024
@@ -108,6 +109,7 @@ class RosbridgeHandler:
                 ending = await Visit(
                     bridge,
                     connection,
+                    permit.credential,
                     self._means,
                     self._control,
                     self._reach,
@@ -139,6 +141,7 @@ class Visit:
 
     bridge: Bridge
     connection: Connection
+    credential: Credential
     means: Means
     control: Control
     way: Reach
@@ -170,11 +173,23 @@ class Visit:
         else:
             # A page that waits for an offline robot must not use numbers up.
             self.way.check_online(self.connection.robot)
+            await self._check_credential()
             fence = await self.control.leasing.begin(self.connection)
             socket, seat = await self.way.open(self.connection.robot, fence), self._seat(fence)
         self.means.connections.reached(self.connection)
         self._tell()
         return Reached(socket, seat)
+
+    async def _check_credential(self) -> None:
+        """Let nobody drive with a ticket whose login or token has ended since; `held` alone would a second later."""
+        name = self.connection.robot.name
+        try:
+            holds = await self.means.credentials.holds(self.credential)
+        except StoreUnavailable as problem:
+            # A lease would not get its number either.
+            raise EndedError(endings.lease_unavailable(name)) from problem
+        if not holds:
+            raise EndedError(endings.rights_ended(name))
 
     def _seat(self, fence: int) -> Seat:
         robot, guard = self.connection.robot, self.connection.robot.settings.guard

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import aiohttp
 import pytest
 from aiohttp import web
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
-from relay_server import until
+from relay_server import FAST, running_relay, until
 from robotether_server.relay.connections import Caps
 from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.sockets import OperatorSocket
@@ -222,6 +223,32 @@ async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
     gone = credential_of("login", "a login that ended before the ticket was shown")
     async with http.ws_connect(relay.ros_url(sim1, "drive", ANN, gone)) as socket:
         assert (await closing(socket))[0] == 4001
+
+
+@pytest.mark.parametrize(
+    ("down", "code", "reason"),
+    [
+        (False, 4001, "your rights on robot sim1 have ended or changed"),
+        (True, 4510, "cannot let you drive sim1: the database does not answer; try again shortly"),
+    ],
+)
+async def test_a_drive_begins_only_with_a_credential_that_holds_now(
+    *, records, sim1, http, down, code, reason
+):
+    """The relay has not yet read that the token is gone, and asks before the lease begins."""
+    seldom = replace(FAST, poll_every_s=60)
+    async with running_relay(records, seldom) as relay:
+        robot = await misbehaving(relay, sim1, "guarded")
+        await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is well")
+        token = credential_of("token", records.add_credential("token", User(1, "ann")))
+        url = relay.ros_url(sim1, credential=token)
+        del records.credentials[token]
+        records.down = down
+        async with http.ws_connect(url) as socket:
+            assert await closing(socket) == (code, reason)
+        assert records.fences == {}
+        records.down = False
+        await robot.stop()
 
 
 async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
