@@ -82,6 +82,18 @@ async def test_a_ticket_opens_one_connection(relay, robot, sim1, http):
         assert await socket.receive_str(timeout=5) == PUBLISH
 
 
+@pytest.mark.parametrize("granted", ["drive", "manage"])
+async def test_an_observing_connection_only_observes(*, relay, robot, sim1, http, records, granted):
+    """Whatever its user may do: the ticket's mode is what the connection is for."""
+    records.grants[1, sim1.id] = granted
+    await relay.relay.fleet.poll()
+    async with http.ws_connect(relay.ros_url(sim1, "observe")) as socket:
+        await socket.send_str(PUBLISH)
+        answer = await socket.receive_json(timeout=5)
+    assert "an observing connection only subscribes" in answer["msg"]
+    assert robot.received == []
+
+
 async def test_pages_of_other_sites_are_refused(relay, robot, sim1, http):
     """Only this site's own pages and listed origins may connect; the ticket is not used up."""
     url = relay.ros_url(sim1)
