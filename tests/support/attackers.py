@@ -138,8 +138,8 @@ class Person:
             headers={"Cookie": cookies, "Referer": f"{self.stack.url}/login"},
             form=f"csrf_token={form[1]}&name={self.name}&password={self.password}&next=",
         )
-        assert "robotether_login" in answer.cookies, answer
-        return {"Cookie": f"robotether_login={answer.cookies['robotether_login']}"}
+        assert "__Host-robotether_login" in answer.cookies, answer
+        return {"Cookie": f"__Host-robotether_login={answer.cookies['__Host-robotether_login']}"}
 
 
 def open_ros(stack: Stack, robot: str, ticket: str | None, **headers: str) -> Answer:

@@ -31,7 +31,7 @@ from robotether_server.store.fleet import Credential, Robot, Snapshot, User
 from robotether_server.store.grants import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
-LOGIN_COOKIE = "robotether_login"
+LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
 HTTPS_PORT = 443
 MAX_USED_TICKETS = 100_000

@@ -14,7 +14,7 @@ from robotether_server.store.users import User
 from robotether_server.tickets import CredentialKind
 from robotether_server.web.parts import csrf, parts
 
-COOKIE = "robotether_login"
+COOKIE = "__Host-robotether_login"
 SCHEME = "bearer "
 
 

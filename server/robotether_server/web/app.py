@@ -34,7 +34,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.config.update(
         SECRET_KEY=settings.secret_key,
         MAX_CONTENT_LENGTH=LARGEST_REQUEST_BYTES,
-        SESSION_COOKIE_NAME="robotether_forms",
+        SESSION_COOKIE_NAME="__Host-robotether_forms",
         SESSION_COOKIE_SECURE=True,
         SESSION_COOKIE_HTTPONLY=True,
         SESSION_COOKIE_SAMESITE="Lax",

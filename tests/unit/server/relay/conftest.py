@@ -86,7 +86,7 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
 def login(records: MemoryRecords) -> dict[str, str]:
     """The cookie of ann's login, among others."""
     text = records.add_credential("login", User(1, "ann"))
-    return {"Cookie": f"session=abc; robotether_login={text}"}
+    return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
 
 
 @pytest_asyncio.fixture

@@ -83,7 +83,6 @@ async def ask_raw(relay: RelayServer, request: bytes) -> bytes:
     "header",
     [
         b"Cookie: __Host-robotether_login=\xff\xfe",
-        b"Cookie: robotether_login=\xff\xfe",
         b"Cookie: \xff=\xff",
         b"Authorization: Bearer \xff",
         b"Authorization: \xff",

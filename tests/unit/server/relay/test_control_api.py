@@ -194,7 +194,7 @@ async def test_a_body_is_json(relay, http, people):
 
 async def test_a_login_needs_a_page_of_this_site(relay, guarded, sim1, records, ask):
     """Without Origin and header a login changes nothing; another site's page is refused as such."""
-    cookie = {"Cookie": f"robotether_login={records.add_credential('login', ANN)}"}
+    cookie = {"Cookie": f"__Host-robotether_login={records.add_credential('login', ANN)}"}
     path = f"{SIM1}/stop"
     assert (await ask("POST", path, **cookie))[1]["code"] == "csrf_refused"
     headers = cookie | {"Origin": "https://evil.example", "X-CSRFToken": "x"}

@@ -51,7 +51,7 @@ def follow(relay, http, records):
 
     @asynccontextmanager
     async def following(user: User):
-        cookie = {"Cookie": f"robotether_login={records.add_credential('login', user)}"}
+        cookie = {"Cookie": f"__Host-robotether_login={records.add_credential('login', user)}"}
         async with http.get(f"{relay.url}/api/v1/events", headers=cookie) as answer:
             assert answer.status == 200
             assert answer.content_type == "text/event-stream"

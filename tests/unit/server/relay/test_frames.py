@@ -369,7 +369,7 @@ async def test_who_may_not_see_gets_a_status(camera, relay, sim1, http, records)
     stranger = records.add_credential("login", User(9, "eve"))
     for headers, query, expected in [
         ({}, "topic=/a", 401),
-        ({"Cookie": f"robotether_login={stranger}"}, "topic=/a", 404),
+        ({"Cookie": f"__Host-robotether_login={stranger}"}, "topic=/a", 404),
         ({}, f"ticket={relay.ticket(sim1)}", 422),
         ({}, f"topic=&ticket={relay.ticket(sim1)}", 422),
         ({}, f"topic=%0a&ticket={relay.ticket(sim1)}", 422),

@@ -99,7 +99,7 @@ async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, records,
     url = video_url(relay, sim1, "snapshot")
     for headers, target, expected in [
         ({}, url, (401, "login_missing")),
-        ({"Cookie": "robotether_login=rubbish"}, url, (401, "login_missing")),
+        ({"Cookie": "__Host-robotether_login=rubbish"}, url, (401, "login_missing")),
         ({"Authorization": "Bearer rt_rubbish"}, url, (401, "token_invalid")),
         ({"Authorization": "Basic YTpi"}, url, (401, "token_invalid")),
         ({"Authorization": f"Bearer {stranger}"}, url, (404, "robot_unknown")),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from robotether_server.relay.access import LOGIN_COOKIE
 from robotether_server.store import Database, digests, users
 from robotether_server.tickets import TicketSigner
+from robotether_server.web import access
 from web_visitor import Browser, bearer
 
 
@@ -32,11 +34,13 @@ def test_nobody_is_told_to_log_in(program: Browser) -> None:
 
 
 def test_login_tells_who_asks(browser: Browser) -> None:
-    """The cookie is kept from scripts, other sites and plain HTTP."""
+    """The cookie is kept from scripts, other sites and plain HTTP, and no neighbouring host can set it (`__Host-`)."""
     cookie = browser.log_in("ann").headers.getlist("Set-Cookie")[0]
-    assert cookie.startswith("robotether_login=")
-    for part in ("Secure", "HttpOnly", "SameSite=Lax", "Path=/", "Max-Age=43200"):
-        assert part in cookie
+    assert cookie.startswith("__Host-robotether_login=")
+    parts = cookie.split("; ")
+    assert {"Secure", "HttpOnly", "SameSite=Lax", "Path=/", "Max-Age=43200"} <= set(parts)
+    assert "Domain" not in cookie
+    assert access.COOKIE == LOGIN_COOKIE
     assert browser.ask("GET", "/api/v1/me").json == {"name": "ann", "role": "user"}
 
 
@@ -67,7 +71,7 @@ def test_a_ticket_names_the_login_that_asked_for_it(browser: Browser) -> None:
     body, headers = {"robot": "sim1", "mode": "drive"}, {"X-CSRFToken": browser.csrf_of("/")}
     answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=headers)
     ticket, _ = TicketSigner("t" * 32, 30).verify(answer.json["ticket"])
-    cookie = browser.client.get_cookie("robotether_login", "robots.example")
+    cookie = browser.client.get_cookie("__Host-robotether_login", "robots.example")
     assert cookie is not None
     sha256 = digests.digest(cookie.value).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("login", sha256)

@@ -18,5 +18,6 @@ def test_large_request_is_refused(program: Browser) -> None:
 def test_form_cookie_is_kept_from_scripts_and_other_sites(app: Flask) -> None:
     """As the login's cookie is."""
     cookie = Browser(app.test_client()).ask("GET", "/login").headers["Set-Cookie"]
-    for part in ("Secure", "HttpOnly", "SameSite=Lax"):
-        assert part in cookie
+    assert cookie.startswith("__Host-robotether_forms=")
+    assert {"Secure", "HttpOnly", "SameSite=Lax", "Path=/"} <= set(cookie.split("; "))
+    assert "Domain" not in cookie

@@ -57,7 +57,7 @@ def test_failed_login_reveals_nothing(
     answer = browser.log_in(name, password)
     assert answer.status_code == 401
     assert "name and password do not fit" in answer.text
-    assert browser.client.get_cookie("robotether_login", "robots.example") is None
+    assert browser.client.get_cookie("__Host-robotether_login", "robots.example") is None
     assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
 
 
@@ -95,7 +95,7 @@ def test_guess_that_was_right_is_given_back(app: Flask, browser: Browser) -> Non
         with ThreadPoolExecutor(4) as threads:
             assert set(threads.map(log_in, visitors)) == {303}
         for one in visitors:
-            one.client.delete_cookie("robotether_login", domain="robots.example")
+            one.client.delete_cookie("__Host-robotether_login", domain="robots.example")
     assert browser.log_in("ann", "wrong").status_code == 401
 
 
@@ -128,13 +128,13 @@ def test_form_without_its_token_is_refused(browser: Browser, database: Database)
 def test_login_and_logout_leave_audit_events(browser: Browser, database: Database) -> None:
     """And the cookie of before does not work afterwards."""
     browser.log_in("ann")
-    cookie = browser.client.get_cookie("robotether_login", "robots.example")
+    cookie = browser.client.get_cookie("__Host-robotether_login", "robots.example")
     assert cookie is not None
     assert browser.ask("POST", "/logout").status_code == 403
     answer = browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
     assert answer.location == "/login"
     browser.client.set_cookie(
-        "robotether_login", cookie.value, domain="robots.example", secure=True
+        "__Host-robotether_login", cookie.value, domain="robots.example", secure=True
     )
     assert browser.ask("GET", "/").status_code == 302
     assert audit_kinds(database) == [
