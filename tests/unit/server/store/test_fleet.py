@@ -11,8 +11,22 @@ from mariadb_server import MariaDb
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.credentials import credential_of
 from robotether_server.robot_settings import DEFAULTS
-from robotether_server.store import Database, fleet, logins, robots, tokens, users
-from robotether_server.store.fleet import AuditEntry, FormerSessions, SessionEntry, User
+from robotether_server.store import (
+    Database,
+    Transaction,
+    fleet,
+    logins,
+    robots,
+    tokens,
+    users,
+)
+from robotether_server.store.fleet import (
+    AuditEntry,
+    Changes,
+    FormerSessions,
+    SessionEntry,
+    User,
+)
 
 HOUR = dt.timedelta(hours=1)
 MAC = "00:1b:44:11:3a:b{}"
@@ -54,6 +68,29 @@ def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
     assert snapshot.level(999, sim1) is None
     assert snapshot.visible(user_id(database, "ann")) == [robot]
     assert snapshot.visible(999) == []
+
+
+def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypatch):
+    """A grant that is given between its questions is not in it, nor anything else that its version does not tell of."""
+    really_changes, olga = fleet.changes, 0
+
+    def changes_then_grant(tx: Transaction) -> Changes:
+        nonlocal olga
+        found = really_changes(tx)
+        with database.transaction() as web:
+            olga = users.add(web, "olga", "x", "user")
+            give(web, olga, sim1, "observe")
+            robots.add(web, MAC.format(9), "sim9")
+        return found
+
+    with relay_database.transaction() as tx:
+        before = fleet.changes(tx).rights
+    monkeypatch.setattr(fleet, "changes", changes_then_grant)
+    with relay_database.transaction() as tx:
+        snapshot = fleet.load(tx)
+    assert snapshot.rights == before
+    assert snapshot.level(olga, sim1) is None
+    assert set(snapshot.by_name) == {"sim1"}
 
 
 def test_the_snapshot_has_shell_keys_and_wishes(database, relay_database, sim1):
@@ -100,6 +137,7 @@ def test_every_change_of_rights_shows(database, relay_database, sim1, change):
     with relay_database.transaction() as tx:
         after = fleet.changes(tx)
         assert after.rights != before.rights
+    with relay_database.transaction() as tx:
         assert fleet.load(tx).rights == after.rights
 
 
