@@ -17,7 +17,7 @@ main() {
   serve "$(chosen)"
   nginx -t
   # A socket of a former nginx that was killed would keep this one from listening.
-  rm -f /run/nginx/tls.sock /run/nginx/ssh.sock
+  rm -f /run/nginx/tls.sock
   watch_certificates &
   exec nginx
 }

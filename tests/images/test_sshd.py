@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import select
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +19,7 @@ from robot_key import RobotKey
 from stack import Stack
 
 USER = "tunnel@127.0.0.1"
+PROXY_PROTOCOL = "/etc/nginx/proxy-protocol.conf"
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +85,9 @@ def _free_port(key: RobotKey) -> int:
         ("authorizedkeysfile", "none"),
         ("clientaliveinterval", "5"),
         ("clientalivecountmax", "3"),
-        ("maxstartups", "30:70:200"),
-        ("persourcemaxstartups", "40"),
+        ("hostkeyalgorithms", "ssh-ed25519"),
+        ("maxstartups", "60:70:200"),
+        ("persourcemaxstartups", "20"),
         ("unusedconnectiontimeout", "10"),
         ("persourcepenalties", "no"),
     ],
@@ -93,6 +97,67 @@ def test_sshd_runs_for_tunnel_with_the_setting(stack: Stack, setting: str, value
     of_tunnel = "user=tunnel,host=somewhere,addr=192.0.2.1"
     printed = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_tunnel)
     assert f"{setting} {value}" in printed.splitlines()
+
+
+def test_two_addresses_cannot_make_sshd_refuse_others(stack: Stack) -> None:
+    """With all the log-ins that two may have under way, as many again begin without being drawn by lot."""
+    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T").splitlines()
+    settings = dict(line.split(" ", 1) for line in printed)
+    refuses_from = int(settings["maxstartups"].split(":")[0])
+    assert refuses_from >= 3 * int(settings["persourcemaxstartups"])
+    assert settings["persourcenetblocksize"] == "32:64"
+
+
+def test_log_ins_through_443_have_an_address_for_each_client(stack: Stack) -> None:
+    """Where sshd counts by address: nginx passes the client's on, and what is beside sshd makes another of each."""
+    front = stack.exec("nginx", "nginx", "-T")
+    assert re.search(r'""\s+sshd:2223;', front)
+    assert "proxy_protocol on;" in front
+    beside = stack.exec("sshd", "nginx", "-T", "-q", "-c", PROXY_PROTOCOL, user="www-data")
+    assert "listen 2223 proxy_protocol" in beside
+    assert "proxy_bind $loopback_source;" in beside
+
+
+@pytest.mark.parametrize("door", ["2222", "443"])
+def test_an_audit_finds_no_weak_algorithm(stack: Stack, door: str) -> None:
+    """ssh-audit fails none of what sshd offers, nor does it know of a weakness of the whole."""
+    port = stack.ssh_port if door == "2222" else stack.https_port
+    done = subprocess.run(
+        [sys.executable, "-m", "ssh_audit", "--json", "--skip-rate-test", "-p", str(port), "127.0.0.1"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    found = json.loads(done.stdout)
+    offered = [each for kind in ("kex", "key", "enc", "mac") for each in found[kind]]
+    assert {each["algorithm"] for each in found["key"]} == {"ssh-ed25519"}
+    assert [each for each in offered if "fail" in each["notes"]] == []
+    assert found["cves"] == []
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("KexAlgorithms", "curve25519-sha256"),
+        ("MACs", "hmac-sha2-256-etm@openssh.com"),
+        ("Ciphers", "aes128-ctr"),
+    ],
+)
+def test_robots_with_older_openssh_log_in(key: RobotKey, option: str, value: str) -> None:
+    """With the best that OpenSSH 8.2 (Ubuntu 20.04) and 8.4 (Debian 11) have in common with this server."""
+    assert "Authenticated to" in key.ssh("-v", "-o", f"{option}={value}", USER, "id").stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("KexAlgorithms", "ecdh-sha2-nistp256,ecdh-sha2-nistp384,ecdh-sha2-nistp521"),
+        ("MACs", "hmac-sha1,hmac-sha1-etm@openssh.com,umac-64@openssh.com,umac-64-etm@openssh.com"),
+    ],
+)
+def test_weak_algorithms_are_refused(key: RobotKey, option: str, value: str) -> None:
+    """A client that knows nothing better is turned away before it shows a key."""
+    # An AEAD cipher needs no MAC.
+    said = key.ssh("-o", f"{option}={value}", "-o", "Ciphers=aes128-ctr", USER, "id").stderr
+    assert "no matching" in said
 
 
 def test_sshd_offers_no_sftp(stack: Stack) -> None:

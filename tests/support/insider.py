@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -33,6 +34,27 @@ except OSError:
 print(json.dumps({"got": got.decode("latin-1")}))
 """
 UNREACHABLE = "unreachable"
+# Keeps so many log-ins half open, and begins another for each that the server ends; says when it has begun all of them.
+HALF_OPEN = """
+import select, socket, sys, time
+host, port, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+begun, ways = 0, []
+while True:
+    while len(ways) < count:
+        ways.append(socket.create_connection((host, port), 5))
+        ways[-1].sendall(b"SSH-2.0-half_open\\r\\n")
+        begun += 1
+        if begun == count:
+            print("begun", flush=True)
+    for way in select.select(ways, [], [], 0.1)[0]:
+        try:
+            if way.recv(4096):
+                continue
+        except OSError:
+            pass
+        way.close()
+        ways.remove(way)
+"""
 
 
 class Insider:
@@ -66,6 +88,26 @@ class Insider:
             "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
         }
         return self.get(host, port, **asked, **headers)
+
+    @contextmanager
+    def half_open_log_ins(self, host: str, port: int, count: int) -> Iterator[None]:
+        """Hold so many SSH connections that never log in, inside the block."""
+        command = ["docker", "exec", "--interactive", str(self._container.id), "python3", "-c"]
+        running = subprocess.Popen(
+            [*command, HALF_OPEN, host, str(port), str(count)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert running.stdout is not None
+        try:
+            assert running.stdout.readline() == "begun\n", running.communicate()[1]
+            yield
+            assert running.poll() is None, running.communicate()[1]
+        finally:
+            # What runs inside does not end with its client.
+            run_inside(self._container, "sh", "-c", "kill -KILL -1", user="0")
+            running.communicate(timeout=10)
 
 
 @contextmanager
