@@ -21,11 +21,13 @@ subject_alternative_names() { # host
   printf 'DNS:localhost,IP:127.0.0.1'
 }
 
-# Robots pin it, so it changes only when somebody deletes it.
+# For this server and no authority: who trusts it trusts nothing that its key signs. Robots pin it, so it changes only when
+# somebody deletes it; one from before, which is an authority, stays for them.
 ensure_self_signed() { # host
   if [ -s "$SELF_SIGNED/cert.pem" ] && [ -s "$SELF_SIGNED/key.pem" ]; then return; fi
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 \
     -subj "/CN=$1" -addext "subjectAltName=$(subject_alternative_names "$1")" \
+    -addext basicConstraints=critical,CA:FALSE -addext keyUsage=critical,digitalSignature \
     -addext extendedKeyUsage=serverAuth \
     -keyout "$SELF_SIGNED/key.pem.new" -out "$SELF_SIGNED/cert.pem.new" 2>/dev/null
   chmod 600 "$SELF_SIGNED/key.pem.new"

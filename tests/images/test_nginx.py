@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import gzip
 import http.client
+import json
 import socket
 import ssl
+import subprocess
+from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.x509.oid import ExtendedKeyUsageOID
 from local_network import insecure_tls
 from stack import Stack
 
@@ -45,6 +50,82 @@ def test_old_tls_is_refused(stack: Stack) -> None:
         pytest.raises(ssl.SSLError, match=r"(?i)alert|version|protocol"),
     ):
         context.wrap_socket(plain)
+
+
+WEAK = [
+    "ECDHE-ECDSA-AES128-SHA",
+    "ECDHE-ECDSA-AES256-SHA384",
+    "ECDHE-RSA-AES128-SHA",
+    "AES128-GCM-SHA256",
+]
+
+
+@pytest.mark.parametrize("cipher", WEAK)
+def test_weak_ciphers_of_tls_1_2_are_refused(stack: Stack, cipher: str) -> None:
+    """No CBC, no SHA-1 and no key exchange without a key of its own."""
+    context = insecure_tls()
+    context.maximum_version = ssl.TLSVersion.TLSv1_2
+    context.set_ciphers(cipher)
+    with (
+        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
+        pytest.raises(ssl.SSLError, match=r"(?i)handshake.failure"),
+    ):
+        context.wrap_socket(plain)
+
+
+@pytest.fixture
+def self_signed(stack: Stack, tmp_path: Path) -> Path:
+    """The file of the certificate that serves, for those who trust it alone."""
+    file = tmp_path / "cert.pem"
+    file.write_text(stack.exec("nginx", "cat", "/etc/nginx/tls/cert.pem"))
+    return file
+
+
+def test_self_signed_certificate_is_no_authority(self_signed: Path) -> None:
+    """Who trusts it trusts this server, and nothing that its key might sign."""
+    made = x509.load_pem_x509_certificate(self_signed.read_bytes()).extensions
+    constraints = made.get_extension_for_class(x509.BasicConstraints)
+    assert (constraints.critical, constraints.value.ca) == (True, False)
+    assert made.get_extension_for_class(x509.KeyUsage).value.digital_signature
+    assert not made.get_extension_for_class(x509.KeyUsage).value.key_cert_sign
+    purposes = list(made.get_extension_for_class(x509.ExtendedKeyUsage).value)
+    assert purposes == [ExtendedKeyUsageOID.SERVER_AUTH]
+    names = made.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert "localhost" in names.get_values_for_type(x509.DNSName)
+
+
+def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_signed: Path) -> None:
+    """For Python as strict as 3.13 is, and for curl."""
+    context = ssl.create_default_context(cafile=self_signed)
+    context.verify_flags |= ssl.VERIFY_X509_STRICT
+    with (
+        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
+        context.wrap_socket(plain, server_hostname="localhost"),
+    ):
+        pass
+    url = f"{stack.url}/nginx-health"
+    curl = ["curl", "--silent", "--show-error", "--fail", "--cacert", str(self_signed), url]
+    done = subprocess.run(curl, capture_output=True, text=True, timeout=20, check=False)
+    assert (done.stdout, done.stderr) == ("ok\n", "")
+
+
+@pytest.mark.parametrize("path", ["/%00", "/a%00b", "/../..", "/%2e%2e/", "/%zz"])
+def test_paths_that_nobody_can_read_are_problems(stack: Stack, path: str) -> None:
+    """The sender's mistake, said in the format of all problems."""
+    connection = http.client.HTTPSConnection(
+        "localhost", stack.https_port, timeout=5, context=insecure_tls()
+    )
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    assert (answer.status, answer.headers.get_content_type()) == (400, "application/problem+json")
+    assert json.loads(body)["code"] == "request_invalid"
+
+
+def test_inner_address_of_a_problem_is_closed(stack: Stack) -> None:
+    """Where nginx writes such an answer nobody gets by asking for it."""
+    assert stack.request("GET", "/nginx-bad-request")[0] == 404
 
 
 def test_ssh_answers_on_443(stack: Stack) -> None:
