@@ -1,17 +1,33 @@
 """The security headers of every answer."""
 
-from flask import Flask, Response
+import re
 
-# wss: beside 'self', because some browsers do not count wss://same-host as 'self'.
-CONTENT_SECURITY_POLICY = "; ".join(
+from flask import Flask, Response, request
+
+# What may stand in a policy: a client writes the Host header.
+HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
+# A joystick drives and the video fills the screen; nothing else of the operator's device is of use here.
+PERMISSIONS_POLICY = ", ".join(
     (
-        "default-src 'self'",
-        "img-src 'self' blob: data:",
-        "connect-src 'self' wss:",
-        "object-src 'none'",
-        "base-uri 'none'",
-        "form-action 'self'",
-        "frame-ancestors 'none'",
+        "gamepad=(self)",
+        "fullscreen=(self)",
+        *(
+            f"{feature}=()"
+            for feature in (
+                "accelerometer",
+                "camera",
+                "display-capture",
+                "geolocation",
+                "gyroscope",
+                "hid",
+                "magnetometer",
+                "microphone",
+                "midi",
+                "payment",
+                "serial",
+                "usb",
+            )
+        ),
     )
 )
 
@@ -22,10 +38,29 @@ def register(app: Flask) -> None:
 
 
 def _add(response: Response) -> Response:
-    response.headers["Content-Security-Policy"] = CONTENT_SECURITY_POLICY
+    response.headers["Content-Security-Policy"] = content_security_policy(request.host)
+    response.headers["Cross-Origin-Opener-Policy"] = "same-origin"
+    response.headers["Permissions-Policy"] = PERMISSIONS_POLICY
     response.headers["Referrer-Policy"] = "same-origin"
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["X-Frame-Options"] = "DENY"
     # What depends on who asks must not come out of a cache for the next person.
     response.headers.setdefault("Cache-Control", "no-store")
     return response
+
+
+def content_security_policy(host: str) -> str:
+    """Return the policy of a page of this host, `NAME[:PORT]`."""
+    # Beside 'self', because some browsers do not count wss://same-host as 'self'.
+    sockets = f" wss://{host}" if HOST.fullmatch(host) else ""
+    return "; ".join(
+        (
+            "default-src 'self'",
+            "img-src 'self' blob: data:",
+            f"connect-src 'self'{sockets}",
+            "object-src 'none'",
+            "base-uri 'none'",
+            "form-action 'self'",
+            "frame-ancestors 'none'",
+        )
+    )
