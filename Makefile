@@ -18,7 +18,7 @@ up: ## the stack alone
 	@tools/up
 
 down: ## stop the stack and the simulated robots; data stays
-	@tools/compose --demo down
+	@tools/compose --profile '*' down
 
 images: ## build all images
 	@[ -n "$$IMAGES_ARE_BUILT" ] || { tools/ensure_docker && tools/ensure_base_image && tools/build demo; }

@@ -3,8 +3,13 @@ variable "CA_BUNDLE" {
   # The CA bundle that pip and npm need on networks with an inspecting proxy; a secret, never a layer.
   default = ""
 }
+variable "REGISTRY" {
+  # Where images are pushed to, with a slash at the end.
+  default = ""
+}
 variable "TAG" {
-  default = "dev"
+  # The project's version.
+  default = "0.1.0"
 }
 variable "ROBOT_SUITE" {
   # The Debian release of the hosts that the playbooks' tests enrol.
@@ -20,30 +25,30 @@ group "demo" {
 
 target "mysql" {
   context = "images/mysql"
-  tags    = ["robotether/mysql:${TAG}"]
+  tags    = ["${REGISTRY}robotether/mysql:${TAG}"]
 }
 target "sshd" {
   context = "images/sshd"
-  tags    = ["robotether/sshd:${TAG}"]
+  tags    = ["${REGISTRY}robotether/sshd:${TAG}"]
 }
 target "nginx" {
   context = "images/nginx"
-  tags    = ["robotether/nginx:${TAG}"]
+  tags    = ["${REGISTRY}robotether/nginx:${TAG}"]
 }
 target "acme" {
   context = "images/acme"
-  tags    = ["robotether/acme:${TAG}"]
+  tags    = ["${REGISTRY}robotether/acme:${TAG}"]
 }
 target "server" {
   context    = "."
   dockerfile = "images/server/Dockerfile"
-  tags       = ["robotether/server:${TAG}"]
+  tags       = ["${REGISTRY}robotether/server:${TAG}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
 target "sim_robot" {
   context    = "."
   dockerfile = "images/sim_robot/Dockerfile"
-  tags       = ["robotether/sim_robot:${TAG}"]
+  tags       = ["${REGISTRY}robotether/sim_robot:${TAG}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
 target "agent" {
@@ -63,7 +68,7 @@ target "robot_host" {
 # An ACME authority, for the tests.
 target "pebble" {
   context = "images/pebble"
-  tags    = ["robotether/pebble:dev"]
+  tags    = ["robotether/pebble:${TAG}"]
 }
 target "frontend_test" {
   inherits = ["server"]

@@ -68,6 +68,8 @@ class WebSettings:
     login_ttl_h: int
     log_level: str
     allowed_origins: tuple[str, ...] = ()
+    # None: web makes one.
+    admin_password: str | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ def load_web(environ: Mapping[str, str]) -> WebSettings:
         login_ttl_h=v.LOGIN_TTL_H.read(environ),
         log_level=v.LOG_LEVEL.read(environ),
         allowed_origins=v.ALLOWED_ORIGINS.read(environ),
+        admin_password=v.ADMIN_PASSWORD.read(environ) or None,
     )
 
 

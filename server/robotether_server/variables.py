@@ -156,6 +156,14 @@ WEB_SECRET_KEY = Variable(
 SESSION_KEY = Variable(
     "SESSION_KEY", "proves sshd to the relay; both share it", _KEY_ALLOWED, _KEY, secret=True
 )
+ADMIN_PASSWORD = Variable(
+    "ADMIN_PASSWORD",
+    "password of the first admin, whom web makes when there is no user",
+    "at least 12 characters without spaces, or empty: web makes one and prints it once",
+    matching(r"(\S{12,})?"),
+    "",
+    secret=True,
+)
 LOGIN_TTL_H = Variable(
     "LOGIN_TTL_H", "how long a login lasts", "1 to 720 (hours)", number(1, 720), "12"
 )
@@ -302,6 +310,7 @@ VARIABLES: tuple[Variable[object], ...] = (
     TICKET_TTL_S,
     WEB_SECRET_KEY,
     SESSION_KEY,
+    ADMIN_PASSWORD,
     LOGIN_TTL_H,
     PUBLIC_HOST,
     PUBLIC_PORT,

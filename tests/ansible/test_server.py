@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 from docker.types import Mount
+from image_names import image
 from robot_hosts import ROOT, SYSTEMD, RobotHost, RobotHosts
 
 FOLDER = "/opt/robotether"
 SERVICES = {"mysql", "nginx", "relay", "sshd", "web"}
-IMAGES = [f"robotether/{name}:dev" for name in ("mysql", "sshd", "nginx", "acme", "server")]
+IMAGES = [image(name) for name in ("mysql", "sshd", "nginx", "acme", "server")]
 # A container's /proc/sys is read-only, and Docker inside it sets its bridges up there.
 DROP_IN = b"[Service]\nExecStartPre=/bin/mount -o remount,rw,bind /proc/sys\n"
 RECAP = re.compile(r"changed=(\d+)\s+unreachable=(\d+)\s+failed=(\d+)")

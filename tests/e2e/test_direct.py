@@ -1,4 +1,4 @@
-"""The paper's open ports (compose/direct.yaml): for the listed networks only, and still through the robot's guard."""
+"""The paper's open ports (the service `direct`): for the listed networks only, and still through the robot's guard."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ def open_to(stack: Stack) -> Iterator[OpenTo]:
     before = stack.env_file.read_text()
 
     def publish(sources: str) -> None:
-        lines = [line for line in before.splitlines() if not line.startswith("DIRECT_")]
-        lines += [f"DIRECT_SOURCES={sources}"]
+        ours = ("DIRECT_", "COMPOSE_PROFILES=")
+        lines = [line for line in before.splitlines() if not line.startswith(ours)]
+        lines += ["COMPOSE_PROFILES=direct", f"DIRECT_SOURCES={sources}"]
         lines += [f"DIRECT_PORT_FIRST={PORTS[0]}", f"DIRECT_PORT_LAST={PORTS[1]}"]
         stack.env_file.write_text("\n".join(lines) + "\n")
         stack.tool("tools/up", "--no-build", timeout=UP_WITHIN_S)

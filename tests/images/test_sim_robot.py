@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import subprocess
 import time
 import uuid
@@ -17,12 +16,13 @@ import aiohttp
 import docker
 import pytest
 from docker.models.containers import Container
+from image_names import image
 from inside import run_inside
 from PIL import Image
 from stopwatch import Stopwatch
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE = f"robotether/sim_robot:{os.environ.get('TAG', 'dev')}"
+IMAGE = image("sim_robot")
 NOWHERE = {
     "ROBOTETHER_SERVER": "127.0.0.1:1",
     "ROBOTETHER_INTERFACE": "eth0",

@@ -20,6 +20,7 @@ from typing import Self
 
 import docker
 from docker.models.containers import Container
+from image_names import image
 from local_network import insecure_tls
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -178,10 +179,10 @@ class AcmeNetwork:
                 raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
             time.sleep(0.2)
 
-    def _run(self, image: str, name: str, **options: object) -> Container:
+    def _run(self, built: str, name: str, **options: object) -> Container:
         aliases = options.pop("aliases", [])
         container = self._engine.containers.create(
-            f"robotether/{image}:dev",
+            image(built),
             name=f"{self._name}-{name}",
             cap_drop=["ALL"],
             read_only=True,

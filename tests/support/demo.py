@@ -34,7 +34,7 @@ class Demo:
 
     def compose(self, *arguments: str) -> str:
         """Run tools/compose with the simulated robots and return what it printed."""
-        return _run_compose("--demo", *arguments)
+        return _run_compose("--profile", "*", *arguments)
 
     @cached_property
     def project(self) -> str:
@@ -72,7 +72,8 @@ class Demo:
     @cached_property
     def admin_password(self) -> str:
         """The password of the user admin, unless somebody has changed it."""
-        return (ROOT / _run_compose("--secrets-dir").strip() / "admin_password").read_text()
+        folder = _run_compose("--env", "SECRETS_DIR").strip() or "secrets"
+        return (ROOT / "compose" / folder / "admin_password").read_text()
 
     @cached_property
     def token(self) -> str:

@@ -55,7 +55,7 @@ class Stack:
 
     @property
     def admin_password(self) -> str:
-        """What `tools/up` generated."""
+        """The first admin's, which `tools/up` makes."""
         return (self.folder / "secrets" / "admin_password").read_text()
 
     def up(self, *, robots: bool = True) -> None:
@@ -79,7 +79,7 @@ class Stack:
 
     def down(self) -> None:
         """Remove containers, networks and volumes of this project."""
-        self.compose("--demo", "down", "--volumes", "--timeout", "5", timeout=120)
+        self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", timeout=120)
 
     def tool(self, *command: str, timeout: float = 60, stdin: str | None = None) -> str:
         """Run one of the repository's tools for this project and return what it printed."""
@@ -141,7 +141,7 @@ class Stack:
 
     def logs(self, *services: str, lines: int = 40) -> str:
         """The end of the services' logs, for a test that fails."""
-        return self.compose("--demo", "logs", "--no-color", "--tail", str(lines), *services)
+        return self.compose("--profile", "*", "logs", "--no-color", "--tail", str(lines), *services)
 
     def wait(
         self, what: str, condition: Callable[[], T | None], *services: str, seconds: float = 30

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
+import tomllib
 import yaml
+from robotether_agent import __version__ as agent_version
+from robotether_server import __version__ as server_version
 from robotether_server.variables import VARIABLES
 
-COMPOSE = Path(__file__).resolve().parents[2] / "compose"
+ROOT = Path(__file__).resolve().parents[2]
+COMPOSE = ROOT / "compose"
 KNOWN = {variable.name: variable for variable in VARIABLES}
-# Derived from the published ports when empty, and set by tools/up alone.
-DERIVED = {"SSH_PORTS", "PUBLIC_PORT"}
-FROM_TOOLS = {"DEMO_TLS_FINGERPRINT"}
+# Derived when empty: from the published ports, from this checkout's version; or no file.
+DERIVED = {"SSH_PORTS", "PUBLIC_PORT", "TAG", "TLS_CERT_FILE", "TLS_KEY_FILE", "CA_BUNDLE"}
+READ_BY_COMPOSE = {"COMPOSE_PROFILES"}
 
 
 def example() -> dict[str, tuple[str, str]]:
@@ -37,35 +42,46 @@ def used() -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for file in COMPOSE.glob("*.yaml"):
         for name, default in re.findall(
-            r"\$\{([A-Z_]+):-([^}$]*)", file.read_text(encoding="utf-8")
+            r"\$\{([A-Z0-9_]+):-([^}$]*)", file.read_text(encoding="utf-8")
         ):
             found.setdefault(name, set()).add(default)
     return found
 
 
-def read_by_tools() -> set[str]:
-    """What tools/up asks for and compose does not."""
-    up = (COMPOSE.parent / "tools" / "up").read_text(encoding="utf-8")
-    return set(re.findall(r"--env ([A-Z_]+)", up))
+def services() -> dict[str, dict[str, Any]]:
+    """Every service of compose.yaml, of all profiles."""
+    read = yaml.safe_load((COMPOSE / "compose.yaml").read_text(encoding="utf-8"))
+    found: dict[str, dict[str, Any]] = read["services"]
+    return found
 
 
 def environments() -> list[tuple[str, str]]:
     """(service, variable) of everything that compose.yaml gives to the server's programs."""
-    services = yaml.safe_load((COMPOSE / "compose.yaml").read_text(encoding="utf-8"))["services"]
     return [
         (name, variable)
-        for name, service in services.items()
-        if service["image"].startswith("robotether/server:")
-        for variable in service["environment"]
+        for name, service in services().items()
+        if "robotether/server:" in service["image"]
+        for variable in service.get("environment", ())
     ]
+
+
+def bake_targets() -> dict[str, dict[str, str]]:
+    """Target -> (key -> text) of docker-bake.hcl, as far as it stands on a line."""
+    text = (ROOT / "docker-bake.hcl").read_text(encoding="utf-8")
+    blocks = re.findall(
+        r'^(?:target|variable) "(\w+)" \{\n(.*?)^\}', text, re.DOTALL | re.MULTILINE
+    )
+    return {
+        name: dict(re.findall(r"^ +(\w+) += (.*)$", body, re.MULTILINE)) for name, body in blocks
+    }
 
 
 def test_example_has_exactly_what_compose_reads() -> None:
     """No variable is missing from the example, and none stands there that nothing reads."""
-    assert set(example()) == (set(used()) | read_by_tools()) - FROM_TOOLS
+    assert set(example()) == set(used()) | READ_BY_COMPOSE
 
 
-@pytest.mark.parametrize("name", sorted(set(used()) - FROM_TOOLS))
+@pytest.mark.parametrize("name", sorted(used()))
 def test_defaults_are_the_same_everywhere(name: str) -> None:
     """What the example shows is what compose and the server take without it."""
     default, comment = example()[name]
@@ -94,3 +110,27 @@ def test_every_setting_can_be_set() -> None:
     """Whatever the server's settings know is set in compose.yaml, or is a fixed place inside the image."""
     inside = {"AGENT_FILES_DIR", "SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}
     assert {variable.removesuffix("_FILE") for _, variable in environments()} == set(KNOWN) - inside
+
+
+def test_images_are_tagged_with_the_version() -> None:
+    """Programs, packages, compose.yaml and docker-bake.hcl name one version."""
+    package = tomllib.loads((ROOT / "server" / "pyproject.toml").read_text(encoding="utf-8"))
+    assert {package["project"]["version"], server_version, agent_version} == used()["TAG"]
+    assert bake_targets()["TAG"]["default"] == f'"{server_version}"'
+
+
+@pytest.mark.parametrize("name", sorted(services()))
+def test_every_service_is_pulled_or_built(name: str) -> None:
+    """Under the name and from the files with which docker-bake.hcl builds it for a registry."""
+    service = services()[name]
+    image = re.fullmatch(r"\$\{REGISTRY:-\}robotether/(\w+):\$\{TAG:-[0-9.]+\}", service["image"])
+    assert image is not None
+    assert "pull_policy" not in service
+    target = bake_targets()[image[1]]
+    assert f'"${{REGISTRY}}robotether/{image[1]}:${{TAG}}"' in target["tags"]
+    build = service["build"]
+    context = build if isinstance(build, str) else build["context"]
+    assert (COMPOSE / context).resolve() == (ROOT / target["context"].strip('"')).resolve()
+    if isinstance(build, dict):
+        assert f'"{build["dockerfile"]}"' == target["dockerfile"]
+        assert ("ca" in build["secrets"]) == ("id=ca" in target["secret"])

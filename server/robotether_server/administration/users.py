@@ -5,10 +5,12 @@ An admin who is one no more takes the join tokens along: they let robots in with
 
 from robotether_server import passwords
 from robotether_server.administration import join_tokens
-from robotether_server.problems import LastAdmin
+from robotether_server.problems import LastAdmin, RecordExists
 from robotether_server.store import Transaction, audit, logins, users
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.users import Role, User
+
+FIRST_ADMIN = "admin"
 
 
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
@@ -16,6 +18,17 @@ def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -
     users.add(tx, name, passwords.hash_password(password), role)
     audit.record(tx, source, Event("user_added", details={"user": name, "role": role}))
     return users.get(tx, name)
+
+
+def add_first(tx: Transaction, source: Source, password: str) -> bool:
+    """Add the user admin if there is no user at all; tell whether it did. Of two at once one does."""
+    if users.list_all(tx):
+        return False
+    try:
+        add(tx, source, FIRST_ADMIN, password, "admin")
+    except RecordExists:
+        return False
+    return True
 
 
 def set_password(tx: Transaction, source: Source, name: str, password: str) -> None:

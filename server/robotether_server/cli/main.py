@@ -17,7 +17,7 @@ from robotether_server.cli.robots import robot
 from robotether_server.cli.sites import site
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import token
-from robotether_server.cli.users import user
+from robotether_server.cli.users import ensure_first_admin, user
 from robotether_server.problems import Problem, StoreUnavailable
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
@@ -78,8 +78,9 @@ def run_migrate() -> None:
 
 @cli.command("web")
 def run_web() -> None:
-    """Serve pages and API on port 8000."""
+    """Serve pages and API on port 8000, after making the first admin where there is no user."""
     loaded = settings.load_web(os.environ)
+    ensure_first_admin(loaded)
     arguments = [*GUNICORN, f"--log-level={loaded.log_level}", APPLICATION]
     # In place of this process, so that the engine's signals reach gunicorn itself.
     os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments])  # noqa: S606 - no shell is the point

@@ -14,6 +14,10 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.install_line import Site
+from robotether_server.problems import StoreUnavailable
+from robotether_server.settings import WebSettings
+from robotether_server.store import Database
 from robotether_server.store import users as records
 from robotether_server.store.users import ROLES, Role
 
@@ -22,6 +26,28 @@ PASSWORD_STDIN = click.option(
     is_flag=True,
     help="Read the password from the first line of standard input.",
 )
+
+FIRST_ADMIN = """\
+web: made the first admin. This is shown only now:
+  open      https://{site}/
+  user      {name}
+  password  {password}"""
+
+
+def ensure_first_admin(loaded: WebSettings) -> None:
+    """Make the user admin on a server that has no user, and print the password if it was made here."""
+    password = loaded.admin_password or passwords.new_password()
+    shown = "the one in the file admin_password" if loaded.admin_password else password
+    site = Site(loaded.front.public_host or "localhost", loaded.front.public_port)
+    text = FIRST_ADMIN.format(site=site.authority, name=users.FIRST_ADMIN, password=shown)
+    try:
+        with Database(loaded.database).transaction() as tx:
+            if users.add_first(tx, SOURCE, password):
+                # Before the end of the transaction: an admin whose password nobody knows would stay behind.
+                click.echo(text)
+    except StoreUnavailable as problem:
+        # At a reboot web may be there before the database, which then has its admin.
+        click.echo(f"web: cannot look for the first admin: {problem.detail}", err=True)
 
 
 @click.group()
