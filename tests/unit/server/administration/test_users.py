@@ -19,7 +19,7 @@ from robotether_server.problems import (
     RecordMissing,
     TokenInvalid,
 )
-from robotether_server.store import Transaction, logins, users
+from robotether_server.store import Database, Transaction, logins, users
 from robotether_server.store.audit import Source
 
 ADMIN = Source("root")
@@ -36,6 +36,34 @@ def test_user_is_added_with_a_password(site: Site) -> None:
         with pytest.raises(RecordExists):
             deeds.add(tx, ADMIN, "bob", PASSWORD, "admin")
     assert [event["actor"] for event in site.events("user_added")] == ["root"]
+
+
+def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
+    """Of several servers that start at once one makes it, and none where there is any user."""
+    together = threading.Barrier(4)
+    made: list[str] = []
+
+    def start(password: str) -> None:
+        with database.transaction() as tx:
+            # What the transaction sees is settled before any of them adds.
+            assert users.list_all(tx) == []
+            together.wait(10)
+            if deeds.add_first(tx, ADMIN, password):
+                made.append(password)
+
+    threads = [threading.Thread(target=start, args=(f"{PASSWORD} {n}",)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    with database.transaction() as tx:
+        [admin] = users.list_all(tx)
+        assert (admin.name, admin.role) == ("admin", "admin")
+        [password] = made
+        assert passwords.matches(password, admin.password_hash)
+        deeds.add(tx, ADMIN, "ann", PASSWORD, "admin")
+        deeds.remove(tx, ADMIN, "admin")
+        assert not deeds.add_first(tx, ADMIN, PASSWORD)
 
 
 def test_new_password_and_log_out_end_logins(site: Site) -> None:

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 from mariadb_server import MariaDb
+from robotether_server import passwords
+from robotether_server.store import Database, users
 
 Run = Callable[..., Any]
 
@@ -59,16 +61,73 @@ def test_database_that_is_away_is_told_with_its_host(
     assert "127.0.0.1" in done.err
 
 
-def test_web_becomes_gunicorn(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one worker that has threads, and our application."""
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """What takes the place of the command `web`, each time that it is run."""
     monkeypatch.setenv("TICKET_KEY", "t" * 32)
     monkeypatch.setenv("WEB_SECRET_KEY", "w" * 32)
-    started: list[list[str]] = []
-    monkeypatch.setattr(os, "execv", lambda _, arguments: started.append(arguments))
+    found: list[list[str]] = []
+    monkeypatch.setattr(os, "execv", lambda _, arguments: found.append(arguments))
+    return found
+
+
+def test_web_becomes_gunicorn(run: Run, started: list[list[str]]) -> None:
+    """With one worker that has threads, and our application."""
     assert run("web").status == 0
     assert started[0][:3] == [sys.executable, "-m", "gunicorn"]
     assert {"--workers=1", "--worker-class=gthread", "--threads=8"} <= set(started[0])
     assert started[0][-1] == "robotether_server.web.wsgi:make_app()"
+
+
+def test_web_prints_the_first_admin_once(
+    run: Run, started: list[list[str]], database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the address and a password that works; later starts print nothing."""
+    monkeypatch.setenv("PUBLIC_HOST", "robots.example")
+    monkeypatch.setenv("PUBLIC_PORT", "8443")
+    said = run("web").out
+    assert "open      https://robots.example:8443/\n" in said
+    assert "user      admin\n" in said
+    with database.transaction() as tx:
+        assert passwords.matches(said.split()[-1], users.get(tx, "admin").password_hash)
+    assert run("web") == (0, "", "")
+    assert len(started) == 2
+
+
+def test_password_of_ones_own_is_not_printed(
+    run: Run,
+    started: list[list[str]],
+    database: Database,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """It comes from a file; an empty one is none, and one that is too short stops the start."""
+    file = tmp_path / "admin_password"
+    monkeypatch.setenv("ADMIN_PASSWORD_FILE", str(file))
+    file.write_text("short")
+    refused = run("web")
+    assert (refused.status, started) == (1, [])
+    assert "cannot use ADMIN_PASSWORD=its value" in refused.err
+    file.write_text("a-password-of-ones-own\n")
+    done = run("web")
+    assert "password  the one in the file admin_password\n" in done.out
+    assert "a-password" not in done.out + done.err
+    with database.transaction() as tx:
+        assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)
+        tx.change("DELETE FROM users")
+    file.write_text("")
+    assert len(run("web").out.split()[-1]) == len(passwords.new_password())
+
+
+def test_web_starts_while_the_database_is_away(
+    run: Run, started: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a reboot nobody says who starts first; then there is an admin already."""
+    monkeypatch.setenv("DB_PORT", "1")
+    done = run("web")
+    assert done.status == 0
+    assert "cannot look for the first admin" in done.err
+    assert len(started) == 1
 
 
 def test_help_lists_the_commands(run: Run) -> None:
