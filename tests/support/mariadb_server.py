@@ -20,6 +20,8 @@ from robotether_server.settings import DatabaseSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE_DIR = ROOT / "images" / "mysql"
+# The base of all our images.
+SUITE = "trixie"
 ACCOUNTS = ("web", "relay", "keylookup", "migrate")
 HEALTHY_WITHIN_S = 90
 POLL_S = 0.1
@@ -47,9 +49,12 @@ class MariaDb:
         return done.stdout
 
 
-def image() -> str:
-    """The tag of the image of these sources, which is built when it is missing."""
-    digest = hashlib.sha256()
+def image(suite: str = SUITE) -> str:
+    """The tag of the image of these sources, which is built when it is missing.
+
+    On an older Debian than the Dockerfile's own it is an older MariaDB.
+    """
+    digest = hashlib.sha256(suite.encode())
     for path in sorted(IMAGE_DIR.iterdir()):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     tag = f"robotether-test/mysql:{digest.hexdigest()[:16]}"
@@ -57,7 +62,7 @@ def image() -> str:
         try:
             docker_engine.images.get(tag)
         except ImageNotFound:
-            _build(tag)
+            _build(tag, suite)
     return tag
 
 
@@ -95,13 +100,19 @@ def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
         file.chmod(0o644)
 
 
-def start(docker_engine: docker.DockerClient, folder: Path, volume: str | None = None) -> Container:
+def start(
+    docker_engine: docker.DockerClient,
+    folder: Path,
+    volume: str | None = None,
+    *,
+    suite: str = SUITE,
+) -> Container:
     """Start the image with the secrets of a folder; the caller removes the container."""
     volumes = {str(folder): {"bind": "/run/secrets", "mode": "ro"}}
     if volume:
         volumes[volume] = {"bind": "/var/lib/mysql", "mode": "rw"}
     return docker_engine.containers.run(
-        image(),
+        image(suite),
         name=f"robotether-test-mysql-{os.getpid()}-{secrets.token_hex(4)}",
         detach=True,
         read_only=True,
@@ -127,8 +138,10 @@ def wait_healthy(container: Container) -> None:
         time.sleep(POLL_S)
 
 
-def _build(tag: str) -> None:
+def _build(tag: str, suite: str) -> None:
     """Build with BuildKit, which the engine's SDK does not speak."""
-    command = ["docker", "buildx", "build", "--load", "--tag", tag, str(IMAGE_DIR)]
+    base = f"debian:{SUITE}-slim=docker-image://debian:{suite}-slim"
+    command = ["docker", "buildx", "build", "--load", "--build-context", base, "--tag", tag]
+    command.append(str(IMAGE_DIR))
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, f"cannot build {IMAGE_DIR}:\n{done.stderr[-4000:]}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ import mariadb_server
 import pytest
 from docker.models.containers import Container
 from inside import run_inside
-from mariadb_server import ACCOUNTS, MariaDb
+from mariadb_server import ACCOUNTS, ROOT, MariaDb
 
 PASSWORDS = {account: f"{account}-password-1" for account in ACCOUNTS}
 
@@ -88,6 +89,117 @@ def test_records_outlive_the_container_and_secrets_may_change(
         assert second.exec_run(["mariadb", "robotether", "-e", "SELECT * FROM kept"])[0] == 0
     finally:
         second.remove(force=True)
+
+
+@pytest.fixture(scope="module")
+def older_suite() -> str:
+    """A Debian whose MariaDB is of an older series, 10.11."""
+    command = [ROOT / "tools" / "ensure_base_image", "bookworm"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return "bookworm"
+
+
+@pytest.fixture
+def older_data(
+    engine: docker.DockerClient, volume: str, tmp_path: Path, older_suite: str
+) -> tuple[str, str]:
+    """A volume with the data of the older server, and that server's series."""
+    mariadb_server.write_secrets(tmp_path, PASSWORDS)
+    older = mariadb_server.start(engine, tmp_path, volume, suite=older_suite)
+    try:
+        mariadb_server.wait_healthy(older)
+        assert say(older, "migrate", "CREATE TABLE kept (x INT); INSERT INTO kept VALUES (7)") == (
+            0,
+            "",
+        )
+        series = ".".join(inside(older, "SELECT VERSION()").split(".")[:2])
+        older.stop(timeout=30)
+    finally:
+        older.remove(force=True)
+    return volume, series
+
+
+def inside(container: Container, sql: str) -> str:
+    """Ask as root, on the socket."""
+    done = run_inside(
+        container, "mariadb", "--batch", "--skip-column-names", "-e", sql, user="root"
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def needs_upgrade(container: Container) -> bool:
+    """What MariaDB's own program says of the data."""
+    command = ("mariadb-upgrade", "--user=mysql", "--check-if-upgrade-is-needed")
+    done = run_inside(container, *command)
+    assert not done.stderr
+    return done.returncode == 0
+
+
+def test_data_of_an_older_series_is_upgraded(
+    engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
+) -> None:
+    """The newer server brings it up to date before it listens, once, and keeps the system tables of before."""
+    volume, series = older_data
+    container = mariadb_server.start(engine, tmp_path, volume)
+    try:
+        mariadb_server.wait_healthy(container)
+        assert not inside(container, "SELECT VERSION()").startswith(f"{series}.")
+        assert not needs_upgrade(container)
+        assert say(container, "migrate", "SELECT x FROM kept") == (0, "x\n7\n")
+        backup = f"/var/lib/mysql/system_tables_{series}.sql"
+        assert run_inside(container, "stat", "--format=%a", backup).stdout.strip() == "600"
+        assert "'keylookup'" in run_inside(container, "cat", backup).stdout
+        container.restart(timeout=30)
+        mariadb_server.wait_healthy(container)
+        assert container.logs().decode().count("mysql: upgrading the data") == 1
+    finally:
+        container.remove(force=True)
+
+
+def test_interrupted_upgrade_is_done_again_and_keeps_its_backup(
+    engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
+) -> None:
+    """A server killed in the middle of its upgrade is upgraded at the next start, with the first backup kept."""
+    volume, series = older_data
+    backup = f"/var/lib/mysql/system_tables_{series}.sql"
+    killed = mariadb_server.start(engine, tmp_path, volume)
+    try:
+        end = time.monotonic() + 60
+        while killed.exec_run(["test", "-e", backup])[0] != 0:
+            assert time.monotonic() < end, killed.logs().decode()
+        first_backup = run_inside(killed, "sha256sum", backup).stdout
+        killed.kill()
+        assert b"upgraded the data" not in killed.logs()
+    finally:
+        killed.remove(force=True)
+    second = mariadb_server.start(engine, tmp_path, volume)
+    try:
+        mariadb_server.wait_healthy(second)
+        assert not needs_upgrade(second)
+        assert run_inside(second, "sha256sum", backup).stdout == first_backup != ""
+        assert say(second, "migrate", "SELECT x FROM kept") == (0, "x\n7\n")
+    finally:
+        second.remove(force=True)
+
+
+def test_data_of_a_newer_series_is_refused(
+    engine: docker.DockerClient, older_data: tuple[str, str], older_suite: str, tmp_path: Path
+) -> None:
+    """MariaDB does not go back: the older server leaves the data alone and says what to do."""
+    volume, series = older_data
+    newer = mariadb_server.start(engine, tmp_path, volume)
+    try:
+        mariadb_server.wait_healthy(newer)
+        newer.stop(timeout=30)
+    finally:
+        newer.remove(force=True)
+    older = mariadb_server.start(engine, tmp_path, volume, suite=older_suite)
+    try:
+        assert f"this image has {series}" in wait_exit(older)
+    finally:
+        older.remove(force=True)
 
 
 def test_interrupted_first_start_is_done_again(
