@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 
 import pytest
@@ -55,6 +56,23 @@ def test_only_nginx_and_sshd_are_published(stack: Stack, service: str) -> None:
     bindings = stack.container(service).attrs["HostConfig"]["PortBindings"] or {}
     published = {"nginx": {"8080/tcp", "8443/tcp"}, "sshd": {"2222/tcp"}}
     assert set(bindings) == published.get(service, set())
+
+
+def answers(host: str, port: int) -> bool:
+    """Whether this machine takes a connection to that port at one of its own addresses."""
+    try:
+        with socket.create_connection((host, port), timeout=5):
+            return True
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("name", ["http_port", "https_port", "ssh_port"])
+def test_ports_are_published_over_ipv4_only(stack: Stack, name: str) -> None:
+    """Docker's proxy would show all IPv6 clients as one address, which they would share in every limit."""
+    port = getattr(stack, name)
+    assert answers("127.0.0.1", port)
+    assert not answers("::1", port)
 
 
 @pytest.mark.parametrize(

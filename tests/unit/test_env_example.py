@@ -134,3 +134,14 @@ def test_every_service_is_pulled_or_built(name: str) -> None:
     if isinstance(build, dict):
         assert f'"{build["dockerfile"]}"' == target["dockerfile"]
         assert ("ca" in build["secrets"]) == ("id=ca" in target["secret"])
+
+
+def published() -> list[str]:
+    """Every published port, as it stands there."""
+    return [port for service in services().values() for port in service.get("ports", [])]
+
+
+@pytest.mark.parametrize("port", published())
+def test_ports_are_published_at_the_bind_address(port: str) -> None:
+    """None is open over IPv6, where all clients would be one address, by having been forgotten."""
+    assert port.startswith("${BIND_ADDRESS:-0.0.0.0}:")
