@@ -116,7 +116,8 @@ def test_images_are_tagged_with_the_version() -> None:
     """Programs, packages, compose.yaml and docker-bake.hcl name one version."""
     package = tomllib.loads((ROOT / "server" / "pyproject.toml").read_text(encoding="utf-8"))
     assert {package["project"]["version"], server_version, agent_version} == used()["TAG"]
-    assert bake_targets()["TAG"]["default"] == f'"{server_version}"'
+    assert bake_targets()["VERSION"]["default"] == f'"{server_version}"'
+    assert bake_targets()["TAG"]["default"] == "VERSION"
 
 
 @pytest.mark.parametrize("name", sorted(services()))

@@ -1,0 +1,109 @@
+"""What the built images say of themselves, and the lists of what is in them; asked of the engine and of the images."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import robotether_server
+from image_names import image as name_of
+from stack import ROOT
+
+# What `make images` builds.
+BUILT = ("mysql", "sshd", "nginx", "acme", "server", "sim_robot")
+OCI = "org.opencontainers.image."
+
+
+def bake(*arguments: str, **variables: str) -> str:
+    """Run the build description with these variables; return what it prints."""
+    environment = {**os.environ, "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""), **variables}
+    done = subprocess.run(
+        ["docker", "buildx", "bake", *arguments],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-4000:]
+    return done.stdout
+
+
+def described(*targets: str, **variables: str) -> dict[str, dict[str, Any]]:
+    """Each target as buildx understands it."""
+    found: dict[str, dict[str, Any]] = json.loads(bake("--print", *targets, **variables))["target"]
+    return found
+
+
+def in_image(image: str, *command: str) -> str:
+    """Run a command in an image, with nothing of a site's around it."""
+    run = ["docker", "run", "--rm", "--network", "none", "--entrypoint", command[0]]
+    done = subprocess.run(
+        [*run, name_of(image), *command[1:]],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    return done.stdout
+
+
+@pytest.mark.parametrize("image", BUILT)
+def test_image_says_what_it_is(image: str) -> None:
+    """Its name, release, licence, commit and that commit's time, under OCI's names."""
+    command = ["docker", "image", "inspect", name_of(image)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    labels = json.loads(done.stdout)[0]["Config"]["Labels"]
+    assert labels[f"{OCI}title"] == f"Robotether: {image}"
+    assert labels[f"{OCI}description"]
+    assert labels[f"{OCI}version"] == robotether_server.__version__
+    assert labels[f"{OCI}licenses"] == "Apache-2.0"
+    assert re.fullmatch("[0-9a-f]{40}", labels[f"{OCI}revision"])
+    show = ["git", "show", "--no-patch", "--format=%cI", labels[f"{OCI}revision"]]
+    committed = subprocess.run(show, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert labels[f"{OCI}created"] == committed.strip()
+
+
+def test_every_target_has_labels() -> None:
+    """The images of tests too; and the place of the sources, where one is set."""
+    names = re.findall(r'^target "(\w+)"', (ROOT / "docker-bake.hcl").read_text(), re.MULTILINE)
+    images = set(names) - {"sbom", "release"}
+    for name, target in described(
+        *sorted(images), SOURCE="https://example.test/robotether"
+    ).items():
+        labels = target["labels"]
+        assert labels[f"{OCI}title"] == f"Robotether: {name}"
+        assert labels[f"{OCI}source"] == "https://example.test/robotether"
+
+
+def test_release_is_pushed_with_attestations() -> None:
+    """Every image that a site runs: SLSA provenance in full, and an SBOM."""
+    targets = described("release")
+    assert set(targets) == {f"release_{image}" for image in BUILT}
+    for name, target in targets.items():
+        assert target["attest"][0] == "type=provenance,mode=max"
+        assert target["attest"][1].startswith("type=sbom,")
+        assert target["output"] == ["type=registry"]
+        assert (
+            target["tags"]
+            == described(name.removeprefix("release_"))[name.removeprefix("release_")]["tags"]
+        )
+
+
+def listed(file: Path) -> set[tuple[str, str]]:
+    """Name and version of each component of an SBOM."""
+    sbom = json.loads(file.read_text())
+    assert sbom["bomFormat"] == "CycloneDX"
+    return {(each["name"], each["version"]) for each in sbom["components"]}
+
+
+def test_sbom_lists_what_is_in_the_image(tmp_path: Path) -> None:
+    """Each Debian package and each Python package that the image itself tells of."""
+    bake("sbom_server", "--set", f"*.output=type=local,dest={tmp_path}")
+    packages = in_image(
+        "server", "dpkg-query", "--show", "--showformat", "${Package} ${Version}\\n"
+    )
+    debian = {(name, version) for name, version in map(str.split, packages.splitlines())}
+    assert debian <= listed(tmp_path / "server.debian.cdx.json")
+    script = "import importlib.metadata as m; [print(d.name, d.version) for d in m.distributions()]"
+    installed = in_image("server", "/opt/venv/bin/python3", "-c", script)
+    python = {(name, version) for name, version in map(str.split, installed.splitlines())}
+    assert python == listed(tmp_path / "server.python.cdx.json")
