@@ -1,0 +1,47 @@
+"""compose/compose.override.yaml.example, as docker compose understands it beside compose.yaml."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+COMPOSE = Path(__file__).resolve().parents[2] / "compose"
+
+
+def config(folder: Path) -> dict[str, Any]:
+    """What is in force in a folder where a site has its files."""
+    done = subprocess.run(
+        ["docker", "compose", "config", "--format", "json"],
+        cwd=folder, env={"PATH": os.environ["PATH"], "HOME": str(folder)},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def published(service: dict[str, Any]) -> set[tuple[str, str, int]]:
+    return {(port["host_ip"], port["published"], port["target"]) for port in service["ports"]}
+
+
+def test_example_changes_what_it_says(tmp_path: Path) -> None:
+    """It names services that exist, adds a port, and takes the place of log driver, memory and subnets."""
+    shutil.copy(COMPOSE / "compose.yaml", tmp_path)
+    before = config(tmp_path)
+    shutil.copy(COMPOSE / "compose.override.yaml.example", tmp_path / "compose.override.yaml")
+    after = config(tmp_path)
+    assert set(after["services"]) == set(before["services"])
+    assert set(after["networks"]) == set(before["networks"])
+    nginx = [stack["services"]["nginx"] for stack in (before, after)]
+    assert published(nginx[1]) - published(nginx[0]) == {("127.0.0.1", "8443", 8443)}
+    assert published(nginx[0]) < published(nginx[1])
+    assert nginx[1]["logging"] == {"driver": "journald", "options": {"tag": "{{.Name}}"}}
+    assert int(after["services"]["mysql"]["mem_limit"]) == 2**30
+    assert after["services"]["web"]["cpus"] == 2
+    assert after["networks"]["data"]["internal"]
+    assert after["networks"]["data"]["ipam"]["config"] == [{"subnet": "10.213.3.0/24"}]
+    assert after["volumes"]["mysql"]["driver_opts"]["device"] == "/srv/robotether/mysql"
