@@ -30,8 +30,8 @@ def checkout(tmp_path: Path) -> Path:
     tools.mkdir()
     for name in ("up", "common.sh"):
         shutil.copy(ROOT / "tools" / name, tools)
-    for name in ("ensure_docker", "ensure_base_image"):
-        (tools / name).write_text(f"#!/bin/sh\necho {name} >> calls\n")
+    for name in ("ensure_docker", "ensure_base_image", "build"):
+        (tools / name).write_text(f"#!/bin/sh\necho {name} $* >> calls\n")
     (tools / "compose").write_text(COMPOSE)
     (tmp_path / "programs").mkdir()
     (tmp_path / "programs" / "docker").write_text(DOCKER)
@@ -93,9 +93,17 @@ def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "up --detach --wait --no-build --pull never secrets web" in calls(checkout)
     assert "ensure_base_image" not in calls(checkout)
+    assert "build default" not in calls(checkout)
+
+
+def test_images_are_built_as_they_are_for_a_registry(checkout: Path) -> None:
+    """By tools/build, so that they have their labels; the simulator's for those who have it started."""
     assert up(checkout).returncode == 0
-    assert "ensure_base_image" in calls(checkout)
-    assert "up --detach --wait --build secrets web" in calls(checkout)
+    assert calls(checkout).index("ensure_base_image") < calls(checkout).index("build default")
+    assert "up --detach --wait --no-build --pull never secrets web" in calls(checkout)
+    (checkout / "services").write_text("sim1\n")
+    assert up(checkout).returncode == 0
+    assert "build demo" in calls(checkout)
 
 
 def test_nothing_waits_for_an_authority(checkout: Path) -> None:
@@ -104,8 +112,8 @@ def test_nothing_waits_for_an_authority(checkout: Path) -> None:
     (checkout / "env").write_text("DOMAIN=robots.example.org\n")
     assert up(checkout).returncode == 0
     first, last = [line for line in calls(checkout).splitlines() if line.startswith("up ")]
-    assert first == "up --detach --wait --build secrets web"
-    assert last == "up --detach --no-deps --build acme"
+    assert first == "up --detach --wait --no-build --pull never secrets web"
+    assert last == "up --detach --no-deps --no-build --pull never acme"
 
 
 @pytest.mark.parametrize(
