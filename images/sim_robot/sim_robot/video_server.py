@@ -8,7 +8,6 @@ import html
 import logging
 import socket
 from collections.abc import Mapping
-from urllib.parse import quote
 
 from aiohttp import web
 
@@ -47,14 +46,16 @@ class VideoServer:
         return _page("ROS Image Topic List", f"<h1>Available ROS Image Topics:</h1><ul>{body}</ul>")
 
     async def _viewer(self, request: web.Request) -> web.Response:
-        _check_type(request.query)
-        title = html.escape(request.query.get("topic", ""))
-        source = html.escape("/stream?" + request.query_string)
+        query = _query_of(request)
+        _check_type(query)
+        title = html.escape(query.get("topic", ""))
+        source = html.escape("/stream?" + request.rel_url.raw_query_string)
         return _page(title, f'<h1>{title}</h1><img src="{source}">')
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
-        wanted = _wanted(request.query)
-        feed = self._feed(request.query)
+        query = _query_of(request)
+        wanted = _wanted(query)
+        feed = self._feed(query)
         if feed is None:
             return _cut_off(request)
         frame = await feed.next_frame(wanted)
@@ -62,8 +63,9 @@ class VideoServer:
         return web.Response(body=frame.jpeg, content_type="image/jpeg", headers=headers)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        _check_type(request.query)
-        wanted = _wanted(request.query)
+        query = _query_of(request)
+        _check_type(query)
+        wanted = _wanted(query)
         content_type = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
         response = web.StreamResponse(headers=_HEADERS | {"Content-Type": content_type})
         response.force_close()
@@ -72,7 +74,7 @@ class VideoServer:
         try:
             await response.write(f"--{BOUNDARY}\r\n".encode())
             # Without such a topic the real one sends no frame and ends the stream soon.
-            feed = self._feed(request.query)
+            feed = self._feed(query)
             if feed is not None:
                 await _send_frames(response, feed, wanted)
         except ConnectionError:
@@ -81,6 +83,12 @@ class VideoServer:
 
     def _feed(self, query: Mapping[str, str]) -> FrameFeed | None:
         return self._feeds.get("/" + query.get("topic", "").removeprefix("/"))
+
+
+def _query_of(request: web.Request) -> dict[str, str]:
+    """Return the query as async_web_server_cpp reads it: no escapes undone, of two words of a name the last."""
+    words = (word.partition("=") for word in request.rel_url.raw_query_string.split("&"))
+    return {name: value for name, _, value in words if name}
 
 
 async def _send_frames(response: web.StreamResponse, feed: FrameFeed, wanted: FrameFormat) -> None:
@@ -92,11 +100,10 @@ async def _send_frames(response: web.StreamResponse, feed: FrameFeed, wanted: Fr
 
 
 def _links(name: str) -> str:
-    topic = quote(name)
     return (
-        f'<li><a href="/stream_viewer?topic={topic}">{name}</a>'
-        f' (<a href="/stream?topic={topic}">Stream</a>)'
-        f' (<a href="/snapshot?topic={topic}">Snapshot</a>)</li>'
+        f'<li><a href="/stream_viewer?topic={name}">{name}</a>'
+        f' (<a href="/stream?topic={name}">Stream</a>)'
+        f' (<a href="/snapshot?topic={name}">Snapshot</a>)</li>'
     )
 
 

@@ -116,18 +116,6 @@ function offlineSince(since, reason) {
   return reason ? `The server says: ${reason}. ` : "";
 }
 
-export const picture = {
-  starting: "Waiting for the first picture.",
-  camera_missing: "The robot offers no camera topic.",
-  robot_offline: "No picture: the robot is offline.",
-  video_down: "No picture: the robot's video server does not answer.",
-  login_missing: "No picture: your login has ended.",
-  refused: (status) => `No picture: the server answered ${status}.`,
-  cut: "No picture: the stream was cut. Starting it again.",
-  paused: "Paused while this page is in the background.",
-  old: (seconds) => `The picture is ${seconds} s old.`,
-};
-
 export const readings = {
   none: "-",
   wanted: (value) => `set ${value}`,

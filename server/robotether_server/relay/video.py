@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from urllib.parse import parse_qsl
@@ -40,6 +41,7 @@ VIEWER_SLOW_AFTER_S = 10.0
 HEADERS_WITHIN_S = 10.0
 # With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
 ANSWERS = range(200, 600)
+ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
 
 
 class VideoHandler:
@@ -128,12 +130,14 @@ class VideoHandler:
 
 
 def path_for_robot(raw_path: str, raw_query: str) -> str:
-    """Return what the robot is asked for: less our prefix, and less the ticket."""
+    """Return what the robot is asked for: less our prefix, less the ticket, and with its slashes as they are.
+
+    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write.
+    """
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)
-    # All else as it came: web_video_server does not decode %2F in a topic, for one.
     query = "&".join(part for part in raw_query.split("&") if part and not _is_ticket(part))
-    return f"{path}?{query}" if query else path
+    return f"{path}?{ESCAPED_SLASH.sub('/', query)}" if query else path
 
 
 def _is_ticket(part: str) -> bool:

@@ -12,6 +12,7 @@ from PIL import Image
 from sim_client import WAIT_S, until
 from sim_robot.simulator import Simulator
 from stamped_picture import read_stamp
+from yarl import URL
 
 TOPIC = "/camera/image_raw"
 
@@ -143,7 +144,7 @@ async def test_cameras_show_different_pictures(http: aiohttp.ClientSession) -> N
 
 async def test_viewer_page_is_safe(http: aiohttp.ClientSession) -> None:
     """The viewer shows the stream of its query and executes nothing from it."""
-    async with http.get("/stream_viewer", params={"topic": '"><script>'}) as answer:
+    async with http.get(URL('/stream_viewer?topic="><script>', encoded=True)) as answer:
         page = await answer.text()
     assert '<img src="/stream?topic=' in page
     assert "<script" not in page
@@ -161,6 +162,13 @@ async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSessi
     async with http.get("/stream?topic=/nope") as answer:
         assert answer.status == 200
         assert await answer.read() == b"--boundarydonotcross\r\n"
+
+
+@pytest.mark.parametrize("topic", ["%2Fcamera%2Fimage_raw", "/camera/image%5Fraw"])
+async def test_escapes_in_a_topic_are_not_undone(http: aiohttp.ClientSession, topic: str) -> None:
+    """As in the real one, whose async_web_server_cpp takes the query's words as they stand."""
+    with pytest.raises(aiohttp.ClientError):
+        await http.get(URL(f"/snapshot?topic={topic}", encoded=True))
 
 
 async def test_snapshot_of_no_topic_ends_without_an_answer(http: aiohttp.ClientSession) -> None:

@@ -1,5 +1,8 @@
 // Where a robot's WebSockets and streams are (docs/protocols.md, docs/media.md). Pure.
 
+// A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
+export const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
+
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
 export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
 
@@ -11,7 +14,7 @@ export const streamUrl = (server, robot, topic, ticket, more = {}) =>
 
 function address(server, robot, path, query, socket = false) {
   const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);
-  for (const [name, value] of Object.entries(query)) if (value !== undefined) url.searchParams.set(name, value);
+  url.search = plainQuery(Object.entries(query).filter(([, value]) => value !== undefined));
   if (socket) url.protocol = url.protocol.replace("http", "ws");
   return url.href;
 }

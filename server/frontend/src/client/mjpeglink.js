@@ -2,6 +2,7 @@
 // A picture's moment is unknown there: it has that of its arrival.
 
 import { MultipartReader, boundaryOf } from "../multipart.js";
+import { plainQuery } from "./addresses.js";
 
 const SILENCE_MS = 6000;
 const WATCH_MS = 1000;
@@ -17,6 +18,7 @@ export function streamUrl(framesUrl, { quality_max: quality, width, height }) {
     url.searchParams.set("width", width);
     url.searchParams.set("height", height);
   }
+  url.search = plainQuery(url.searchParams);
   return url.href;
 }
 

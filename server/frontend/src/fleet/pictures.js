@@ -1,5 +1,7 @@
 // Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.
 
+import { plainQuery } from "../client/addresses.js";
+
 const AT_ONCE = 4;
 const PATIENCE_MS = 8000;
 const SIZE = { width: 320, height: 240, quality: 50 };
@@ -53,7 +55,7 @@ export class Pictures {
   async take(robot, topic, signal) {
     const found = topic ? { topic } : await this.find(robot, signal);
     if (!found.topic) return found;
-    const query = new URLSearchParams({ topic: found.topic, ...SIZE });
+    const query = plainQuery({ topic: found.topic, ...SIZE });
     const answer = await this.ask(`${videoPath(robot)}/snapshot?${query}`, signal);
     if (!answer.ok) return { problem: problemOf(answer.status) };
     return { blob: await answer.blob() };

@@ -1,9 +1,11 @@
 // A still at full quality, saved as a file.
 
+import { plainQuery } from "../client/addresses.js";
+
 const FULL_QUALITY = 100;
 
 export function stillUrl(robot, topic) {
-  const query = new URLSearchParams({ topic, quality: FULL_QUALITY });
+  const query = plainQuery({ topic, quality: FULL_QUALITY });
   return `/robots/${encodeURIComponent(robot)}/video/snapshot?${query}`;
 }
 

@@ -281,7 +281,7 @@ test("of a robot without the protocol it reads the plain stream", async () => {
   for (let i = 0; i < 5; i++) await new Promise((resolve) => setImmediate(resolve));
   assert.equal(
     asked.mock.calls[0].arguments[0],
-    "https://server/robots/sim1/video/stream?topic=%2Fcamera&type=mjpeg&quality=70",
+    "https://server/robots/sim1/video/stream?topic=/camera&type=mjpeg&quality=70",
   );
   assert.deepEqual(frames, [{ number: 1, at: 1000, jpeg: [111, 110, 101] }]);
 });

@@ -61,7 +61,7 @@ test("a picture is small, and of the camera that the settings name", async () =>
   const { asked, pictures } = serverThat(() => ({}));
   const { signal } = new AbortController();
   assert.deepEqual(await pictures.take("sim 1", "/front", signal), { blob: "picture" });
-  assert.deepEqual(asked, ["/robots/sim%201/video/snapshot?topic=%2Ffront&width=320&height=240&quality=50"]);
+  assert.deepEqual(asked, ["/robots/sim%201/video/snapshot?topic=/front&width=320&height=240&quality=50"]);
 });
 
 test("a robot whose camera nobody named is asked once", async () => {

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { stillName, stillUrl } from "../../src/sight/still.js";
 
 test("a still is asked for at full quality", () => {
-  assert.equal(stillUrl("sim 1", "/camera/image_raw"), "/robots/sim%201/video/snapshot?topic=%2Fcamera%2Fimage_raw&quality=100");
+  assert.equal(stillUrl("sim 1", "/camera/image_raw"), "/robots/sim%201/video/snapshot?topic=/camera/image_raw&quality=100");
 });
 
 test("a file is named after robot, camera and time, in plain letters", () => {

@@ -45,7 +45,7 @@ async def test_the_robot_learns_nothing_of_who_asks(*, relay, robot, sim1, http,
     async with http.get(URL(url, encoded=True), headers=headers) as answer:
         assert answer.status == 200
     seen = robot.video_requests[0]
-    assert seen["path"] == "/snapshot?topic=/a%2Fb&q=50"
+    assert seen["path"] == "/snapshot?topic=/a/b&q=50"
     assert not {"Cookie", "Authorization", "X-Forwarded-For"} & set(seen["headers"])
     assert seen["headers"]["Accept"] == "image/jpeg"
 
@@ -278,10 +278,11 @@ async def test_many_pictures_ask_the_database_once(*, relay, robot, sim1, http, 
         ("/robots/sim1/video/", "ticket=t", "/"),
         ("/robots/sim1/video/stream", "topic=/a&ticket=t&q=1", "/stream?topic=/a&q=1"),
         ("/robots/sim1/video/a/b%20c", "x=ticket=1", "/a/b%20c?x=ticket=1"),
+        ("/robots/sim1/video/a%2Fb", "topic=%2Fa%2fb%20c", "/a%2Fb?topic=/a/b%20c"),
     ],
 )
 def test_the_robot_is_asked_for_the_rest(path, query, expected):
-    """Prefix and ticket go, the rest stays as it was written."""
+    """Prefix and ticket go, a topic's slashes are plain, the rest stays as it was written."""
     assert path_for_robot(path, query) == expected
 
 
