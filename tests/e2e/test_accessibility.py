@@ -75,6 +75,15 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
         release_all(stack, [ROBOT])
 
 
+def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
+    """What a screen reader says before the value, which axe does not miss while a label holds both."""
+    open_robot(page, stack, ROBOT)
+    page.get_by_test_id("gamepad-open").click()
+    page.locator("[data-part=pad-settings]").evaluate("e => (e.hidden = false)")
+    for name in ("Forward limit", "Turn limit", "Dead zone", "Turbo limit"):
+        expect(page.get_by_role("slider", name=name, exact=True)).to_have_count(1)
+
+
 @pytest.mark.parametrize("context", [LOOKS[0], LOOKS[3]], indirect=True, ids=[NAMES[0], NAMES[3]])
 def test_pages_of_forms_and_lists_are_accessible(page: Page, stack: Stack) -> None:
     """Everybody's and the admin's pages."""

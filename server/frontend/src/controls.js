@@ -1,12 +1,14 @@
 // Joins sticks, keyboard, gamepad and limits to teleop.js.
 
+import { FieldFocus } from "./fieldfocus.js";
 import { GamepadPanel } from "./gamepadpanel.js";
 import { Keyboard } from "./keyboard.js";
 import { setUpLimits } from "./limits.js";
 import { isSteered } from "./messages.js";
-import { part } from "./page.js";
+import { part, setText } from "./page.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
+import { hints } from "./texts/inputs.js";
 import { letGoWhenUnsure } from "./unsure.js";
 
 // `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue` and `onWanted` as of teleop.js;
@@ -19,11 +21,13 @@ export function setUpControls(root, { kind, limits: highest, publish, mayQueue, 
   const teleop = new Teleop({ publish, mayQueue, onWanted, limits, kind, onDrop });
   const sticks = new Sticks(root, { kind, teleop });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
-  inputs.push(setUpKeyboard(root, teleop, kind), sticks, gamepad);
+  const keyboard = setUpKeyboard(root, teleop, kind);
+  inputs.push(keyboard, sticks, gamepad);
   letGoWhenUnsure(() => teleop.letGo());
   const arm = (armed) => {
     teleop.arm(armed);
     sticks.arm(armed);
+    keyboard.fields.onChange();
   };
   const disarm = () => {
     teleop.disarm();
@@ -35,8 +39,10 @@ export function setUpControls(root, { kind, limits: highest, publish, mayQueue, 
 
 function setUpKeyboard(root, teleop, kind) {
   const sideways = kind === "holonomic";
+  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.armed && fields.taken) });
   const keyboard = new Keyboard({
     sideways,
+    fields,
     accepts: () => teleop.armed,
     onHold: (input, at) => teleop.hold("keyboard", input, at),
     onRelease: () => teleop.release("keyboard"),
@@ -44,5 +50,10 @@ function setUpKeyboard(root, teleop, kind) {
   });
   part(root, "sideways-keys").hidden = !sideways;
   keyboard.listen(window);
+  fields.listen(window);
   return keyboard;
+}
+
+function showTaken(root, taken) {
+  setText(part(root, "keys-taken"), taken ? hints.taken[taken] : "");
 }

@@ -2,7 +2,7 @@
 // other layouts than QWERTY drive with the same fingers. Only a press that it sees while driving is armed
 // counts, never the repeats of a key that is down already.
 
-import { TYPING, matches } from "./page.js";
+import { FieldFocus } from "./fieldfocus.js";
 
 const FORWARD = { forward: 1 };
 const BACK = { forward: -1 };
@@ -26,9 +26,9 @@ const FOCUS_MS = 300;
 
 export class Keyboard {
   // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its moment.
-  // `onLetGo()` asks to let go of everything.
-  constructor({ sideways = false, accepts, onHold, onRelease, onLetGo }) {
-    Object.assign(this, { accepts, onHold, onRelease, onLetGo });
+  // `onLetGo()` asks to let go of everything. `fields` as of fieldfocus.js.
+  constructor({ sideways = false, accepts, onHold, onRelease, onLetGo, fields = new FieldFocus() }) {
+    Object.assign(this, { accepts, onHold, onRelease, onLetGo, fields });
     this.directions = sideways ? ALL : DIRECTIONS;
     this.pressed = new Set();
     this.focusedAt = -Infinity;
@@ -43,8 +43,7 @@ export class Keyboard {
   down(event) {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
     if (event.ctrlKey || event.metaKey || event.altKey) return this.onLetGo();
-    if (matches(event.target, TYPING)) return;
-    if (event.code in this.directions && !this.meantForSlider(event)) this.direction(event);
+    if (event.code in this.directions && !this.meantForField(event)) this.direction(event);
   }
 
   direction(event) {
@@ -66,9 +65,9 @@ export class Keyboard {
     this.pressed.clear();
   }
 
-  // Not the repeats of a key that drives, whose hand took the slider meanwhile: they would push the limit to its end.
-  meantForSlider({ code, target }) {
-    return code.startsWith("Arrow") && !this.pressed.has(code) && matches(target, "input[type=range]");
+  // Not the repeats of a key that drives, whose hand took a slider meanwhile: they would push the limit to its end.
+  meantForField(event) {
+    return !this.pressed.has(event.code) && this.fields.keeps(event);
   }
 
   tell({ timeStamp }) {

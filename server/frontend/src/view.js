@@ -158,6 +158,7 @@ export class View {
   press(event) {
     const deed = deedOf(event);
     if (!deed) return;
+    event.preventDefault(); // a menu that has the focus would look for the letter
     if (deed.fullscreen) toggleFull(this.root);
     else this.change(() => (deed.next ? this.layout.next() : this.layout.nth(deed.nth)));
   }

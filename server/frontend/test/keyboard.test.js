@@ -62,6 +62,17 @@ test("keys typed into a field do nothing, not even the space bar", () => {
   assert.deepEqual(told, []);
 });
 
+test("letters drive past a menu or slider that has the focus, which keeps its arrow keys", () => {
+  for (const target of [element("select"), SLIDER]) {
+    keyboard.down(key("ArrowUp", { target }));
+    const letter = key("KeyW", { target });
+    keyboard.down(letter);
+    assert.equal(letter.prevented, true);
+    keyboard.up(key("KeyW", { target }));
+  }
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released", { forward: 1, left: 0, turn: 0 }, "released"]);
+});
+
 test("a key pressed on the page and let go in a field is let go", () => {
   keyboard.down(key("KeyW"));
   keyboard.up(key("KeyW", { target: TEXT_FIELD }));

@@ -1,7 +1,7 @@
 // The keys of the picture: C the next camera, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
 // that drive, which they must never be.
 
-import { TYPING, matches } from "../page.js";
+import { TEXT, matches } from "../page.js";
 
 // Gives the deed that a key asks for: {next}, {nth: 0..3}, {fullscreen}, or null.
 export function deedOf(event) {
@@ -14,4 +14,4 @@ export function deedOf(event) {
 }
 
 const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) =>
-  repeat || ctrlKey || altKey || metaKey || matches(target, TYPING);
+  repeat || ctrlKey || altKey || metaKey || matches(target, TEXT);

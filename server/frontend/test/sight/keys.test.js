@@ -23,5 +23,9 @@ test("shortcuts, repeats and typed text are not for the picture", () => {
   assert.equal(deedOf({ code: "KeyC", ctrlKey: true, target: page }), null);
   assert.equal(deedOf({ code: "KeyC", metaKey: true, target: page }), null);
   assert.equal(deedOf({ code: "KeyC", repeat: true, target: page }), null);
-  assert.equal(deedOf({ code: "Digit1", target: within("select") }), null);
+  assert.equal(deedOf({ code: "Digit1", target: within("textarea") }), null);
+});
+
+test("a menu that has the focus keeps no letter and no number", () => {
+  assert.deepEqual(deedOf({ code: "KeyC", target: within("select") }), { next: true });
 });
