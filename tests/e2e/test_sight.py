@@ -196,6 +196,22 @@ def test_fullscreen_lets_go_of_the_stick(robot: Page, stack: Stack) -> None:
         robot.keyboard.up("w")
 
 
+def test_choosing_the_map_holds_nothing(robot: Page, stack: Stack) -> None:
+    """The camera goes on in the inset, so that there is a picture to drive by, and is alone again when it is chosen."""
+    robot.get_by_test_id("camera").select_option(MAP)
+    _expect_main(robot, MAP)
+    _expect_picture(_tile(robot, FRONT), "live")
+    robot.wait_for_timeout(3000)  # after which it was held for good
+    expect_live(robot, seconds=10)
+    with SimWatch(stack, ROBOT) as watch:
+        expect_armed(robot)
+        robot.keyboard.down("d")
+        watch.wait_pose("turning by the map", lambda pose: pose["angular_velocity"] < 0)
+        robot.keyboard.up("d")
+    robot.get_by_test_id("camera").select_option(FRONT)
+    expect(_tile(robot, MAP)).to_have_count(0)
+
+
 def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None:
     """The map's tile draws the map, the scan and, after a drive, the path; what is switched off stays away."""
     # Not at a wall, to which another test may have driven it; and on a page that does not see it jump from there.

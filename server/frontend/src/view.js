@@ -188,7 +188,7 @@ export class View {
     const { layout, tools } = this;
     const turned = ({ topic, turned_deg }) => layout.turned(topic, turned_deg);
     this.tiles.arrange({
-      kind: layout.kind,
+      kind: layout.arranged,
       main: layout.main,
       shown: layout.shown.map((id) => this.cameras.find(({ topic }) => topic === id) ?? { topic: id, name: texts.map }),
       turned,

@@ -1,6 +1,8 @@
 // How the pictures stand: one, one with another inset, or a grid, and which of them is the main one. Pure.
 // Sources are named by ids: topics of cameras, and MAP.
 
+import { MAP } from "./sources.js";
+
 export const KINDS = ["one", "inset", "grid"];
 
 const GRID_PLACES = 4;
@@ -34,12 +36,17 @@ export class Layout {
     return others.includes(this.wantedSecond) ? this.wantedSecond : (others[0] ?? null);
   }
 
+  // How they stand now: beside a map that is alone the camera goes on, as driving is held without it.
+  get arranged() {
+    return this.kind === "one" && this.main === MAP ? "inset" : this.kind;
+  }
+
   // The ids in their order on the page. In the grid every one keeps its place, whichever is the main one.
   get shown() {
-    const { main, second } = this;
+    const { main, second, arranged } = this;
     if (main === null) return [];
-    if (this.kind === "one" || second === null) return [main];
-    if (this.kind === "inset") return [main, second];
+    if (arranged === "one" || second === null) return [main];
+    if (arranged === "inset") return [main, second];
     const first = this.ids.slice(0, GRID_PLACES);
     return first.includes(main) ? first : [...first.slice(0, -1), main];
   }

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { Layout } from "../../src/sight/layout.js";
+import { MAP } from "../../src/sight/sources.js";
 
 let layout;
 
@@ -16,6 +17,21 @@ test("one picture is shown until more are wanted", () => {
   assert.deepEqual(layout.shown, ["/a", "/b"]);
   layout.use("nonsense");
   assert.equal(layout.kind, "inset");
+});
+
+test("beside a map that is chosen the camera before goes on, and alone again when it is chosen", () => {
+  layout.offer(["/a", "/b", MAP]);
+  layout.choose("/b");
+  assert.deepEqual([layout.arranged, layout.shown], ["one", ["/b"]]);
+  layout.choose(MAP);
+  assert.deepEqual([layout.arranged, layout.shown], ["inset", [MAP, "/b"]]);
+  layout.choose("/a");
+  assert.deepEqual([layout.arranged, layout.shown], ["one", ["/a"]]);
+});
+
+test("a map without any camera stands alone", () => {
+  layout.offer([MAP]);
+  assert.deepEqual(layout.shown, [MAP]);
 });
 
 test("swapping makes the main one the inset", () => {
