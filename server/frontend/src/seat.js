@@ -2,6 +2,7 @@
 // It must never take the wheel unless the person asked for it on this page, and never arm the controls when
 // control comes at a moment that the person does not choose.
 
+const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };
 
 export class Seat {
@@ -22,6 +23,8 @@ export class Seat {
   }
 
   hear(control) {
+    const released = this.control.stopped && !control.stopped;
+    if (released && OF_A_STOP.includes(this.note?.why)) this.note = null;
     this.control = { ...NOTHING, ...control };
     if (this.asked) this.followQuestion();
     this.onChange();

@@ -135,6 +135,23 @@ test("only the driver's own page is asked", () => {
   assert.equal(seat.asking, null);
 });
 
+test("that the robot was stopped is said until it is released", () => {
+  for (const note of [() => seat.lose("robot_stopped", ""), () => seat.say({ why: "stopped_meanwhile" })]) {
+    note();
+    seat.hear({ driver: null, stopped });
+    assert.notEqual(seat.note, null);
+    seat.hear({ driver: ann });
+    assert.equal(seat.note, null);
+  }
+});
+
+test("a release ends no note of something else", () => {
+  seat.lose("lease_held", "");
+  seat.hear({ driver: ann, stopped });
+  seat.hear({ driver: ann });
+  assert.equal(seat.note.why, "lease_held");
+});
+
 test("what can be done depends on who drives, who waits and whether the robot is stopped", () => {
   const offered = (control) => {
     seat.hear(control);
