@@ -80,7 +80,7 @@ def test_a_frozen_picture_holds_driving_until_pressed_anew(page: Page, stack: St
         page.keyboard.down("w")
         watch.wait_pose("moving", _moving)
         with frozen_cameras(stack, ROBOT):
-            _expect_shown(page, "held", "The picture is too old to drive by.", seconds=5)
+            _expect_shown(page, "held", "The video is frozen.", seconds=5)
             expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
             watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
             held_at = page.evaluate("window.shownAt.held") - time.time() + time.monotonic()
@@ -105,7 +105,7 @@ def test_a_driver_may_go_on_without_the_picture_until_it_is_back(page: Page, sta
     open_robot(page, stack, ROBOT)
     with SimWatch(stack, ROBOT) as watch:
         with frozen_cameras(stack, ROBOT):
-            _expect_shown(page, "held", "Driving held", seconds=5)
+            _expect_shown(page, "held", "Paused", seconds=5)
             page.get_by_test_id("state-action").focus()
             page.keyboard.press("Enter")
             _expect_shown(page, "blind", "You cannot see")
@@ -116,7 +116,36 @@ def test_a_driver_may_go_on_without_the_picture_until_it_is_back(page: Page, sta
             page.keyboard.up("w")
         _expect_shown(page, "live", "Ready to drive.", seconds=10)
         with frozen_cameras(stack, ROBOT):
-            _expect_shown(page, "held", "Driving held", seconds=5)
+            _expect_shown(page, "held", "Paused", seconds=5)
+
+
+def test_a_disabled_robot_is_not_told_to_come_back(page: Page, stack: Stack) -> None:
+    """The banner says who switched it off; enabled again, the page is live by itself."""
+    open_robot(page, stack, ROBOT)
+    stack.robotether("robot", "disable", ROBOT)
+    try:
+        _expect_shown(page, "disabled", "By an administrator.")
+        expect(page.get_by_test_id("state")).not_to_contain_text("by itself")
+    finally:
+        stack.robotether("robot", "enable", ROBOT)
+    expect_live(page, seconds=60)
+
+
+def test_who_is_logged_out_reads_that_and_nothing_else(page: Page, stack: Stack) -> None:
+    """No page goes on saying that it drives, or that the server does not answer."""
+    open_robot(page, stack, ROBOT)
+    expect_armed(page)
+    log_out = page.context.new_page()
+    log_out.goto(f"{stack.url}/profile")
+    log_out.get_by_test_id("logout").click()
+    log_out.close()
+    _expect_shown(page, "not_allowed", "Your login has ended. Log in again.", seconds=15)
+    expect(page.get_by_test_id("tile-words")).to_contain_text("Your login has ended.")
+    expect(page.get_by_test_id("control")).to_be_hidden()
+    page.wait_for_timeout(1500)  # in which the video was asked for again, and its words changed
+    shown = page.locator("main").inner_text()
+    for word in ("You drive", "drives since", "does not answer"):
+        assert word not in shown
 
 
 def test_whoever_watches_is_held_by_nothing(stack: Stack, browser: Browser) -> None:
@@ -129,7 +158,7 @@ def test_whoever_watches_is_held_by_nothing(stack: Stack, browser: Browser) -> N
         expect(driver.get_by_test_id("watchers")).to_have_text("1 watching.", timeout=10_000)
         expect(watching.get_by_test_id("driver")).to_contain_text("admin drives since")
         with frozen_cameras(stack, ROBOT):
-            _expect_shown(driver, "held", "Driving held", seconds=5)
+            _expect_shown(driver, "held", "Paused", seconds=5)
             _expect_shown(watching, "live", "You are watching.")
     finally:
         crew.close()

@@ -110,6 +110,7 @@ function useControl(control) {
 
 function showState(state) {
   if (state.lost) seat.lose(state.lost, state.reason);
+  if (state.name === "not_allowed") endAll(state);
   const live = state.name === "live";
   commands.use(live && seat.driving);
   arming.disarm(); // each new link needs new presses
@@ -124,6 +125,13 @@ function showState(state) {
     discovery.stop();
     readback.forget();
   }
+}
+
+// The banner says why; who drives and what the cameras see this page is told no more.
+function endAll({ login }) {
+  seat.end();
+  byTestId(root, "control").hidden = true;
+  view.refuse(login ? "login_missing" : "rights_ended");
 }
 
 function showSeat() {
@@ -151,8 +159,8 @@ function useTopics({ twistType, speed, topics }) {
 
 function useNews(robotNews) {
   const wasOnline = facts.online && facts.ros !== "down";
-  const { online, ros, since, control, rtt_ms: rttMs, observers } = robotNews;
-  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since) });
+  const { state, online, ros, since, control, rtt_ms: rttMs, observers } = robotNews;
+  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), disabled: state === "disabled" });
   showWatchers(observers);
   if (control) session.news.fromFeed(control);
   showBanner();

@@ -43,6 +43,12 @@ export class Seat {
     this.sit({ armed: why !== "released" });
   }
 
+  // This page is told nothing any more.
+  end() {
+    Object.assign(this, { control: NOTHING, asked: null, note: null });
+    this.onChange();
+  }
+
   leave() {
     this.mode = "observe";
     this.armed = false;

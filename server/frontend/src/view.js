@@ -37,6 +37,7 @@ export class View {
     this.sleep = new Sleep();
     this.news = new FreshnessNews(onFreshness);
     this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
+    this.refused = null;
     this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
     this.vitals = new Vitals(part(this.element, "vitals"), { subscribe, now });
     this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
@@ -76,6 +77,12 @@ export class View {
     this.vitals.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
     this.offer();
+  }
+
+  // No picture comes to this page any more; `why` as of texts/sight.js.
+  refuse(why) {
+    this.refused = why;
+    this.arrange();
   }
 
   retryNow() {
@@ -192,7 +199,8 @@ export class View {
       main: layout.main,
       shown: layout.shown.map((id) => this.cameras.find(({ topic }) => topic === id) ?? { topic: id, name: texts.map }),
       turned,
-      playing: !document.hidden,
+      playing: !document.hidden && !this.refused,
+      why: this.refused ?? "paused",
     });
     if (layout.main) tools.camera.value = layout.main;
     tools.turn.disabled = tools.still.disabled = layout.main === MAP;

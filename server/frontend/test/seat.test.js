@@ -145,6 +145,14 @@ test("that the robot was stopped is said until it is released", () => {
   }
 });
 
+test("a page that is told nothing any more says of nobody that they drive or ask, and takes nothing", () => {
+  askAnn();
+  seat.end();
+  assert.deepEqual([seat.control.driver, seat.asking, seat.note, seat.asked], [null, null, null, null]);
+  seat.hear({ driver: null });
+  assert.deepEqual([seat.mode, moves], ["observe", []]);
+});
+
 test("a release ends no note of something else", () => {
   seat.lose("lease_held", "");
   seat.hear({ driver: ann, stopped });

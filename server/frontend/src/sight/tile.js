@@ -35,10 +35,11 @@ export class CameraTile {
   }
 
   // No picture comes any more; the last stays, as old as it gets.
-  stop() {
+  stop(why = "paused") {
     const { stream } = this;
     this.stream = null;
     stream?.stop();
+    this.hear({ why });
   }
 
   retryNow() {

@@ -22,8 +22,8 @@ export class Tiles {
     this.tiles.forEach(act);
   }
 
-  // `shown` are {topic, name}, in their order; `turned(camera)` in degrees; `playing` false ends all streams.
-  arrange({ kind, main, shown, turned, playing }) {
+  // `shown` are {topic, name}, in their order; `turned(camera)` in degrees; `playing` false ends all streams, and `why` says why.
+  arrange({ kind, main, shown, turned, playing, why }) {
     this.stage.dataset.layout = shown.length > 1 ? kind : "one";
     this.stage.dataset.tiles = shown.length;
     this.stage.dataset.map = main === MAP;
@@ -34,7 +34,7 @@ export class Tiles {
       const tile = this.tiles.get(source.topic);
       tile.turn(turned(source));
       if (playing) tile.start();
-      else tile.stop();
+      else tile.stop(why);
     }
     this.each((tile) => tile.ask());
   }

@@ -2,6 +2,7 @@
 
 // By the names of truth/outlook.js; those of a connection that does not stand are in texts.js.
 export const states = {
+  disabled: { title: "Disabled", detail: () => "By an administrator." },
   stopping: {
     title: "Stopping",
     detail: ({ stopped }) => `${stopped.by} pressed Stop at ${stopped.at}; the robot has not confirmed it yet.`,
@@ -16,11 +17,8 @@ export const states = {
     detail: () => "No command reaches the wheels. Restart the agent on the robot if this stays.",
   },
   held: {
-    title: "Driving held",
-    detail: ({ sight }) =>
-      sight === "old"
-        ? "The picture is too old to drive by."
-        : "There is no picture to drive by.",
+    title: "Paused",
+    detail: ({ sight }) => (sight === "old" ? "The video is frozen." : "There is no video to drive by."),
     action: "Drive without picture",
   },
   blind: {

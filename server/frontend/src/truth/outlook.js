@@ -1,13 +1,17 @@
 // The one state that the page's banner shows, out of all that is true at once: what keeps the robot from driving
 // comes first. Pure.
 
-export const NAMES = ["stopping", "stopped", "guard_down", "held", "blind"];
+export const NAMES = ["disabled", "stopping", "stopped", "guard_down", "held", "blind"];
+const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
-// `state` is the connection's (states.js); `control` as in docs/protocols.md, `sight` the kind of sighthold.js.
-export function outlook({ name }, { control = {}, driving, sight }) {
-  if (name !== "live") return name;
+// `state` is the connection's (states.js); `control` as in docs/protocols.md, `sight` the kind of sighthold.js; `disabled` by an
+// administrator.
+export function outlook({ name }, { control = {}, driving, sight, disabled = false }) {
+  if (name !== "live") return disabled ? asDisabled(name) : name;
   return robots(control) ?? (driving ? pictures(sight) : null) ?? "live";
 }
+
+const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
 
 function robots({ stopped, guard }) {
   if (stopped) return stopped.confirmed ? "stopped" : "stopping";

@@ -79,6 +79,13 @@ test("an old picture stays with words and its age", async () => {
   assert.match(parts.facts.textContent, /^13 s old/);
 });
 
+test("why a tile was stopped is said, also of one that played nothing", async () => {
+  tile.stop("login_missing");
+  assert.equal(parts.words.textContent, "Your login has ended.");
+  tile.stop("rights_ended");
+  assert.equal(parts.words.textContent, "Your rights have changed.");
+});
+
 test("a picture that is decoded after the stream has ended counts no more", async () => {
   const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
   tile.stop();

@@ -14,6 +14,11 @@ test("without a connection its own state is shown, whatever was true before", ()
   assert.equal(outlook({ name: "offline" }, { control, driving: true, sight: "old" }), "offline");
 });
 
+test("a robot that an administrator disabled is not one that comes back by itself", () => {
+  for (const name of ["offline", "link_lost"]) assert.equal(outlook({ name }, { disabled: true }), "disabled");
+  for (const name of ["live", "not_allowed", "server_unreachable"]) assert.equal(outlook({ name }, { disabled: true }), name);
+});
+
 test("a stop comes before all else, and says whether the robot has confirmed it", () => {
   const stopped = { by: "ben", at: "", confirmed: false };
   assert.equal(outlook(LIVE, { ...FINE, control: { stopped, guard: "down" }, sight: "old" }), "stopping");
