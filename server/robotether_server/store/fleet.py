@@ -153,7 +153,7 @@ def changes(tx: Transaction) -> Changes:
 def load(tx: Transaction) -> Snapshot:
     """Read robots and rights, all of the same moment as the version in it; the first of its transaction.
 
-    Were they newer, a grant that is given and taken away around this moment would stay: the version is then what it was.
+    Were they newer, a grant that is given and taken away around this moment would stay: its end leaves this version.
     """
     tx.change("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
     rights = changes(tx).rights
