@@ -17,14 +17,19 @@ need_root() { # what for
   fail "cannot $1 as user $(id -un): neither root nor sudo. As root, run in this folder: tools/$PROGRAM"
 }
 
-# Distribution packages, quietly; apt's lists are fetched once a script.
+# apt's lists, which a fresh machine has not got; fetched once a script.
+apt_update() {
+  if [ -n "${apt_updated:-}" ]; then return; fi
+  need_root "fetch apt's lists"
+  as_root apt-get update -qq
+  apt_updated=1
+}
+
+# Distribution packages, quietly.
 apt_install() {
   command -v apt-get >/dev/null 2>&1 || fail "cannot install $*: this is no Debian or Ubuntu; install them and run this again"
   need_root "install $*"
-  if [ -z "${apt_updated:-}" ]; then
-    as_root apt-get update -qq
-    apt_updated=1
-  fi
+  apt_update
   # A machine that only needs a program must not get a listening daemon with it.
   as_root env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get install -y -qq --no-install-recommends "$@" >/dev/null
 }

@@ -91,6 +91,7 @@ def test_second_run_changes_nothing(enrolled: Enrolled) -> None:
 def test_it_is_proved_from_the_controller(enrolled: Enrolled) -> None:
     """Each run ends with a message that went through the server to rosbridge and back."""
     assert re.search(r"a message went to its rosbridge and back in [0-9.]+ ms", enrolled.first.text)
+    assert "WARNING: rosbridge" not in enrolled.first.text
 
 
 async def test_a_twist_moves_the_robot(enrolled: Enrolled, site: Site) -> None:
@@ -169,12 +170,14 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
 
 
 def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
-    """A row that an admin made before gets the robot's key; kernel settings that a container refuses are told."""
+    """A row that an admin made before gets the robot's key; the run tells what of the robot should be otherwise."""
     scout = hosts.boot("scout")
+    scout.ros_listens_on("0.0.0.0")
     site.stack.robotether("robot", "add", "scout", "--mac", scout.mac)
     played = site.play_well("enroll.yml", scout, robotether_tuning_bbr="true")
     scout.wait("online", lambda: site.stack.online("scout"))
     played.must_say("scout keeps its kernel settings: they are read-only here")
+    played.must_say("WARNING: rosbridge listens on 0.0.0.0: everybody in this robot's own network")
 
 
 @pytest.mark.skipif(

@@ -129,6 +129,7 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     stack: Stack, admin: dict[str, str], robot: Robot
 ) -> None:
     """The printed line brings a machine online; a second run finds nothing to do; uninstalling leaves nothing."""
+    robot.host.ros_listens_on("0.0.0.0")
     line = invite(stack, admin)
     good, said = robot.install(line, "--interface eth0 --name turtle")
     assert good, said
@@ -136,6 +137,16 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     stack.wait("turtle online", lambda: online(stack, robot.host.mac), "relay", "sshd")
     assert not robot.host.succeeds("test -e /etc/robotether/token")
     assert "token" not in robot.host.run("cat /etc/robotether/agent.toml")
+
+    # Everybody in its network drives past the guard: robot, installer and server's page say so until it is mended.
+    exposed = "SELECT ros_exposed FROM robot_sessions ORDER BY id DESC LIMIT 1"
+    assert "WARNING: rosbridge listens on 0.0.0.0" in said
+    stack.wait("the server's warning", lambda: stack.sql(exposed) == [["1"]], "relay")
+    doctor = robot.host.run("robotether-agent doctor", check=False)
+    assert re.search(r"^warning +rosbridge +listens on 0\.0\.0\.0", doctor, re.MULTILINE)
+    robot.host.ros_listens_on("127.0.0.1")
+    stack.wait("no warning", lambda: stack.sql(exposed) == [["0"]], "relay", seconds=60)
+    assert "warning" not in robot.host.run("robotether-agent status")
 
     before = robot.state()
     good, said = robot.install(line, "--interface eth0 --name turtle")

@@ -102,6 +102,13 @@ class RobotHost:
             archive.addfile(entry, io.BytesIO(content))
         assert self.container.put_archive("/", buffer.getvalue())
 
+    def ros_listens_on(self, address: str) -> None:
+        """Let the simulated ROS listen there: on 0.0.0.0 as ROS does by itself, or 127.0.0.1 as at first."""
+        setting = f"[Service]\nEnvironment=SIM_BIND_ADDRESS={address}\n"
+        self.put(setting.encode(), "/etc/systemd/system/sim-robot.service.d/address.conf")
+        self.run("systemctl daemon-reload && systemctl restart sim-robot")
+        self.wait("rosbridge listens", lambda: self.succeeds("exec 3<>/dev/tcp/127.0.0.1/9090"))
+
     def footprint(self) -> set[str]:
         """Every lasting file outside of people's homes, with its owner and mode, and all users and groups.
 
