@@ -115,7 +115,7 @@ async def check_video(settings: Settings) -> Finding:
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
     if exposed := exposed_at(url):
-        who = "everybody in this robot's own network can watch"
+        who = "everybody in its own network can watch"
         return ok("video", f"answers at {url}, and listens on {exposed}: {who}; or {ADVICE}")
     return ok("video", f"answers at {url}")
 

@@ -123,10 +123,10 @@ async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
     monkeypatch.setattr(machine, "exposed_at", lambda _url: "0.0.0.0")
     rosbridge, video = await machine.check_rosbridge(settings), await machine.check_video(settings)
     assert rosbridge.state == WARNING
-    assert "listens on 0.0.0.0: everybody in this robot's own network can drive" in rosbridge.detail
+    assert "listens on 0.0.0.0: everybody in its own network can drive" in rosbridge.detail
     assert "address:=127.0.0.1" in rosbridge.advice
     assert video.state == OK
-    assert "everybody in this robot's own network can watch" in video.detail
+    assert "everybody in its own network can watch" in video.detail
 
 
 async def test_the_robots_own_ssh_server(settings):
