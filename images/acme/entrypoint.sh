@@ -1,12 +1,15 @@
 #!/bin/sh
-# Keeps a certificate for DOMAIN: gets one, and another when a third of its life is left. A failure changes nothing of
-# what serves; it is told in the log, and tried again after a pause that grows, as authorities count failures.
+# Keeps a certificate for DOMAIN: gets one, and another when the authority asks for it or too little of its life is left.
+# A failure changes nothing of what serves; it is told in the log, and tried again after a pause that grows, as
+# authorities count failures.
 set -eu
 
 readonly STATE=/var/lib/acme
 readonly CHALLENGES=/var/lib/acme-challenge
 readonly OUT=/etc/nginx/acme
-readonly LOOK_EVERY_S=5
+readonly ACCOUNT=$STATE/account
+readonly SHORTEST_LOOK_S=5
+readonly LONGEST_LOOK_S=21600
 readonly FIRST_PAUSE_S=20
 readonly LONGEST_PAUSE_S=21600
 
@@ -39,26 +42,28 @@ life_s() { # certificate
   echo "$(($(seconds_of -enddate "$1") - $(seconds_of -startdate "$1")))"
 }
 
-is_due() {
-  certificate=$OUT/current/cert.pem
-  ! [ -s "$certificate" ] ||
-    ! openssl x509 -in "$certificate" -noout -checkend "$(($(life_s "$certificate") / 3))" >/dev/null ||
-    ! openssl x509 -in "$certificate" -noout -checkhost "$DOMAIN" | grep -q 'does match'
-}
-
 ask() { # run or renew, with its options
   lego --accept-tos --email "$ACME_EMAIL" --domains "$DOMAIN" --server "$ACME_SERVER" --path "$STATE" \
     --http --http.webroot "$CHALLENGES" "$@"
 }
 
-# What lego has is renewed whatever its age: whether it is due was decided here.
+# An account of another authority or address cannot renew what this one got. A state from before has no such note.
+is_renewable() {
+  [ -s "$STATE/certificates/$DOMAIN.key" ] &&
+    { ! [ -s "$ACCOUNT" ] || [ "$(cat "$ACCOUNT")" = "$ACME_SERVER $ACME_EMAIL" ]; }
+}
+
+# lego renews when the authority says so (ARI, RFC 9773), or says nothing and a third of the life is left, of a life of 10
+# days and less a half.
 get() {
-  if [ -s "$STATE/certificates/$DOMAIN.key" ]; then
-    ask renew --days 36500 --no-random-sleep
+  if is_renewable; then
+    ask renew --dynamic --no-random-sleep
   else
     ask run
-  fi
+  fi && echo "$ACME_SERVER $ACME_EMAIL" > "$ACCOUNT"
 }
+
+is_handed_over() { cmp -s "$STATE/certificates/$DOMAIN.crt" "$OUT/current/cert.pem"; }
 
 # nginx sees the old pair or the new one, and never half of each.
 hand_over() {
@@ -73,18 +78,25 @@ hand_over() {
   echo "acme: $DOMAIN has a certificate until $(openssl x509 -in "$OUT/current/cert.pem" -noout -enddate | cut -d= -f2)"
 }
 
+# Often enough for a window of a few hours in a life of days, and no more often than authorities want to be asked.
+until_next_look_s() {
+  pause_s=$(($(cat "$OUT/current/life_s") / 50))
+  if [ "$pause_s" -lt "$SHORTEST_LOOK_S" ]; then pause_s=$SHORTEST_LOOK_S; fi
+  if [ "$pause_s" -gt "$LONGEST_LOOK_S" ]; then pause_s=$LONGEST_LOOK_S; fi
+  echo "$pause_s"
+}
+
 main() {
   umask 077
   check_settings
   if [ -s /etc/robotether/acme-ca.pem ]; then export LEGO_CA_CERTIFICATES=/etc/robotether/acme-ca.pem; fi
   pause_s=$FIRST_PAUSE_S
   while :; do
-    if ! is_due; then
-      sleep "$LOOK_EVERY_S"
-    elif get && hand_over; then
+    if get && { is_handed_over || hand_over; }; then
       pause_s=$FIRST_PAUSE_S
+      sleep "$(until_next_look_s)"
     else
-      echo "acme: no certificate for $DOMAIN yet; next try in $pause_s s. $DOMAIN must lead to port 80 of this server" >&2
+      echo "acme: no certificate for $DOMAIN, or none newer; next try in $pause_s s. $DOMAIN must lead to port 80 of this server" >&2
       sleep "$pause_s"
       pause_s=$((pause_s * 4))
       if [ "$pause_s" -gt "$LONGEST_PAUSE_S" ]; then pause_s=$LONGEST_PAUSE_S; fi

@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from acme_network import DOMAIN, AcmeNetwork, make_certificate
+from acme_network import DOMAIN, OTHER, AcmeNetwork, make_certificate
 
 HSTS = "strict-transport-security"
+VALIDITY_S = 30
+GOT = b"has a certificate until"
+NOT_YET = b"renewal is not needed"
+ASKED_TO = b"renewal is needed"
 
 
 @pytest.fixture
@@ -36,26 +40,61 @@ def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
     assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code == 0
 
 
-def test_a_certificate_is_renewed_before_it_ends(folder: Path) -> None:
-    """A third of its life before the end."""
-    with AcmeNetwork(folder, validity_s=30) as network:
+def test_a_short_lived_certificate_is_renewed_before_it_ends(folder: Path) -> None:
+    """The next one is there while it still holds, though its life is half a minute."""
+    with AcmeNetwork(folder, validity_s=VALIDITY_S) as network:
         network.start_authority()
         nginx = network.start_nginx()
         acme = network.start_acme()
-        network.wait("a certificate", lambda: b"has a certificate until" in acme.logs(), acme)
+        network.wait("a certificate", lambda: GOT in acme.logs(), acme)
         network.wait(
             "a second one",
-            lambda: acme.logs().count(b"has a certificate until") > 1,
+            lambda: acme.logs().count(GOT) > 1,
             acme,
-            seconds=60,
+            seconds=VALIDITY_S,
         )
         network.wait_served(nginx, "*Pebble*", acme)
+
+
+@pytest.mark.parametrize("days", [6, 25, 47, 64, 90])
+def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder: Path, days: int) -> None:
+    """Not while it is new, however short its life is; at once when its renewal window (ARI) has begun."""
+    with AcmeNetwork(folder, validity_s=days * 86400) as network:
+        network.start_authority()
+        network.wait_served(network.start_nginx(), DOMAIN)
+        acme = network.start_acme()
+        network.wait("a certificate", lambda: acme.logs().count(GOT) == 1, acme)
+        acme.restart(timeout=1)
+        network.wait("a look at its age", lambda: NOT_YET in acme.logs(), acme)
+        assert acme.logs().count(GOT) == 1
+        # What an authority says of a certificate that it had to revoke: renew at once.
+        network.revoke(acme)
+        acme.restart(timeout=1)
+        network.wait("another certificate", lambda: acme.logs().count(GOT) == 2, acme)
+        assert ASKED_TO in acme.logs()
+        acme.restart(timeout=1)
+        network.wait("a look at its age", lambda: acme.logs().count(NOT_YET) == 2, acme)
+        assert acme.logs().count(GOT) == 2
+
+
+def test_another_authority_is_asked_for_a_certificate_of_its_own(folder: Path) -> None:
+    """It cannot renew what another has given; so the move from a staging authority needs no clean-up."""
+    with AcmeNetwork(folder) as network:
+        network.start_authority()
+        network.wait_served(network.start_nginx(), DOMAIN)
+        first = network.start_acme()
+        network.wait("a certificate", lambda: GOT in first.logs(), first)
+        network.stop(first)
+        network.start_authority(OTHER)
+        second = network.start_acme(authority=OTHER)
+        network.wait("a certificate", lambda: GOT in second.logs(), second)
 
 
 def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetwork) -> None:
     """The self-signed certificate serves, the client is unhealthy and says why, and it gets there later."""
     nginx, acme = network.start_nginx(), network.start_acme()
-    network.wait("the failure", lambda: b"no certificate for" in acme.logs(), acme)
+    # lego itself tries for half a minute.
+    network.wait("the failure", lambda: b"no certificate for" in acme.logs(), acme, seconds=60)
     assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code != 0
     network.wait_served(nginx, DOMAIN)
     network.start_authority()

@@ -21,11 +21,12 @@ from typing import Self
 import docker
 from docker.models.containers import Container
 from image_names import image
+from inside import run_inside
 from local_network import insecure_tls
 
 ROOT = Path(__file__).resolve().parents[2]
 DOMAIN = "robots.example.test"
-AUTHORITY = "authority"
+AUTHORITY, OTHER = "authority", "other"
 
 
 class AcmeNetwork:
@@ -91,15 +92,15 @@ class AcmeNetwork:
             tmpfs={"/run/nginx": "uid=33,gid=33,mode=0700"},
         )
 
-    def start_acme(self, domain: str = DOMAIN) -> Container:
+    def start_acme(self, domain: str = DOMAIN, authority: str = AUTHORITY) -> Container:
         """Start the client."""
         return self._run(
             "acme",
-            "acme",
+            f"acme-of-{authority}",
             environment={
                 "DOMAIN": domain,
                 "ACME_EMAIL": "admin@example.test",
-                "ACME_SERVER": f"https://{AUTHORITY}:14000/dir",
+                "ACME_SERVER": f"https://{authority}:14000/dir",
             },
             volumes={
                 self._volumes[0].name: {"bind": "/etc/nginx/acme", "mode": "rw"},
@@ -113,12 +114,27 @@ class AcmeNetwork:
             tmpfs={"/tmp": ""},
         )
 
-    def start_authority(self) -> Container:
-        """Start pebble, and wait until it listens."""
+    def stop(self, container: Container) -> None:
+        """Remove a container before the end of the block."""
+        self._containers.remove(container)
+        container.remove(force=True, v=True)
+
+    def revoke(self, acme: Container) -> None:
+        """Revoke the certificate that the client has."""
+        settings = dict(entry.split("=", 1) for entry in acme.attrs["Config"]["Env"])
+        command = ["lego", "--email", settings["ACME_EMAIL"], "--server", settings["ACME_SERVER"]]
+        command += ["--domains", settings["DOMAIN"], "--path", "/var/lib/acme", "revoke", "--keep"]
+        done = run_inside(
+            acme, *command, environment={"LEGO_CA_CERTIFICATES": "/etc/robotether/acme-ca.pem"}
+        )
+        assert done.returncode == 0, done.stderr
+
+    def start_authority(self, name: str = AUTHORITY) -> Container:
+        """Start pebble, and wait until it listens; each has forgotten what another gave."""
         container = self._run(
             "pebble",
-            AUTHORITY,
-            aliases=[AUTHORITY],
+            name,
+            aliases=[name],
             volumes={str(self._folder / "pebble"): {"bind": "/etc/pebble", "mode": "ro"}},
         )
         self.wait("pebble listens", lambda: b"Listening on" in container.logs(), container)
@@ -200,7 +216,7 @@ class AcmeNetwork:
         """Write pebble's settings, and the certificate under which it serves its own directory."""
         place = self._folder / "pebble"
         place.mkdir()
-        make_certificate(place, AUTHORITY)
+        make_certificate(place, AUTHORITY, OTHER)
         settings = {
             "listenAddress": "0.0.0.0:14000",
             "managementListenAddress": "0.0.0.0:15000",
@@ -215,11 +231,11 @@ class AcmeNetwork:
         (place / "pebble.json").write_text(json.dumps({"pebble": settings}))
 
 
-def make_certificate(folder: Path, name: str, days: int = 2) -> None:
-    """Write cert.pem and key.pem for a host name, signed by itself, readable by everybody."""
+def make_certificate(folder: Path, name: str, *more: str, days: int = 2) -> None:
+    """Write cert.pem and key.pem for host names, signed by itself, readable by everybody."""
     command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
     command += ["-nodes", "-days", str(days), "-subj", f"/CN={name}"]
-    command += ["-addext", f"subjectAltName=DNS:{name}"]
+    command += ["-addext", "subjectAltName=" + ",".join(f"DNS:{each}" for each in (name, *more))]
     command += ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem")]
     subprocess.run(command, check=True, capture_output=True)
     (folder / "key.pem").chmod(0o644)
