@@ -4,7 +4,9 @@ Two hashes at a time at most, so that a burst of logins can fill neither memory 
 """
 
 import base64
+import re
 import secrets
+import string
 import threading
 
 from argon2 import PasswordHasher
@@ -18,6 +20,40 @@ MEMORY_KIB = 32 * 1024
 TIME_COST = 3
 SALT_BYTES, HASH_BYTES = 16, 32
 AT_ONCE = 2
+
+# What common passwords of this length are made of. Lists of real ones hold few that are as long.
+_COMMON = """
+a abc access admin administrator amazon and android ansible apple april asdf asdfghjkl august
+autumn azerty bar baseball batman change changeme charlie chocolate cloud company computer cookie
+debian december default demo docker dragon ever facebook february flower foo football freedom
+friday friend github google guest hello hunter i ich iloveyou internet is it january jesus jordan
+july june letme letmein linkedin linux login love lovely march mariadb master may me michael
+microsoft monday monkey mustang my mysql never new ninja no not november october office one online
+operator pass passw passwd password passwort pi please pokemon princess public qwert qwerty
+qwertyuiop qwertz raspberry raspbian remote robot robotether robotics robots root ros rosbridge
+samsung saturday secret secure security september server service shadow spring start starwars
+summer sunday sunshine super superman supervisor support sysadmin system teleop temp temporary
+test tester testing the this thursday trustno tuesday turtle turtlebot turtlesim two ubuntu user
+users vm wednesday welcome whatever winter word world x yes you your zaq zaqwsx
+"""
+COMMON_WORDS = tuple(_COMMON.split())
+LOOKS_LIKE = str.maketrans("013457@$!", "oleastasi")
+_LETTERS = string.ascii_lowercase
+_KEYS = ("1234567890", "qwertyuiop", "asdfghjkl", "zxcvbnm")
+_COLUMNS = (
+    "1qaz2wsx3edc4rfv5tgb6yhn7ujm",
+    "qazwsxedcrfvtgbyhnujm",
+    "1q2w3e4r5t6y7u8i9o0p",
+    "q1w2e3r4t5y6u7i8o9p0",
+)
+ROWS = tuple(
+    row[::way]
+    for row in (_LETTERS * 2, "".join(_KEYS), "".join(_KEYS[1:]), *_COLUMNS)
+    for way in (1, -1)
+)
+# Of a password, upper and lower case taken as one.
+FEW_CHARACTERS = 4
+_NO_LETTER = re.compile("[^a-z]")
 
 _hasher = PasswordHasher(
     time_cost=TIME_COST,
@@ -53,8 +89,34 @@ def hash_password(password: str) -> str:
             f"cannot use this password: it has {len(password)} characters; "
             f"allowed are {SHORTEST} to {LONGEST}"
         )
+    if is_common(password):
+        raise FieldInvalid(
+            "cannot use this password: it is among those that are tried first; choose another, such as "
+            "four words that have nothing to do with each other"
+        )
     with _turn:
         return _hasher.hash(password)
+
+
+def is_common(password: str) -> bool:
+    """Tell whether it is made as common passwords are: few characters, a row of keys, or common words and digits."""
+    text = password.lower()
+    if text.isdigit() or len(set(text)) <= FEW_CHARACTERS or any(text in row for row in ROWS):
+        return True
+    # P@ssw0rd2024! is read as password, and so is password-2024-password.
+    spelt = text.strip(string.digits + string.punctuation + " ").translate(LOOKS_LIKE)
+    return any(_is_of_words(_NO_LETTER.sub("", one)) for one in (text, spelt))
+
+
+def _is_of_words(letters: str) -> bool:
+    """Tell whether the text is common words and nothing else. A regular expression could take for ever."""
+    reached = {0}
+    for place in range(len(letters)):
+        if place in reached:
+            reached |= {
+                place + len(word) for word in COMMON_WORDS if letters.startswith(word, place)
+            }
+    return bool(letters) and len(letters) in reached
 
 
 def matches(password: str, password_hash: str | None) -> bool:

@@ -66,6 +66,7 @@ class WebSettings:
     agent_files_dir: Path
     secret_key: str = field(repr=False)
     login_ttl_h: int
+    login_idle_h: int
     log_level: str
     allowed_origins: tuple[str, ...] = ()
     # None: web makes one.
@@ -148,6 +149,7 @@ def load_web(environ: Mapping[str, str]) -> WebSettings:
         agent_files_dir=v.AGENT_FILES_DIR.read(environ),
         secret_key=v.WEB_SECRET_KEY.read(environ),
         login_ttl_h=v.LOGIN_TTL_H.read(environ),
+        login_idle_h=v.LOGIN_IDLE_H.read(environ),
         log_level=v.LOG_LEVEL.read(environ),
         allowed_origins=v.ALLOWED_ORIGINS.read(environ),
         admin_password=v.ADMIN_PASSWORD.read(environ) or None,

@@ -167,6 +167,13 @@ ADMIN_PASSWORD = Variable(
 LOGIN_TTL_H = Variable(
     "LOGIN_TTL_H", "how long a login lasts", "1 to 720 (hours)", number(1, 720), "12"
 )
+LOGIN_IDLE_H = Variable(
+    "LOGIN_IDLE_H",
+    "how long a login lasts that nobody uses",
+    "1 to 720 (hours)",
+    number(1, 720),
+    "4",
+)
 PUBLIC_HOST = Variable(
     "PUBLIC_HOST",
     "name or address under which robots and people reach this site",
@@ -312,6 +319,7 @@ VARIABLES: tuple[Variable[object], ...] = (
     SESSION_KEY,
     ADMIN_PASSWORD,
     LOGIN_TTL_H,
+    LOGIN_IDLE_H,
     PUBLIC_HOST,
     PUBLIC_PORT,
     TLS_FRONT,

@@ -4,10 +4,27 @@ The relay reads them through the view relay_logins.
 """
 
 import datetime as dt
+from dataclasses import dataclass
 
 from robotether_server.store import digests, users
 from robotether_server.store.database import Transaction
 from robotether_server.store.users import User
+
+# So often at most a login that is used is written anew.
+RENEWED_EVERY = dt.timedelta(minutes=1)
+
+
+@dataclass(frozen=True)
+class Lifetime:
+    """How long a login lasts: in all, and after its last use."""
+
+    total: dt.timedelta
+    idle: dt.timedelta
+
+    @property
+    def unused(self) -> dt.timedelta:
+        """How long a login lasts that nobody uses at all."""
+        return min(self.total, self.idle)
 
 
 def create(tx: Transaction, user: User, address: str, lifetime: dt.timedelta) -> str:
@@ -29,6 +46,25 @@ def find_user(tx: Transaction, text: str) -> User | None:
         (digests.digest(text),),
     )
     return users.from_row(row) if row else None
+
+
+def renewal(tx: Transaction, text: str, lifetime: Lifetime) -> dt.datetime | None:
+    """Return until when a login lasts by its use now; None when that is what its row says, or nearly so."""
+    row = tx.row(
+        "SELECT created_at, expires_at FROM logins WHERE token_hash = %s", (digests.digest(text),)
+    )
+    if row is None:
+        return None
+    ends_at = min(row["created_at"] + lifetime.total, dt.datetime.now(dt.UTC) + lifetime.idle)
+    return ends_at if ends_at - row["expires_at"] > RENEWED_EVERY else None
+
+
+def renew(tx: Transaction, text: str, ends_at: dt.datetime) -> None:
+    """Let a login that has not ended last until then."""
+    tx.change(
+        "UPDATE logins SET expires_at = %s WHERE token_hash = %s AND expires_at > CURRENT_TIMESTAMP(6)",
+        (ends_at, digests.digest(text)),
+    )
 
 
 def end(tx: Transaction, text: str) -> bool:

@@ -19,9 +19,20 @@ SCHEME = "bearer "
 
 
 def page_user(tx: Transaction, request: Request) -> User | None:
-    """Return the user whose login came with the request, if it holds."""
+    """Return the user whose login came with the request, if it holds; the login counts as used now."""
     text = request.cookies.get(COOKIE)
-    return logins.find_user(tx, text) if text else None
+    user = logins.find_user(tx, text) if text else None
+    if text and user is not None:
+        _renew(tx, text)
+    return user
+
+
+def _renew(tx: Transaction, text: str) -> None:
+    ends_at = logins.renewal(tx, text, parts().login_lifetime)
+    if ends_at is not None:
+        # On its own: what the request does may fail, or keep its transaction open for long.
+        with parts().database.transaction() as own:
+            logins.renew(own, text, ends_at)
 
 
 def api_user(tx: Transaction, request: Request) -> User:
@@ -76,7 +87,7 @@ def _bearer(header: str) -> str:
 
 def set_login(response: Response, text: str) -> None:
     """Give the browser its login."""
-    lifetime = parts().login_lifetime
+    lifetime = parts().login_lifetime.total
     response.set_cookie(COOKIE, text, max_age=lifetime, secure=True, httponly=True, samesite="Lax")
 
 

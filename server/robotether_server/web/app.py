@@ -8,6 +8,7 @@ from werkzeug.middleware.proxy_fix import ProxyFix
 from robotether_server.front import Front
 from robotether_server.settings import WebSettings
 from robotether_server.store import Database
+from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import (
     admin,
@@ -52,7 +53,9 @@ def create_app(settings: WebSettings) -> Flask:
         join=settings.join,
         front=Front(settings.front),
         agent_files_dir=settings.agent_files_dir,
-        login_lifetime=dt.timedelta(hours=settings.login_ttl_h),
+        login_lifetime=Lifetime(
+            dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
+        ),
     )
     csrf.init_app(app)
     csrf.exempt(api.blueprint)

@@ -58,7 +58,8 @@ def log_in() -> AnyResponse:
     source = Source(name, request.remote_addr)
     password = request.form.get("password", "")
     try:
-        text = logging_in.log_in(parts().database, source, password, parts().login_lifetime)
+        unused = parts().login_lifetime.unused
+        text = logging_in.log_in(parts().database, source, password, unused)
     except (LoginFailed, Throttled) as problem:
         response = make_response(render_template("login.html", error=problem.detail))
         response.status_code = problem.status

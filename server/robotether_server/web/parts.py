@@ -1,6 +1,5 @@
 """What every request handler of one application shares."""
 
-import datetime as dt
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has 
 from robotether_server.front import Front
 from robotether_server.settings import JoinSettings
 from robotether_server.store import Database
+from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
 
 csrf = CSRFProtect()
@@ -24,7 +24,7 @@ class Parts:
     join: JoinSettings
     front: Front
     agent_files_dir: Path
-    login_lifetime: dt.timedelta
+    login_lifetime: Lifetime
 
 
 def parts() -> Parts:

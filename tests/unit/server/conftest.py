@@ -26,5 +26,6 @@ def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
         agent_files_dir=tmp_path / "agent",
         secret_key="w" * 32,
         login_ttl_h=12,
+        login_idle_h=4,
         log_level="info",
     )

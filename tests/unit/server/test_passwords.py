@@ -45,3 +45,39 @@ def test_new_passwords_are_allowed_and_differ() -> None:
     made = {passwords.new_password() for _ in range(20)}
     assert len(made) == 20
     assert all(len(password) >= passwords.SHORTEST for password in made)
+
+
+@pytest.mark.parametrize(
+    "password",
+    [
+        "password1234",
+        "P@ssw0rd2024!",
+        "Password-2024-Password",
+        "administrator",
+        "welcome-robot-1",
+        "qwertyuiop[]",
+        "1q2w3e4r5t6y",
+        "210987654321",
+        "abcdefghijkl",
+        "aaaaaaaaaaaa",
+        "abcabcabcabc",
+        "robotether2026",
+    ],
+)
+def test_common_password_is_refused(password: str) -> None:
+    """As long as it may be: it is what an attacker tries first."""
+    with pytest.raises(FieldInvalid, match="tried first"):
+        passwords.hash_password(password)
+
+
+@pytest.mark.parametrize(
+    "password", ["correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d"]
+)
+def test_other_password_is_taken(password: str) -> None:
+    """Also with a common word in it."""
+    assert passwords.matches(password, passwords.hash_password(password))
+
+
+def test_longest_password_is_judged_quickly() -> None:
+    """A text that is made of short common words can be read in very many ways."""
+    assert not passwords.is_common("aisitoneyouyourmaymy" * 51 + "z.")

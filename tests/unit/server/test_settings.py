@@ -23,7 +23,8 @@ def test_defaults_are_the_documented_ones() -> None:
         3306,
         "robotether",
     )
-    assert (web.tickets.ttl_s, web.login_ttl_h, web.log_level) == (30, 12, "info")
+    assert (web.tickets.ttl_s, web.login_ttl_h, web.login_idle_h) == (30, 12, 4)
+    assert web.log_level == "info"
     assert (web.join.policy, web.join.max_pending, web.join.public_host) == ("approve", 50, None)
     assert web.join.ssh_ports == (2222, 443)
     assert web.join.allow_local_macs is False

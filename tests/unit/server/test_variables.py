@@ -30,6 +30,7 @@ BY_NAME = {variable.name: variable for variable in VARIABLES}
         ("TICKET_TTL_S", "301"),
         ("TICKET_TTL_S", "30s"),
         ("LOGIN_TTL_H", "0"),
+        ("LOGIN_IDLE_H", "721"),
         ("PUBLIC_HOST", "https://a"),
         ("PUBLIC_PORT", "0"),
         ("TLS_FRONT", "nginx"),

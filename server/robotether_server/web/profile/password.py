@@ -75,4 +75,4 @@ def _change() -> str:
     logging_in.confirm(parts().database, source, forms.secret("present"))
     with parts().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
-        return logins.create(tx, user, source.address or "", parts().login_lifetime)
+        return logins.create(tx, user, source.address or "", parts().login_lifetime.unused)

@@ -75,3 +75,50 @@ def test_a_ticket_names_the_login_that_asked_for_it(browser: Browser) -> None:
     assert cookie is not None
     sha256 = digests.digest(cookie.value).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("login", sha256)
+
+
+def age(admin_database: Database, hours: float, total_hours: float = 0) -> None:
+    """Have so much time pass since the last use of all logins, and since they were made."""
+    with admin_database.transaction() as tx:
+        tx.change(
+            "UPDATE logins SET expires_at = expires_at - INTERVAL %s SECOND, "
+            "created_at = created_at - INTERVAL %s SECOND",
+            (hours * 3600, (total_hours or hours) * 3600),
+        )
+
+
+def test_login_that_nobody_uses_ends(browser: Browser, admin_database: Database) -> None:
+    """After LOGIN_IDLE_H; a use before that begins the time anew."""
+    browser.log_in("ann")
+    for _ in range(2):
+        age(admin_database, 3.9)
+        assert browser.ask("GET", "/").status_code == 200
+    age(admin_database, 4.1)
+    assert browser.ask("GET", "/").status_code == 302
+
+
+def test_login_ends_however_much_it_is_used(browser: Browser, admin_database: Database) -> None:
+    """After LOGIN_TTL_H."""
+    browser.log_in("ann")
+    for _ in range(11):
+        age(admin_database, 1)
+        assert browser.ask("GET", "/api/v1/me").status_code == 200
+    age(admin_database, 1.1)
+    assert browser.ask("GET", "/api/v1/me").status_code == 401
+
+
+def test_login_that_is_used_is_seldom_written(browser: Browser, admin_database: Database) -> None:
+    """Once a minute, whatever the number of requests."""
+    browser.log_in("ann")
+    before = ends_of(admin_database)
+    for _ in range(3):
+        browser.ask("GET", "/api/v1/me")
+    assert ends_of(admin_database) == before
+    age(admin_database, 0.05)
+    browser.ask("GET", "/api/v1/me")
+    assert ends_of(admin_database) > before
+
+
+def ends_of(database: Database) -> object:
+    with database.transaction() as tx:
+        return tx.rows("SELECT expires_at FROM logins")[0]["expires_at"]

@@ -6,6 +6,7 @@ import datetime as dt
 
 from flask import Flask
 from robotether_server.settings import WebSettings
+from robotether_server.store.logins import Lifetime
 from robotether_server.web import create_app
 from robotether_server.web.parts import parts
 
@@ -17,4 +18,4 @@ def test_each_application_has_its_own(app: Flask, web_settings: WebSettings) -> 
         ours = parts()
     with other.app_context():
         assert parts() is not ours
-        assert parts().login_lifetime == dt.timedelta(hours=12)
+        assert parts().login_lifetime == Lifetime(dt.timedelta(hours=12), dt.timedelta(hours=4))
