@@ -125,7 +125,7 @@ target "frontend_test" {
   tags     = ["robotether/frontend_test:${TAG}"]
 }
 
-# What is in each image, as CycloneDX, in build/sbom/: with any builder, and without a registry.
+# What is in each image, as CycloneDX, in build/sbom/: with any builder, and without a registry. tools/build sbom
 target "sbom" {
   name     = "sbom_${image}"
   matrix   = { image = concat(PUBLISHED, ["agent"]) }
@@ -135,8 +135,9 @@ target "sbom" {
   output   = ["type=local,dest=build/sbom"]
   secret   = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
-# Pushes each image with SLSA provenance and BuildKit's own SBOM attached. The engine's builder makes no attestations unless it has
-# the containerd image store; elsewhere a builder of the driver docker-container does. BuildKit runs SBOM_SCANNER for the SBOM.
+# Pushes each image with SLSA provenance and BuildKit's own SBOM attached: REGISTRY=HOST/ tools/build release. The engine's
+# own builder makes no attestations unless it has the containerd image store; one of the driver docker-container does.
+# BuildKit runs SBOM_SCANNER for the SBOM.
 variable "SBOM_SCANNER" {
   default = "docker/buildkit-syft-scanner:stable-1"
 }

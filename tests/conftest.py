@@ -26,6 +26,7 @@ LONGEST_FIRST = (
     "e2e/test_accessibility.py",
     "e2e/test_inputs.py",
     "e2e/test_video.py",
+    "images/test_upgrade.py",
     "images/test_acme.py",
     "images/test_sshd.py",
     "e2e/test_api.py",

@@ -42,6 +42,12 @@ class Stack:
     https_port: int = field(default_factory=free_port)
     ssh_port: int = field(default_factory=free_port)
     engine: docker.DockerClient = field(default_factory=docker.from_env)
+    project: str = PROJECT
+    # The sources whose tools and settings these are, and what goes before the settings.
+    root: Path = ROOT
+    variables: dict[str, str] = field(default_factory=dict)
+    # The make targets build first; two stacks that start at once need not look for changes again.
+    is_built: bool = "IMAGES_ARE_BUILT" in os.environ
 
     @property
     def url(self) -> str:
@@ -61,9 +67,9 @@ class Stack:
     def up(self, *, robots: bool = True) -> None:
         """Start everything; with `robots`, three simulated ones too, and wait until they are online."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        example = (ROOT / "compose" / ".env.example").read_text()
+        example = (self.root / "compose" / ".env.example").read_text()
         ours = {
-            "COMPOSE_PROJECT_NAME": PROJECT,
+            "COMPOSE_PROJECT_NAME": self.project,
             "HTTP_PORT": self.http_port,
             "HTTPS_PORT": self.https_port,
             "SSH_PORT": self.ssh_port,
@@ -73,8 +79,7 @@ class Stack:
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]
         self.env_file.write_text("\n".join(lines) + "\n")
-        # The make targets build first; two stacks that start at once need not look for changes again.
-        built = ["--no-build"] if "IMAGES_ARE_BUILT" in os.environ else []
+        built = ["--no-build"] if self.is_built else []
         self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
 
     def down(self) -> None:
@@ -83,10 +88,11 @@ class Stack:
 
     def tool(self, *command: str, timeout: float = 60, stdin: str | None = None) -> str:
         """Run one of the repository's tools for this project and return what it printed."""
-        environment = {**os.environ, "ENV_FILE": os.path.relpath(self.env_file, ROOT)}
+        env_file = os.path.relpath(self.env_file, self.root)
+        environment = {**os.environ, "ENV_FILE": env_file, **self.variables}
         done = subprocess.run(
             command,
-            cwd=ROOT,
+            cwd=self.root,
             env=environment,
             input=stdin,
             timeout=timeout,
@@ -134,7 +140,10 @@ class Stack:
 
     def container(self, service: str) -> Container:
         """The container of a service, to stop, pause or kill."""
-        labels = [f"com.docker.compose.project={PROJECT}", f"com.docker.compose.service={service}"]
+        labels = [
+            f"com.docker.compose.project={self.project}",
+            f"com.docker.compose.service={service}",
+        ]
         found = self.engine.containers.list(all=True, filters={"label": labels})
         assert len(found) == 1, f"{len(found)} containers of service {service}"
         return found[0]

@@ -1,0 +1,134 @@
+"""`docker compose pull && docker compose up -d` over a stack of the release before, with images from a registry.
+
+The stack before is made by that release's own sources, images and tools, with robots, people and tokens.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import docker
+import pytest
+from attackers import Person
+from docker.models.containers import Container
+from image_names import image
+from local_network import free_port
+from program_driver import TWIST as FORWARD
+from programs import Program
+from robots_back import wait_until_back
+from sim_watch import SimWatch
+from stack import PROJECT, ROOT, Stack
+
+# Main before the first release.
+FIRST = "11d2e22"
+RUN = ("mysql", "sshd", "nginx", "server", "sim_robot")
+SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+SIMS = ("sim1", "sim2", "sim3")
+UP_WITHIN_S = 600
+
+
+def run(*command: str | Path, cwd: Path = ROOT) -> str:
+    """Run a program that must succeed; what it printed."""
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=UP_WITHIN_S
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+def release_before() -> str:
+    """The newest tag before this commit."""
+    found = run("git", "tag", "--list", "v*", "--merged", "HEAD^", "--sort=-creatordate")
+    return next(iter(found.split()), FIRST)
+
+
+@pytest.fixture
+def registry() -> Iterator[str]:
+    """A registry on this machine alone, with the images of these sources as `next`, which the engine no longer has."""
+    run("tools/build", "registry")
+    port = free_port()
+    engine = docker.from_env()
+    container: Container = engine.containers.run(
+        image("registry"), detach=True, read_only=True, cap_drop=["ALL"], init=True,
+        ports={"5000/tcp": ("127.0.0.1", port)}, volumes=["/var/lib/registry"],
+    )  # fmt: skip
+    try:
+        for name in RUN:
+            there = f"127.0.0.1:{port}/robotether/{name}:next"
+            run("docker", "tag", image(name), there)
+            run("docker", "push", "--quiet", there)
+            run("docker", "image", "rm", there)
+        yield f"127.0.0.1:{port}/"
+    finally:
+        container.remove(force=True, v=True)
+        engine.close()
+
+
+@pytest.fixture
+def old_stack(tmp_path: Path) -> Iterator[Stack]:
+    """The release before, running, with three robots."""
+    sources = tmp_path / "sources"
+    sources.mkdir()
+    run("git", "archive", f"--output={tmp_path / 'sources.tar'}", release_before())
+    run("tar", "-xf", tmp_path / "sources.tar", cwd=sources)
+    tag = f"before-{os.getpid()}"
+    stack = Stack(
+        tmp_path / "site", project=f"{PROJECT}-old", root=sources,
+        variables={"TAG": tag}, is_built=False,
+    )  # fmt: skip
+    try:
+        stack.up()
+        yield stack
+    finally:
+        stack.root = ROOT
+        stack.down()
+        names = ("--format", "{{.Repository}}:{{.Tag}}", f"robotether/*:{tag}")
+        run("docker", "image", "rm", *run("docker", "images", *names).split())
+
+
+def identity(stack: Stack) -> dict[str, Any]:
+    """What must be the same afterwards: the server's keys and the robots' rows."""
+    kept = ("name", "mac", "state", "ros_port", "video_port", "shell_port", "settings")
+    robots = stack.admin.ask("GET", "/robots")["robots"]
+    ssh = stack.exec("sshd", "sh", "-c", "cat /etc/ssh/public/*.pub")
+    tls = stack.exec("nginx", "cat", "/etc/nginx/tls/cert.pem")
+    return {"ssh": ssh, "tls": tls, "robots": [{key: one[key] for key in kept} for one in robots]}
+
+
+async def drive(program: Program) -> None:
+    """Drive for a moment, with the token of before."""
+    async with program.connect("sim1") as socket:
+        await socket.send_json(
+            {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+        )
+        for _ in range(20):
+            await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": FORWARD})
+            await asyncio.sleep(0.05)
+
+
+def test_pull_and_up_upgrade_the_release_before(old_stack: Stack, registry: str) -> None:
+    """Pulled images take over data, keys and secrets; people, tokens and robots go on, and a robot can be driven."""
+    stack = old_stack
+    ann = Person(stack, "ann", ("sim1", "drive"))
+    before = identity(stack)
+    stack.root = ROOT
+    stack.variables = {"REGISTRY": registry, "TAG": "next", "COMPOSE_PROFILES": "demo"}
+    stack.compose("pull", timeout=UP_WITHIN_S)
+    stack.compose("up", "--detach", timeout=UP_WITHIN_S)
+    for service in SERVICES:
+        stack.wait_healthy(service)
+        [tag] = [tag for tag in stack.container(service).image.tags if tag.startswith(registry)]
+        assert tag.endswith(":next")
+    wait_until_back(stack, *SIMS)
+    assert identity(stack) == before
+    applied = {name for [name] in stack.sql("SELECT migration_id FROM _yoyo_migration")}
+    assert applied == {file.stem for file in (ROOT / "sql").glob("*.sql")}
+    assert ann.cookie
+    with SimWatch(stack, "sim1") as watch:
+        asyncio.run(drive(ann.program))
+        watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)
