@@ -13,6 +13,8 @@ COLUMNS = (
     "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address, "
     "latency_p50_ms, latency_p95_ms, bytes, pictures, picture_bytes, viewed_s"
 )
+# A command other than zero went to the robot.
+MOVED = "(top_speed_m_s > 0 OR top_turn_rad_s > 0)"
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,10 @@ class Drive:
 
 @dataclass(frozen=True)
 class Search:
-    """What is looked for: drives that fit all that is given, by the moment at which they began."""
+    """What is looked for: drives that fit all that is given, by the moment at which they began.
+
+    Those that never moved the robot are found by their `fence` alone.
+    """
 
     robot: str | None = None
     user: str | None = None
@@ -69,8 +74,8 @@ class Search:
 
 def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
     """Return one drive; raise RecordMissing when the viewer may not know of it, or there is none."""
-    [*found] = find(tx, viewer, Search(), before=drive_id + 1, limit=1)
-    if not found or found[0].id != drive_id:
+    found = _select(tx, viewer, "id = %s", (drive_id,), 1)
+    if not found:
         raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
     return found[0]
 
@@ -91,13 +96,19 @@ def find(
         "id < %s": before,
     }
     asked = {condition: value for condition, value in given.items() if value is not None}
+    conditions = " AND ".join((MOVED if search.fence is None else "TRUE", *asked))
+    return _select(tx, viewer, conditions, tuple(asked.values()), limit)
+
+
+def _select(
+    tx: Transaction, viewer: User, conditions: str, values: tuple[object, ...], limit: int
+) -> list[Drive]:
     rows = tx.rows(
         f"SELECT {COLUMNS} FROM drives WHERE "  # noqa: S608 - the texts are the module's own
         "(%s OR user_name = %s OR robot_id IN "
         "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
-        + " AND ".join(("TRUE", *asked))
-        + " ORDER BY id DESC LIMIT %s",
-        (viewer.is_admin, viewer.name, viewer.id, *asked.values(), limit),
+        f"{conditions} ORDER BY id DESC LIMIT %s",
+        (viewer.is_admin, viewer.name, viewer.id, *values, limit),
     )
     return [_drive(row) for row in rows]
 

@@ -44,6 +44,19 @@ def test_own_drives_and_those_of_managed_robots_are_shown(
     assert len(seen_by(database, "root")) == 4
 
 
+def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
+    database: Database, admin_database: Database
+) -> None:
+    """Who only took the control fills no list; one that only turned the robot moved it."""
+    still = add_drive(admin_database, "a", "ann", fence=1, top_speed_m_s=0, distance_m=0)
+    add_drive(admin_database, "b", "ann", fence=2, top_speed_m_s=0, distance_m=0, top_turn_rad_s=1)
+    assert seen_by(database, "ann") == [("b", "ann")]
+    assert seen_by(database, "ann", Search(robot="a")) == []
+    assert seen_by(database, "ann", Search(robot="a", fence=1)) == [("a", "ann")]
+    with database.transaction() as tx:
+        assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
+
+
 @pytest.mark.parametrize(
     ("search", "found"),
     [
