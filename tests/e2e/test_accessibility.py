@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from crew import release_all
-from pages import open_page, open_robot
+from pages import open_page, open_robot, take_control
 from playwright.sync_api import Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
@@ -51,6 +51,8 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
         _assert_accessible(page, f"the fleet as {view}")
     stack.wait_until_drivable(ROBOT)
     open_robot(page, stack, ROBOT)
+    _assert_accessible(page, "the drive page of a watcher")
+    take_control(page)
     _assert_accessible(page, "the drive page")
     for opener in ("gamepad-open", "topics"):
         fold = page.get_by_test_id(opener)

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from crew import Crew
-from pages import expect_armed, open_robot
+from pages import drive_robot, expect_armed, open_robot
 from playwright.sync_api import Browser, Page, expect
 from sim_service import call_sim
 from sim_watch import SimWatch
@@ -69,7 +69,7 @@ def test_fleet_follows_a_robot_that_goes_and_comes(page: Page, stack: Stack) -> 
 @pytest.mark.parametrize("key", ["w", "ArrowUp"])
 def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key: str) -> None:
     """The robot moves while the key is down, and stands after it is released."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     # Not at a wall, to which another test may have driven it.
     call_sim(stack, "sim1", "/reset")
     with SimWatch(stack, "sim1") as watch:
@@ -84,7 +84,7 @@ def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key:
 
 def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
     """Dragging the stick up and left drives forward in a left turn; letting go stops."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     box = page.get_by_test_id("joystick").bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -113,7 +113,7 @@ def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
 )
 def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -> None:
     """A key held while the window loses focus or is hidden drives no longer."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         expect_armed(page)
         page.keyboard.down("w")
@@ -134,7 +134,7 @@ def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
 
 def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
     """When the robot's tunnel is cut the page says so, comes back without a reload, and drives again."""
-    open_robot(page, stack, "sim2")
+    drive_robot(page, stack, "sim2")
     page.evaluate("window.sameDocument = true")
     state = page.get_by_test_id("state")
     stack.container("sim2").stop(timeout=5)

@@ -10,14 +10,27 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 
+import page_holds
 import pytest
-from crew import Crew, expect_mode
-from pages import expect_armed, expect_live
-from playwright.sync_api import Browser, Page, expect
+from crew import Crew
+from pages import answer, expect_armed, expect_live, expect_mode, take_control
+from playwright.sync_api import Browser, Page, Route, expect
 from sim_watch import SimWatch
 from stack import Stack
 
 ROBOT = "sim1"
+# As of teleop.js, less what a machine may need to tell of it.
+TAKE_MS = 900
+STRETCHES = 5
+# How long it took from a key's own moment until what is pressed counts.
+NOTE_TAKING = """() => {
+  const stick = document.querySelector("[data-testid=joystick]");
+  let pressed = 0;
+  addEventListener("keydown", ({ timeStamp, repeat }) => repeat || (pressed = timeStamp), { capture: true });
+  new MutationObserver(() => {
+    if (stick.dataset.armed === "true") window.takenMs = performance.now() - pressed;
+  }).observe(stick, { attributes: true, attributeFilter: ["data-armed"] });
+}"""
 
 
 @pytest.fixture
@@ -41,15 +54,14 @@ def usual_policy(stack: Stack) -> Iterator[None]:
 @pytest.fixture
 def ann(crew: Crew) -> Page:
     """Ann's page: she drives."""
-    page = crew.open("ann", ROBOT)
-    expect_mode(page, "drive")
+    page = crew.drive("ann", ROBOT)
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
     return page
 
 
 @pytest.fixture
 def ben(crew: Crew, ann: Page) -> Page:
-    """Ben's page: he came second, so he watches."""
+    """Ben's page, which watches."""
     page = crew.open("ben", ROBOT)
     expect_mode(page, "observe")
     return page
@@ -96,7 +108,7 @@ def test_the_driver_hands_over(ann: Page, ben: Page, stack: Stack) -> None:
     """The control comes to who asked, without a further press, and drives only after one."""
     _ask(ben, ann)
     expect(ben.get_by_test_id("control-left")).to_contain_text("You asked ann")
-    ann.get_by_test_id("hand-over").click()
+    answer(ann, "hand-over")
     expect_mode(ben, "drive")
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     expect_mode(ann, "observe")
@@ -109,7 +121,7 @@ def test_the_driver_hands_over(ann: Page, ben: Page, stack: Stack) -> None:
 def test_the_driver_refuses_and_drives_on(ann: Page, ben: Page) -> None:
     """Who asked reads the no, and may ask again."""
     _ask(ben, ann)
-    ann.get_by_test_id("refuse").click()
+    answer(ann, "refuse")
     expect(ben.get_by_test_id("control-note")).to_have_text("ann said no.")
     expect(ann.get_by_test_id("question")).to_be_hidden()
     expect_mode(ann, "drive")
@@ -149,29 +161,179 @@ def test_a_manager_takes_the_control_after_a_second_thought(crew: Crew, ann: Pag
     expect_mode(admin, "observe")
     admin.get_by_test_id("control-take").click()
     expect(admin.get_by_test_id("take-sure")).to_contain_text("Take the control from ann?")
-    admin.get_by_test_id("take-no").click()
+    answer(admin, "take-no")
     expect(admin.get_by_test_id("take-sure")).to_be_hidden()
     expect_mode(ann, "drive")
     admin.get_by_test_id("control-take").click()
-    admin.get_by_test_id("take-yes").click()
+    answer(admin, "take-yes")
     expect_mode(admin, "drive")
     expect_mode(ann, "observe")
     expect(ann.get_by_test_id("driver")).to_contain_text("admin drives")
     expect(ann.get_by_test_id("control-note")).to_contain_text("You no longer drive")
 
 
-def test_a_second_window_goes_on_and_the_first_one_watches(crew: Crew, ann: Page) -> None:
-    """The first window says so, takes nothing back by itself, and drives again by a press."""
+def test_who_opens_a_robot_takes_nothing(crew: Crew, stack: Stack) -> None:
+    """Two who look: nobody drives, and no drive begins; the first to press Drive does."""
+    before = _newest_fence(stack)
+    pages = [crew.open(name, ROBOT) for name in ("ann", "ben")]
+    for page in pages:
+        expect_mode(page, "observe")
+        expect(page.get_by_test_id("driver")).to_have_text("Nobody drives.")
+        expect(page.get_by_test_id("state")).to_contain_text("You are watching.")
+        expect(page.get_by_test_id("control-drive")).to_be_visible()
+    assert _newest_fence(stack) == before
+    take_control(pages[0])
+    expect(pages[0].get_by_test_id("driver")).to_contain_text("You drive since")
+    expect(pages[1].get_by_test_id("driver")).to_contain_text("ann drives since")
+
+
+def _newest_fence(stack: Stack) -> int:
+    """The number of the robot's last lease, which each drive raises."""
+    of_robot = f"robot_id = (SELECT id FROM robots WHERE name = '{ROBOT}')"
+    [[fence]] = stack.sql(f"SELECT COALESCE(MAX(fence), 0) FROM drives WHERE {of_robot}")
+    return int(fence)
+
+
+def test_the_first_held_key_takes_the_control_and_drives(crew: Crew, stack: Stack) -> None:
+    """In one press, as soon as the control is there, and the page says so."""
+    page = crew.open("ann", ROBOT)
+    _wait_for_picture(page)
+    page.evaluate(NOTE_TAKING)
+    with SimWatch(stack, ROBOT) as watch:
+        for _ in range(STRETCHES):
+            expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
+            page_holds.note(page)
+            page.keyboard.down("w")
+            expect_mode(page, "drive")
+            expect_armed(page)
+            if page.evaluate("window.takenMs") < TAKE_MS and not page_holds.had_to_let_go(page):
+                break
+            page.keyboard.up("w")
+            page.get_by_test_id("control-leave").click()
+        else:
+            raise AssertionError("the machine never gave the control in time")
+        watch.wait_pose("moving", _moving)
+        page.keyboard.up("w")
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+    expect(page.get_by_test_id("driver")).to_contain_text("You drive since")
+    expect(page.get_by_test_id("control-note")).to_have_text("You took the control.")
+
+
+def test_a_key_that_is_let_go_before_the_control_comes_moves_nothing(
+    crew: Crew, stack: Stack
+) -> None:
+    """A tap takes the control; the robot stands."""
+    page = crew.open("ann", ROBOT)
+    expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
+    page.route("**/api/v1/tickets", lambda route: _late(route, 0.4))
+    with SimWatch(stack, ROBOT) as watch:
+        page.keyboard.press("w", delay=50)
+        expect_mode(page, "drive")
+        expect_armed(page)
+        page.wait_for_timeout(500)
+        assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
+
+
+def test_a_key_that_was_held_for_too_long_has_to_be_pressed_anew(crew: Crew, stack: Stack) -> None:
+    """Control that comes late moves nothing that was pressed long ago."""
+    page = crew.open("ann", ROBOT)
+    expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
+    page.route("**/api/v1/tickets", lambda route: _late(route, 1.5))
+    with SimWatch(stack, ROBOT) as watch:
+        page.keyboard.down("w")
+        expect_mode(page, "drive")
+        expect_armed(page)
+        page.wait_for_timeout(500)
+        assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
+        page.keyboard.up("w")
+        page.keyboard.down("w")
+        watch.wait_pose("moving by a new press", _moving)
+        page.keyboard.up("w")
+
+
+def _late(route: Route, seconds: float) -> None:
+    time.sleep(seconds)
+    route.continue_()
+
+
+def _wait_for_picture(page: Page) -> None:
+    expect(page.get_by_test_id("tile").first).to_have_attribute("data-picture", "live")
+
+
+def test_a_key_while_somebody_drives_takes_and_asks_nothing(
+    ann: Page, ben: Page, stack: Stack
+) -> None:
+    """It says who drives and how to ask; the driver's page is not troubled, and the robot stands."""
+    expect(ben.get_by_test_id("driver")).to_contain_text("ann drives")
+    with SimWatch(stack, ROBOT) as watch:
+        ben.keyboard.press("w", delay=500)
+        expect(ben.get_by_test_id("control-note")).to_have_text(
+            "ann is driving. To drive, ask for control."
+        )
+        expect(ben.get_by_test_id("control-ask")).to_be_visible()
+        assert watch.commands() == []
+    expect_mode(ben, "observe")
+    expect_mode(ann, "drive")
+    expect(ann.get_by_test_id("question")).to_be_hidden()
+    ann.get_by_test_id("control-leave").click()
+    expect(ben.get_by_test_id("control-note")).to_have_text("")
+
+
+def test_a_second_window_watches_until_its_person_goes_on_there(
+    crew: Crew, ann: Page, stack: Stack
+) -> None:
+    """Neither opening it nor a key takes the control from the first; its button does, and says so."""
     second = ann.context.new_page()
     crew.go(second, ROBOT)
-    expect_mode(second, "drive")
+    expect_mode(second, "observe")
+    expect(second.get_by_test_id("driver")).to_contain_text("You drive in another window")
+    second.keyboard.press("w", delay=500)
+    expect(second.get_by_test_id("control-note")).to_contain_text("Press Drive here")
+    expect_mode(second, "observe")
+    expect_mode(ann, "drive")
+    expect(second.get_by_test_id("control-drive")).to_have_text("Drive here")
+    take_control(second)
     expect_mode(ann, "observe")
     expect(ann.get_by_test_id("control-note")).to_contain_text("another window")
-    expect(ann.get_by_test_id("driver")).to_contain_text("You drive in another window")
     ann.bring_to_front()
-    ann.get_by_test_id("control-drive").click()
-    expect_mode(ann, "drive")
+    take_control(ann)
     expect_mode(second, "observe")
+
+
+def test_a_reload_while_driving_drives_on_and_a_visit_does_not(
+    crew: Crew, ann: Page, ben: Page
+) -> None:
+    """The page that is loaded anew has the control again, armed; opened from the list it watches."""
+    ann.reload()
+    expect_mode(ann, "drive")
+    expect_armed(ann)
+    expect(ben.get_by_test_id("driver")).to_contain_text("ann drives")
+    crew.go(ann, ROBOT)
+    expect_mode(ann, "observe")
+    expect(ben.get_by_test_id("driver")).to_have_text("Nobody drives.")
+    ann.reload()
+    expect_mode(ann, "observe")
+
+
+def test_a_drive_enters_the_list_when_the_robot_moved(ann: Page, crew: Crew, stack: Stack) -> None:
+    """Who took the control and gave it back is not in it; who moved the robot is."""
+    ann.get_by_test_id("control-leave").click()
+    expect_mode(ann, "observe")
+    take_control(ann)
+    expect_armed(ann)
+    with SimWatch(stack, ROBOT) as watch:
+        ann.keyboard.down("w")
+        watch.wait_pose("moving", _moving)
+        ann.keyboard.up("w")
+    fence = _newest_fence(stack)
+    ann.get_by_test_id("control-leave").click()
+    expect(ann.get_by_test_id("summary-distance")).to_be_visible(timeout=15_000)
+    drives = f"{stack.url}/api/v1/drives?robot={ROBOT}"
+    listed = [one["fence"] for one in ann.request.get(drives).json()["drives"]]
+    assert fence in listed
+    assert fence - 1 not in listed
+    [still] = ann.request.get(f"{drives}&fence={fence - 1}").json()["drives"]
+    assert still["distance_m"] == 0
 
 
 def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:

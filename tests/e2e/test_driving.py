@@ -18,7 +18,7 @@ import pytest
 from crew import release_all
 from fingers import Fingers
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble, Way
-from pages import expect_armed, expect_no_sideways_scroll, open_live, open_robot
+from pages import drive_live, drive_robot, expect_armed, expect_no_sideways_scroll
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -42,7 +42,7 @@ def _drivable(stack: Stack) -> None:
 def gamepad(page: Page, stack: Stack) -> GamepadDouble:
     """A gamepad beside a page from which the robot can be driven, plugged in and at rest."""
     made = GamepadDouble(page)
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     made.plug_in()
     _expect_gamepad(page, "ready")
     return made
@@ -263,7 +263,7 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
     """It drives nothing before, drives as it was shown, also after a reload, and not with another number of axes."""
     device = {"mapping": "", "axes": 3, "buttons": 6}
     gamepad = GamepadDouble(page)
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     gamepad.plug_in("unknown", **device)
     _expect_gamepad(page, "unknown")
     page.get_by_test_id("gamepad-open").click()
@@ -289,7 +289,7 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
         gamepad.release()
         gamepad.push(2, 0)
         _stands(watch)
-        open_live(page, stack, ROBOT)
+        drive_live(page, stack, ROBOT)
         gamepad.plug_in("unknown", **device)
         _expect_gamepad(page, "ready")
     gamepad.unplug()
@@ -312,7 +312,7 @@ def _choose_two_sticks(page: Page) -> None:
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
 def test_two_thumbs_drive_on_a_phone(page: Page, stack: Stack, watch: SimWatch) -> None:
     """The left one goes, the right one turns; each that lifts ends its own; the choice is there after a reload."""
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     _choose_two_sticks(page)
     expect_no_sideways_scroll(page)
     fingers = Fingers(page)
@@ -329,7 +329,7 @@ def test_two_thumbs_drive_on_a_phone(page: Page, stack: Stack, watch: SimWatch) 
     )
     fingers.lift("joystick-turn")
     _stands(watch)
-    open_live(page, stack, ROBOT)
+    drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("joystick-turn")).to_be_visible()
 
 
@@ -337,7 +337,7 @@ def test_the_mouse_turns_the_robot_with_the_right_stick(
     page: Page, stack: Stack, watch: SimWatch
 ) -> None:
     """However it is dragged, the right stick only turns."""
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     _choose_two_sticks(page)
     box = page.get_by_test_id("joystick-turn").bounding_box()
     assert box is not None
@@ -357,7 +357,7 @@ def test_keys_go_sideways_on_a_robot_that_can(
 ) -> None:
     """Q is left and E right, with two sticks at hand from the beginning."""
     with _robot_is(stack, "holonomic"):
-        open_live(page, stack, ROBOT)
+        drive_live(page, stack, ROBOT)
         expect(page.get_by_test_id("joystick-turn")).to_be_visible()
         expect_armed(page)
         page.keyboard.down(key)
@@ -377,7 +377,7 @@ def test_a_gamepad_goes_sideways_and_turns_on_a_robot_that_can(
     """The left stick goes any way, no faster along a diagonal, and the right one turns."""
     with _robot_is(stack, "holonomic"):
         gamepad = GamepadDouble(page)
-        open_live(page, stack, ROBOT)
+        drive_live(page, stack, ROBOT)
         gamepad.plug_in()
         _expect_gamepad(page, "ready")
         gamepad.push(LEFT_X, -1)
@@ -396,7 +396,7 @@ def test_a_gamepad_goes_sideways_and_turns_on_a_robot_that_can(
 def test_a_car_does_not_turn_in_place(page: Page, stack: Stack, watch: SimWatch) -> None:
     """A alone asks for nothing; with S too the robot backs and turns the other way."""
     with _robot_is(stack, "ackermann"):
-        open_live(page, stack, ROBOT)
+        drive_live(page, stack, ROBOT)
         expect_armed(page)
         page.keyboard.down("a")
         _wait_command(watch, "at all", lambda _: True)

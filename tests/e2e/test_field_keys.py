@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from pages import expect_armed, open_robot
+from pages import drive_robot, expect_armed
 from playwright.sync_api import Locator, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -23,7 +23,7 @@ SLIDERS = ("limit-linear", "limit-angular")
 def robot(page: Page, stack: Stack) -> Page:
     """The robot's page, which drives, with all its cameras found."""
     stack.wait_until_drivable(ROBOT)
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
     expect_armed(page)
     return page

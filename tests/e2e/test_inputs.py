@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 
 import page_holds
 import pytest
-from pages import expect_armed, expect_live, open_robot
+from pages import drive_robot, expect_armed, expect_live
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -98,7 +98,7 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
     page: Page, stack: Stack, pressed: str
 ) -> None:
     """Neither W nor the stick, pressed before or during a cut and never let go, drives when the link is back."""
-    open_robot(page, stack, "sim2")
+    drive_robot(page, stack, "sim2")
     stick = Stick(page)
 
     def press() -> None:
@@ -171,7 +171,7 @@ def test_what_may_swallow_the_release_stops_the_robot(
     page: Page, stack: Stack, swallow: Callable[[Page], None]
 ) -> None:
     """Where the browser may keep the keyup for itself W is let go, and its repeats do not drive on."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         expect_armed(page)
         page.keyboard.down("w")
@@ -184,7 +184,7 @@ def test_what_may_swallow_the_release_stops_the_robot(
 
 def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack) -> None:
     """After two seconds in which the page ran no timer the robot stands, although W was never released."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         expect_armed(page)
         page.keyboard.down("w")
@@ -233,7 +233,7 @@ def test_a_tab_that_the_browser_slows_down_drives_no_more(
     page: Page, stack: Stack, slow: Callable[[Page], None]
 ) -> None:
     """The robot stands within a second, and W, which was never released, does not drive when the tab is awake."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
         expect_armed(page)
         page.keyboard.down("w")
@@ -252,7 +252,7 @@ def _wait_while_moving(watch: SimWatch, until: float) -> None:
 @pytest.mark.parametrize("end", ["touchEnd", "touchCancel"])
 def test_a_finger_on_a_phone_drives_until_it_lifts(page: Page, stack: Stack, end: str) -> None:
     """A finger that holds the stick still goes on driving, past the time of a long press, and stops as it leaves."""
-    open_robot(page, stack, "sim1")
+    drive_robot(page, stack, "sim1")
     stick = Stick(page)
     touch = page.context.new_cdp_session(page)
 

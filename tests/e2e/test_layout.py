@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from pages import expect_no_sideways_scroll, open_robot
+from pages import drive_robot, expect_no_sideways_scroll
 from playwright.sync_api import Browser, FloatRect, Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
@@ -48,7 +48,7 @@ def _box(page: Page, name: str) -> FloatRect:
 @pytest.mark.parametrize("context", SCREENS.values(), ids=SCREENS, indirect=True)
 def test_picture_stick_and_stop_are_on_the_screen_at_once(page: Page, stack: Stack) -> None:
     """Nobody who drives has to scroll for one of them, and Stop covers no part of the stick."""
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     expect_no_sideways_scroll(page)
     size = page.viewport_size
     assert size is not None
@@ -65,7 +65,7 @@ def test_picture_stick_and_stop_are_on_the_screen_at_once(page: Page, stack: Sta
 @pytest.mark.parametrize("context", SCREENS.values(), ids=SCREENS, indirect=True)
 def test_nothing_lies_over_a_question(page: Page, stack: Stack) -> None:
     """Battery and diagnostics lie over the picture and under what somebody is asked."""
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     expect(page.get_by_test_id("battery")).to_be_visible(timeout=10_000)
     assert "over" not in page.evaluate(OVER_A_QUESTION)
 
@@ -75,7 +75,7 @@ def test_nothing_lies_over_a_question(page: Page, stack: Stack) -> None:
 )
 def test_stop_names_its_key_where_there_are_keys(page: Page, stack: Stack) -> None:
     """On Stop itself and beside the keys that drive; a phone has no space bar."""
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     has_keys = page.evaluate("matchMedia('(hover: hover) and (pointer: fine)').matches")
     on_stop = page.get_by_test_id("stop").locator("kbd")
     expect(on_stop).to_be_visible(visible=has_keys)
@@ -109,7 +109,7 @@ def test_what_appears_while_somebody_drives_does_not_move_the_stick(
 ) -> None:
     """Held for a picture and driving without it: the stick stays where the finger is."""
     stack.wait_until_drivable(ROBOT)
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     before = _box(page, "joystick")
     state = page.get_by_test_id("state")
     with frozen_cameras(stack, ROBOT):

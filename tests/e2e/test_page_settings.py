@@ -9,7 +9,7 @@ from http import HTTPStatus
 from typing import Any
 
 import pytest
-from pages import expect_no_sideways_scroll, log_in, open_live
+from pages import drive_live, expect_no_sideways_scroll, log_in, open_live
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
@@ -164,7 +164,7 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         _opened(browser, stack, "dan", people["dan"]) as dan,
         _opened(browser, stack, "mia", people["mia"]) as mia,
     ):
-        open_live(dan, stack, ROBOT)
+        drive_live(dan, stack, ROBOT)
         mia.goto(f"{stack.url}{SETTINGS}")
         mia.get_by_label("The robot").select_option("holonomic")
         mia.get_by_label("Hold driving while the picture is old").uncheck()

@@ -11,8 +11,15 @@ from typing import Any
 
 import page_holds
 import pytest
-from crew import Crew, expect_mode, release_all
-from pages import expect_armed, expect_no_sideways_scroll, open_live, wait_until
+from crew import Crew, release_all
+from pages import (
+    drive_live,
+    expect_armed,
+    expect_mode,
+    expect_no_sideways_scroll,
+    open_live,
+    wait_until,
+)
 from playwright.sync_api import Browser, Locator, Page, WebSocket, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -82,9 +89,7 @@ def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
 @pytest.fixture
 def dora(crew: Crew) -> Page:
     """Dora's page: she drives."""
-    page = crew.open("dora", ROBOT)
-    expect_mode(page, "drive")
-    return page
+    return crew.drive("dora", ROBOT)
 
 
 class Subscriptions:
@@ -164,7 +169,7 @@ def test_a_button_that_asks_waits_for_yes_and_moves_nothing(dora: Page) -> None:
 def test_a_second_finger_presses_a_button(page: Page, stack: Stack) -> None:
     """The first one drives on meanwhile."""
     stack.wait_until_drivable(ROBOT)
-    open_live(page, stack, ROBOT)
+    drive_live(page, stack, ROBOT)
     _button(page, SET_LIGHTS).scroll_into_view_if_needed()
     devtools = page.context.new_cdp_session(page)
 
@@ -381,8 +386,13 @@ def test_a_drive_that_ends_is_told_and_saved(
     expect(dora.get_by_test_id("summary-rows")).to_be_hidden()
 
 
-def test_a_stopped_drive_tells_of_the_stop(dora: Page) -> None:
-    """The summary comes by itself."""
+def test_a_stopped_drive_tells_of_the_stop(dora: Page, stack: Stack) -> None:
+    """The summary comes by itself, of a drive that moved the robot."""
+    with SimWatch(stack, ROBOT) as watch:
+        expect_armed(dora)
+        dora.keyboard.down("w")
+        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+        dora.keyboard.up("w")
     dora.keyboard.press("Space")
     expect(dora.get_by_test_id("summary-ended")).to_have_text("a stop of the robot", timeout=15_000)
     expect(dora.get_by_test_id("summary-stops")).to_have_text("1")
@@ -391,7 +401,7 @@ def test_a_stopped_drive_tells_of_the_stop(dora: Page) -> None:
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
 def test_panels_fit_a_phone(page: Page, stack: Stack) -> None:
     """Nothing is wider than the screen, and Stop stays on it."""
-    open_live(page, stack, ROBOT)
+    drive_live(page, stack, ROBOT)
     look = _look(page, "/odom")
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)
     look.get_by_test_id("topic-field").select_option("twist.twist.linear.x")

@@ -12,7 +12,7 @@ from statistics import median
 
 import page_holds
 import pytest
-from pages import expect_armed, expect_live, expect_no_sideways_scroll, open_robot, wait_until
+from pages import drive_robot, expect_armed, expect_live, expect_no_sideways_scroll, wait_until
 from playwright.sync_api import Locator, Page, expect
 from sim_service import call_sim, frozen_cameras
 from sim_watch import SimWatch
@@ -44,7 +44,7 @@ COUNT_PIXELS = """(canvas, [red, green, blue]) => {
 def robot(page: Page, stack: Stack) -> Page:
     """The robot's page, which drives, with all that it can show found."""
     stack.wait_until_drivable(ROBOT)
-    open_robot(page, stack, ROBOT)
+    drive_robot(page, stack, ROBOT)
     expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
     _expect_picture(_tile(page, FRONT), "live")
     return page

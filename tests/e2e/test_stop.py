@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from crew import Crew, expect_mode, release_all
-from pages import expect_armed, expect_no_sideways_scroll
+from crew import Crew, release_all
+from pages import expect_armed, expect_mode, expect_no_sideways_scroll, take_control
 from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -64,9 +64,7 @@ def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
 @pytest.fixture
 def ann(crew: Crew) -> Page:
     """Ann's page: she drives."""
-    page = crew.open("ann", ROBOT)
-    expect_mode(page, "drive")
-    return page
+    return crew.drive("ann", ROBOT)
 
 
 def _expect_stopped(page: Page, by: str) -> None:
@@ -158,9 +156,10 @@ def test_the_space_bar_stops_whatever_has_the_focus(ann: Page, focus: str) -> No
 
 
 def test_a_release_has_to_be_held(crew: Crew, ann: Page, stack: Stack) -> None:
-    """Half a second does nothing; a whole one releases, and the page drives again, after one more press."""
+    """Half a second does nothing; a whole one releases, and the page of who drove drives again."""
     ann.keyboard.press("Space")
     _expect_stopped(ann, "ann")
+    expect(ann.get_by_test_id("release")).to_have_text("Hold to drive again")
     _press_release(ann)
     ann.wait_for_timeout(500)
     ann.mouse.up()
@@ -169,13 +168,25 @@ def test_a_release_has_to_be_held(crew: Crew, ann: Page, stack: Stack) -> None:
     _hold_release(ann)
     _expect_released(ann)
     expect_mode(ann, "drive")
-    expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
-    ann.get_by_test_id("control-arm").click()
     expect_armed(ann)
     with SimWatch(stack, ROBOT) as watch:
         ann.keyboard.down("w")
         watch.wait_pose("moving", _moving)
         ann.keyboard.up("w")
+
+
+def test_a_release_by_somebody_else_leaves_the_control_free(crew: Crew, ann: Page) -> None:
+    """Who did not drive releases the robot and watches on; so does who drove, until one of them takes it."""
+    admin = crew.open("admin", ROBOT)
+    ann.keyboard.press("Space")
+    _expect_stopped(admin, "ann")
+    expect(admin.get_by_test_id("release")).to_have_text("Hold to release")
+    _hold_release(admin)
+    _expect_released(ann)
+    for page in (admin, ann):
+        expect_mode(page, "observe")
+        expect(page.get_by_test_id("driver")).to_have_text("Nobody drives.")
+    take_control(ann)
 
 
 def test_a_release_does_not_end_a_stop_that_its_person_did_not_see(
@@ -247,6 +258,7 @@ def test_a_stop_goes_through_the_api_when_the_connection_carries_nothing(crew: C
 
     page.route_web_socket("**/ros?*", without_stops)
     crew.go(page, ROBOT)
+    take_control(page)
     page.get_by_test_id("stop").click()
     _expect_stopped(page, "ann")
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 
 from demo import Demo
-from pages import chromium, expect_live, log_in, open_robot
+from pages import chromium, drive_robot, expect_live, log_in
 from playwright.sync_api import Page, sync_playwright
 from sections import Section, percentile
 from sim_watch import Seen, SimWatch
@@ -97,7 +97,7 @@ def measure(demo: Demo, presses: int = PRESSES) -> Section:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
-        open_robot(page, demo, ROBOT)
+        drive_robot(page, demo, ROBOT)
         page.wait_for_timeout(1000)
         page.evaluate(LISTEN)
         with SimWatch(demo, ROBOT) as watch:

@@ -19,7 +19,7 @@ from functools import partial
 
 import processes
 from demo import Demo
-from pages import chromium, log_in, open_robot
+from pages import chromium, drive_robot, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
 from sections import Section, percentile
@@ -105,7 +105,7 @@ def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> 
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
-        open_robot(page, demo, ROBOT)
+        drive_robot(page, demo, ROBOT)
         page.keyboard.down("w")
         judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
         undo.close()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-from pages import LIVE, log_in, open_live
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from pages import log_in, open_live, take_control
+from playwright.sync_api import Browser, BrowserContext, Page
 from stack import Stack
 
 PASSWORD = "a long enough password"
@@ -42,6 +42,12 @@ class Crew:
         self.go(page, robot)
         return page
 
+    def drive(self, name: str, robot: str) -> Page:
+        """A user's own browser on a robot's page, which drives it."""
+        page = self.open(name, robot)
+        take_control(page)
+        return page
+
     def go(self, page: Page, robot: str) -> None:
         """Open a robot's page and wait until its connection stands."""
         open_live(page, self.stack, robot)
@@ -58,14 +64,6 @@ class Crew:
             yield context
         finally:
             context.close()
-
-
-def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
-    """Wait until the page drives or watches, with a connection that stands."""
-    # In one look: the connection may be that of the mode before, and the mode that of the connection to come.
-    control = f"[data-testid=control][data-mode={mode}]"
-    stands = page.locator(f"main:has({control}):has({LIVE})")
-    expect(stands).to_have_count(1, timeout=seconds * 1000)
 
 
 def release_all(stack: Stack, robots: list[str]) -> None:

@@ -69,7 +69,7 @@ def be_logged_in(page: Page, site: Site) -> None:
 
 
 def open_robot(page: Page, site: Site, name: str) -> None:
-    """Go from the fleet page to a robot's page and wait until it can be driven."""
+    """Go from the fleet page to a robot's page, which watches, and wait until its connection stands."""
     if page.url != f"{site.url}/":
         page.goto(f"{site.url}/")
     page.get_by_test_id(f"robot-card-{name}").get_by_role("link").first.click()
@@ -81,6 +81,37 @@ def open_live(page: Page, site: Site, robot: str) -> None:
     """Go straight to a robot's page and wait until its connection stands."""
     page.goto(f"{site.url}/robots/{robot}")
     expect_live(page, seconds=15)
+
+
+def drive_robot(page: Page, site: Site, name: str) -> None:
+    """Go from the fleet page to a robot's page and take the control."""
+    open_robot(page, site, name)
+    take_control(page)
+
+
+def drive_live(page: Page, site: Site, robot: str) -> None:
+    """Go straight to a robot's page and take the control."""
+    open_live(page, site, robot)
+    take_control(page)
+
+
+def take_control(page: Page) -> None:
+    """Press Drive, and wait until the page drives."""
+    page.get_by_test_id("control-drive").click()
+    expect_mode(page, "drive")
+
+
+def answer(page: Page, test_id: str) -> None:
+    """Press a button of a question, as soon as that hears."""
+    page.locator(f"[data-deaf=false] [data-testid={test_id}]").click()
+
+
+def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
+    """Wait until the page drives or watches, with a connection that stands."""
+    # In one look: the connection may be that of the mode before, and the mode that of the connection to come.
+    control = f"[data-testid=control][data-mode={mode}]"
+    stands = page.locator(f"main:has({control}):has({LIVE})")
+    expect(stands).to_have_count(1, timeout=seconds * 1000)
 
 
 def expect_live(page: Page, seconds: float) -> None:

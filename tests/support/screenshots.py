@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from demo import ROOT, Demo
 from local_network import insecure_tls
-from pages import Site, chromium, expect_live, log_in, open_page
+from pages import Site, answer, chromium, expect_live, log_in, open_page, take_control
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from sim_service import frozen_cameras
@@ -104,6 +104,7 @@ def open_to_drive(camera: Camera) -> None:
     """Open sim1 and wait until there is something to drive by."""
     camera.open("/robots/sim1")
     expect_live(camera.page, seconds=30)
+    take_control(camera.page)
     camera.page.wait_for_selector('[data-testid=joystick][data-armed="true"]')
 
 
@@ -200,12 +201,12 @@ def shoot_control(camera: Camera, second: Page) -> None:
     page.get_by_test_id("question").wait_for()
     camera.shoot("drive-asked")
     other.shoot("drive-asking")
-    page.get_by_test_id("hand-over").click()
+    answer(page, "hand-over")
     second.get_by_test_id("control-arm").wait_for()
     other.shoot("drive-arrived")
     page.get_by_test_id("control-take").click()
     camera.shoot("drive-take")
-    page.get_by_test_id("take-yes").click()
+    answer(page, "take-yes")
     page.get_by_test_id("control-leave").wait_for()
 
 

@@ -6,7 +6,7 @@ import { states } from "./texts/truth.js";
 import { outlook } from "./truth/outlook.js";
 
 const texts = { ...connection, ...states };
-const TURNED_MS = 500; // who presses sooner meant what the button was before
+const TURNED_MS = 700; // who presses sooner meant what the button was before
 
 export class Banner {
   // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.

@@ -11,14 +11,15 @@ import { Teleop } from "./teleop.js";
 import { hints } from "./texts/inputs.js";
 import { letGoWhenUnsure } from "./unsure.js";
 
-// `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue` and `onWanted` as of teleop.js;
-// `onStop()` comes from a gamepad's stop button. Gives {arm, disarm, letGo, halt, useType}; `useType(type)` tells the
+// `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
+// teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
+// lets a press take the control, if that is free; `useType(type)` tells the
 // type of the drive commands, which makes a car of a robot that nobody has set up as one.
-export function setUpControls(root, { kind, limits: highest, publish, mayQueue, onWanted, onStop }) {
+export function setUpControls(root, { kind, limits: highest, publish, mayQueue, onTake, onWanted, onStop }) {
   const limits = setUpLimits(root, highest);
   const inputs = [];
   const onDrop = () => inputs.forEach((input) => input.drop());
-  const teleop = new Teleop({ publish, mayQueue, onWanted, limits, kind, onDrop });
+  const teleop = new Teleop({ publish, mayQueue, onTake, onWanted, limits, kind, onDrop });
   const sticks = new Sticks(root, { kind, teleop });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
   const keyboard = setUpKeyboard(root, teleop, kind);
@@ -27,23 +28,32 @@ export function setUpControls(root, { kind, limits: highest, publish, mayQueue, 
   const arm = (armed) => {
     teleop.arm(armed);
     sticks.arm(armed);
+    gamepad.free = false;
+    keyboard.fields.onChange();
+  };
+  const watch = (free) => {
+    teleop.watch();
+    sticks.arm(free && "free");
+    gamepad.free = free;
     keyboard.fields.onChange();
   };
   const disarm = () => {
     teleop.disarm();
     sticks.arm(false);
+    gamepad.free = false;
   };
   const useType = (type) => (teleop.kind = isSteered(type) ? "ackermann" : kind);
-  return { arm, disarm, useType, letGo: () => teleop.letGo(), halt: () => teleop.halt() };
+  const held = () => teleop.held.size > 0;
+  return { arm, watch, disarm, useType, letGo: () => teleop.letGo(), halt: () => teleop.halt(), held };
 }
 
 function setUpKeyboard(root, teleop, kind) {
   const sideways = kind === "holonomic";
-  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.armed && fields.taken) });
+  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
   const keyboard = new Keyboard({
     sideways,
     fields,
-    accepts: () => teleop.armed,
+    accepts: () => teleop.accepts,
     onHold: (input, at) => teleop.hold("keyboard", input, at),
     onRelease: () => teleop.release("keyboard"),
     onLetGo: () => teleop.letGo(),

@@ -15,6 +15,7 @@ import { Readings } from "./readings.js";
 import { RttMeter } from "./rtt.js";
 import { Seat } from "./seat.js";
 import { driveSettings } from "./settings.js";
+import { Stay } from "./stay.js";
 import { StopBar } from "./stopbar.js";
 import { watchers } from "./texts/truth.js";
 import { requestTicket } from "./tickets.js";
@@ -24,7 +25,7 @@ import { View } from "./view.js";
 import { Wheel } from "./wheel.js";
 
 const CHECK_MS = 50;
-const NO_CONTROLS = { arm() {}, disarm() {}, useType() {}, letGo() {}, halt() {} };
+const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
 
 const root = document.querySelector("main.drive");
 const { robot, level, user } = root.dataset;
@@ -33,7 +34,8 @@ const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };
 
-const seat = new Seat({ me: user, level, onMove: () => connection.reopen(), onChange: showSeat });
+const stay = new Stay(robot);
+const seat = new Seat({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showSeat });
 const sight = new SightHold({ afterMs: holdAfterMs, onChange: showSeat });
 const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
 const session = new Session({
@@ -42,7 +44,7 @@ const session = new Session({
   requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, seat.mode)),
   prepare: (call) => discovery.run(call),
   onState: showState,
-  onLeaving: () => controls.letGo(), // a cut network may yet deliver the link's last commands
+  onLeaving: () => arming.leave(),
   onControl: useControl,
 });
 const { connection, commands, beats } = session;
@@ -67,12 +69,12 @@ const rtt = new RttMeter({
 });
 const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
 const controls = seat.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
-const wheel = new Wheel(root, { robot, seat });
+const wheel = new Wheel(root, { robot, seat, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
   tell: () => session.stop(),
-  onReleased: () => seat.drive("released"),
+  onReleased: () => seat.released(),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
 const arming = new Arming({
@@ -87,6 +89,7 @@ function controlOptions() {
     limits,
     publish: (twist, moment) => arming.publish(twist, moment),
     mayQueue: () => session.mayQueue,
+    onTake: () => seat.press() || controls.letGo(),
     onWanted: useWanted,
     onStop: () => stopBar.press(),
   };
@@ -113,9 +116,11 @@ function showState(state) {
   if (state.name === "not_allowed") endAll(state);
   const live = state.name === "live";
   commands.use(live && seat.driving);
-  arming.disarm(); // each new link needs new presses
+  if (!live && state.name !== "connecting") seat.settle();
+  if (!seat.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
   sight.revoke();
   showSeat();
+  if (live) seat.settle();
   if (live) {
     rtt.start();
     view.retryNow();
@@ -139,14 +144,18 @@ function showSeat() {
   showBanner();
   wheel.show(live);
   panels.use({ live, driving: seat.driving });
-  arming.update(live && seat.driving && seat.armed);
+  const { driving, armed, pressed, mayDrive, free } = seat;
+  const watches = mayDrive && (pressed || (live && !driving));
+  arming.update({ mayMove: live && driving && armed, watches, free });
 }
 
 function showBanner() {
-  const { driving, armed: begun, control } = seat;
+  const { driving, armed: begun, control, free } = seat;
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
   const mayDrive = seat.mayDrive;
-  banner.show(connection.state, { ...facts, driving, armed: begun, control, stopped, mayDrive, sight: sight.kind });
+  const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: seat.wasStopped };
+  banner.show(connection.state, { ...facts, ...shown, sight: sight.kind });
+  stopBar.offer(seat.wasStopped ? "again" : "idle");
 }
 
 function useTopics({ twistType, speed, topics }) {
@@ -186,6 +195,7 @@ const feed = new Feed({
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
+  stay.keep(seat.kept);
   arming.disarm();
   connection.stop();
 });

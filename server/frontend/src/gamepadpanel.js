@@ -16,10 +16,11 @@ export class GamepadPanel {
   constructor(root, { kind, teleop, limits, onStop, kept = new Kept() }) {
     Object.assign(this, { kind, teleop, limits, kept });
     this.element = byTestId(root, "gamepad");
+    this.free = false; // whether its enable button would take the control
     this.device = null;
     this.learner = null;
     this.gamepad = new Gamepad({
-      accepts: () => teleop.armed && document.hasFocus(),
+      accepts: () => (teleop.armed || (teleop.watching && this.free)) && document.hasFocus(),
       onHold: (input, at) => teleop.hold(INPUT, input, at, LOOK_MS),
       onRelease: () => teleop.release(INPUT),
       onStop,

@@ -1,6 +1,6 @@
 // W A S D and the arrow keys, and Q and E for robots that go sideways, as an input of teleop.js. Keys go by their place on the keyboard, so that
-// other layouts than QWERTY drive with the same fingers. Only a press that it sees while driving is armed
-// counts, never the repeats of a key that is down already.
+// other layouts than QWERTY drive with the same fingers. Only a press that it sees while it counts
+// does, never the repeats of a key that is down already.
 
 import { FieldFocus } from "./fieldfocus.js";
 

@@ -1,20 +1,24 @@
 // Whether this page drives its robot or watches it, and what a person can do about that. Pure.
-// It must never take the wheel unless the person asked for it on this page, and never arm the controls when
-// control comes at a moment that the person does not choose.
+// It must never take the wheel unless the person asked for it on this page, nor by a mere press of a driving key while
+// somebody drives, in another window of this person's included, and never arm the controls when control comes at a
+// moment that the person does not choose.
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };
 
 export class Seat {
   // `me` is the user's name, `level` observe, drive or manage. `onMove()` asks for a connection of the mode
-  // that counts from now on, `onChange()` tells of all else.
-  constructor({ me, level, onMove, onChange = () => {} }) {
+  // that counts from now on, `onChange()` tells of all else. `drove` is the seat's `kept` of before a reload, or null.
+  constructor({ me, level, drove = null, onMove, onChange = () => {} }) {
     Object.assign(this, { me, level, onMove, onChange });
     this.mayDrive = level !== "observe";
-    this.mode = this.mayDrive ? "drive" : "observe";
-    this.armed = true; // opening the page is a wish to drive
+    this.mode = this.mayDrive && drove ? "drive" : "observe";
+    this.armed = Boolean(this.driving && drove.armed);
+    this.pressed = false; // a press took the control, which is on its way
+    this.known = false; // whether the control object has come
     this.asked = null; // "sent", "waiting"
-    this.note = null; // {why, by}: what last changed the seat
+    this.note = null; // {why, by}: what last changed the seat; with `busy`, why a press did not
+    this.wasStopped = false; // whether a stop ended this page's drive, and still holds
     this.control = NOTHING;
   }
 
@@ -22,10 +26,18 @@ export class Seat {
     return this.mode === "drive";
   }
 
+  // What a reload of this page begins with.
+  get kept() {
+    return this.driving ? { armed: this.armed } : null;
+  }
+
   hear(control) {
+    this.known = true;
     const released = this.control.stopped && !control.stopped;
     if (released && OF_A_STOP.includes(this.note?.why)) this.note = null;
     this.control = { ...NOTHING, ...control };
+    if (this.note?.busy && this.note.why !== this.busy) this.note = null;
+    if (!this.control.stopped) this.wasStopped = false;
     if (this.asked) this.followQuestion();
     this.onChange();
   }
@@ -33,25 +45,65 @@ export class Seat {
   // The server ended the connection or did not let it drive; `why` as `lost` in states.js.
   lose(why, reason) {
     this.mode = "observe";
-    this.armed = false;
+    this.armed = this.pressed = false;
     this.note = { why, reason };
+    this.wasStopped = why === "robot_stopped";
     this.onChange();
   }
 
-  // A person took the wheel: `why` tells how.
-  drive(why = "drive") {
-    this.sit({ armed: why !== "released" });
+  // The connection stands, or will not for now: what was pressed meanwhile has driven on, or must be pressed anew.
+  settle() {
+    this.pressed = false;
+  }
+
+  // A driving key, stick or enable button was pressed on a page that watches. Gives whether that takes the control.
+  press() {
+    if (this.driving) return this.pressed;
+    if (!this.known || this.asked) return false;
+    if (this.busy) this.say({ why: this.busy, by: this.other?.user, busy: true });
+    else this.drive("pressed");
+    return this.pressed;
+  }
+
+  // Who drives, or is about to.
+  get other() {
+    return this.control.driver ?? this.control.reserved;
+  }
+
+  // Why a press does not take the control; empty when it does.
+  get busy() {
+    const { driver, reserved, stopped } = this.control;
+    if (stopped) return "busy_stopped";
+    if (driver) return driver.user === this.me ? "busy_window" : "busy_driver";
+    return reserved && reserved.user !== this.me ? "busy_reserved" : "";
+  }
+
+  // Whether a press would take the control, or has taken it.
+  get free() {
+    return this.pressed || (this.mayDrive && !this.driving && this.known && !this.asked && !this.busy);
+  }
+
+  // A person took the wheel by the button, or by a press of what drives.
+  drive(why = null) {
+    this.pressed = why === "pressed";
+    this.sit({ armed: true, why });
+  }
+
+  // A person held the release button. Who drove when the robot was stopped drives on; for others the control is free.
+  released() {
+    if (this.wasStopped) this.drive("released");
+    else this.say({ why: "released" });
   }
 
   // This page is told nothing any more.
   end() {
-    Object.assign(this, { control: NOTHING, asked: null, note: null });
+    Object.assign(this, { control: NOTHING, known: false, asked: null, note: null });
     this.onChange();
   }
 
   leave() {
     this.mode = "observe";
-    this.armed = false;
+    this.armed = this.pressed = false;
     this.note = { why: "left" };
     this.onMove();
     this.onChange();
@@ -104,6 +156,7 @@ export class Seat {
   sit({ armed, why = null }) {
     this.mode = "drive";
     this.armed = armed;
+    this.wasStopped = false;
     this.endQuestion(why && { why });
     this.onMove();
     this.onChange();
@@ -125,8 +178,9 @@ export class Seat {
   }
 
   turns() {
-    const { driver, waiting, reserved } = this.control;
-    const other = driver ?? reserved;
+    if (!this.known) return [];
+    const { driver, waiting } = this.control;
+    const { other } = this;
     if (!other || other.user === this.me) return ["drive"];
     return driver && !waiting ? ["ask"] : [];
   }

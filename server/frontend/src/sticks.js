@@ -32,7 +32,7 @@ export class Sticks {
     return new Joystick({
       element,
       knob: part(element, "knob"),
-      accepts: () => this.teleop.armed,
+      accepts: () => this.teleop.accepts,
       onHold: (at, moment) => this.teleop.hold(input, asks(at), moment),
       onRelease: () => this.teleop.release(input),
     });
@@ -67,6 +67,7 @@ export class Sticks {
     element.setAttribute("aria-label", words + hints.also(this.kind));
   }
 
+  // `armed`: true, "free" when a press would take the control, false.
   arm(armed) {
     for (const { element } of [this.main, this.second]) element.dataset.armed = String(armed);
   }

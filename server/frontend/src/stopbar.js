@@ -15,6 +15,7 @@ export class StopBar {
     this.element = byTestId(root, "stop-bar");
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
+    this.offered = "idle";
     this.stopping = new Stopping({ tell, post: () => stop(robot), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
   }
@@ -55,9 +56,15 @@ export class StopBar {
     if (this.release) this.release.hidden = !this.stopping.stopped;
   }
 
+  // What holding the button brings: "idle", that the robot may be driven, or "again", that this page drives it again.
+  offer(offered) {
+    this.offered = offered;
+    if (this.hold) this.showHold(this.hold.state);
+  }
+
   showHold(state) {
     this.release.dataset.hold = state;
-    setText(part(this.release, "release-text"), releaseTexts[state]);
+    setText(part(this.release, "release-text"), releaseTexts[state === "idle" ? this.offered : state]);
   }
 
   async letGo() {

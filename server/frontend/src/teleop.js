@@ -1,6 +1,7 @@
 // Turns what the operator holds into drive commands: 20 Hz while anything is held, zero on release,
 // then silence, so that the page never fights another controller. Pure but for its timer.
-// It must never send anything but zero unless it is armed and an input is held that was pressed since then.
+// It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
+// press took the control.
 
 import { STILL, mixed } from "./mixing.js";
 
@@ -8,11 +9,13 @@ const PERIOD_MS = 50;
 const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
 const GAP_MS = 500; // after as long without a command the robot has stopped by itself
 const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
+const TAKE_MS = 1000; // a press that has not brought the control by then has to be made anew
 
 export class Teleop {
   // `publish({forward, left, turn}, moment)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
   // `moment()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
-  // `onDrop()` tells the inputs that what they hold no longer counts. `now()` must go on while the
+  // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
+  // `now()` must go on while the
   // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of mixing.js.
   constructor({
     publish,
@@ -20,41 +23,64 @@ export class Teleop {
     kind = "differential",
     mayQueue = () => true,
     onDrop = () => {},
+    onTake = () => {},
     onWanted = () => {},
     now = () => Date.now(),
     moment = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onWanted, now, moment });
+    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onTake, onWanted, now, moment });
     this.armed = false;
+    this.watching = false;
     this.held = new Map();
     this.zerosLeft = 0;
   }
 
   // Without a live connection nothing is accepted. What is held when one ends or begins must be let go
-  // and pressed anew.
+  // and pressed anew, but for the press that took the control: still held, it drives from here.
   arm(armed) {
-    this.drop();
+    const taken = armed && this.takes;
+    if (!taken) this.drop();
     this.armed = armed;
+    this.watching = false;
+    if (!taken) return;
+    this.sentAt = this.now();
+    this.tick();
+  }
+
+  // Whether a press while it watched is held still, and came lately.
+  get takes() {
+    return this.watching && this.held.size > 0 && !this.stale;
+  }
+
+  // On a page that watches: a press sends nothing, but says by onTake() that a person wants to drive.
+  watch() {
+    if (this.watching) return;
+    this.arm(false);
+    this.watching = true;
+  }
+
+  get accepts() {
+    return this.armed || this.watching;
   }
 
   // On a link that stands, where a person may not drive on: what is under way ends with zeros, and nothing counts
   // until it is armed again and pressed anew.
   disarm() {
     this.letGo();
-    this.armed = false;
+    this.armed = this.watching = false;
   }
 
   // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
   // polled says for how many ms its word is good: nobody tells when polling ends.
   hold(input, value, at = this.moment(), goodForMs = Infinity) {
-    if (!this.armed) return;
+    if (!this.accepts) return;
     const starting = this.held.size === 0;
     this.held.set(input, { value, at, goodForMs });
     if (starting) this.start(at);
   }
 
   release(input) {
-    if (this.held.delete(input) && this.held.size === 0) this.zero();
+    if (this.held.delete(input) && this.held.size === 0 && this.armed) this.zero();
   }
 
   // Ends any motion input at once. Zeroes also when nothing is held here, and before anything else.
@@ -78,7 +104,8 @@ export class Teleop {
   start(at) {
     this.zerosLeft = 0;
     this.restartTimer();
-    this.sendWanted(Math.min(at, this.moment()));
+    if (this.armed) this.sendWanted(Math.min(at, this.moment()));
+    else this.onTake();
   }
 
   zero() {
@@ -103,12 +130,12 @@ export class Teleop {
   }
 
   tick() {
-    const stale = this.late || this.stuck || this.unpolled;
+    const { stale } = this;
     const seenAt = this.see();
     if (this.held.size === 0 && this.zerosLeft === 0) clearInterval(this.timer);
     else if (stale) this.dropStale();
-    else if (this.held.size > 0) this.sendWanted(seenAt);
-    else this.sendZero();
+    else if (this.held.size === 0) this.sendZero();
+    else if (this.armed) this.sendWanted(seenAt);
   }
 
   // The moment for which this tick can answer. A late one may run before the release that came meanwhile, so
@@ -118,6 +145,10 @@ export class Teleop {
     this.tickedAt = this.now();
     this.seenAt = this.moment();
     return Math.min(due, this.seenAt, ...this.polls.map(({ at }) => at));
+  }
+
+  get stale() {
+    return this.late || this.stuck || this.unpolled;
   }
 
   get polls() {
@@ -134,9 +165,9 @@ export class Teleop {
     return Math.abs(this.now() - this.tickedAt) > PERIOD_MS + LATE_MS;
   }
 
-  // True when the network took nothing for as long as the robot waits.
+  // True when the network took nothing for as long as the robot waits, or a press did not bring the control in time.
   get stuck() {
-    return Math.abs(this.now() - this.sentAt) > GAP_MS;
+    return Math.abs(this.now() - this.sentAt) > (this.armed ? GAP_MS : TAKE_MS);
   }
 
   // The release may have been missed meanwhile, and a robot that stopped must not start by itself.

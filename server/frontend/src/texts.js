@@ -7,11 +7,14 @@ export const level = {
 };
 
 export const connection = {
-  connecting: { title: "Connecting", detail: () => "Opening the connection to the robot." },
+  connecting: {
+    title: "Connecting",
+    detail: ({ driving }) => (driving ? "Taking the control." : "Opening the connection to the robot."),
+  },
   live: {
     title: "Live",
-    detail: ({ driving, armed }) => {
-      if (!driving) return "You are watching.";
+    detail: ({ driving, armed, free }) => {
+      if (!driving) return free ? "You are watching. Press Drive, or a key or stick, to drive." : "You are watching.";
       return armed ? "Ready to drive." : "Press Start driving when you are ready.";
     },
   },
@@ -51,6 +54,8 @@ export const connection = {
 
 // Who drives, and why this page does or does not.
 export const control = {
+  drive: "Drive",
+  driveHere: "Drive here",
   nobody: "Nobody drives.",
   you: (since) => `You drive since ${since}.`,
   yourOther: (since) => `You drive in another window since ${since}.`,
@@ -76,6 +81,11 @@ export const seat = {
   stopped_meanwhile: () => "The robot was stopped, so nobody gets the control.",
   refused: ({ by }) => `${by} said no.`,
   arrived: () => "You have the control now.",
+  pressed: () => "You took the control.",
+  busy_driver: ({ by }) => `${by} is driving. To drive, ask for control.`,
+  busy_reserved: ({ by }) => `${by} is about to drive.`,
+  busy_stopped: () => "The robot is stopped. Release it to drive.",
+  busy_window: () => "You are driving in another window. Press Drive here to go on in this one.",
   released: () => "The robot is released.",
   left: () => "You gave up the control.",
   failed: ({ reason }) => reason,
@@ -94,6 +104,7 @@ export const stop = {
 
 export const release = {
   idle: "Hold to release",
+  again: "Hold to drive again",
   held: "Keep holding",
   once: "Press again to release",
   failed: (detail) => `Not released: ${detail || "no answer from the server"}.`,

@@ -4,18 +4,22 @@
 import { lease } from "./calls.js";
 import { serverClock } from "./clock.js";
 import { byTestId, localTime, part, setText } from "./page.js";
+import { Question } from "./question.js";
 import { control as texts, seat as notes } from "./texts.js";
 
 const TICK_MS = 500;
 
 export class Wheel {
-  constructor(root, { robot, seat }) {
+  // `busy` as of question.js.
+  constructor(root, { robot, seat, busy }) {
     this.robot = robot;
     this.seat = seat;
     this.live = false;
     this.element = byTestId(root, "control");
-    this.question = byTestId(root, "question");
-    this.sure = byTestId(root, "take-sure");
+    this.questionElement = byTestId(root, "question");
+    this.sureElement = byTestId(root, "take-sure");
+    this.question = new Question(this.questionElement, { busy });
+    this.sure = new Question(this.sureElement, { busy });
     this.listen();
     setInterval(() => this.count(), TICK_MS);
   }
@@ -47,6 +51,7 @@ export class Wheel {
     this.element.dataset.mode = seat.mode;
     setText(part(this.element, "driver"), driverText(seat));
     setText(part(this.element, "note"), [noteText(seat.note), guardText(seat.control)].join(" ").trim());
+    setText(this.button("drive"), seat.busy === "busy_window" ? texts.driveHere : texts.drive);
     const deeds = seat.deeds(live);
     this.showDeeds(deeds);
     if (!deeds.includes("take")) this.askSure(false);
@@ -64,15 +69,15 @@ export class Wheel {
 
   showQuestion() {
     const { asking } = this.seat;
-    this.question.hidden = !asking;
-    setText(part(this.question, "text"), asking ? texts.asks(asking.user) : "");
+    this.question.show(Boolean(asking));
+    setText(part(this.questionElement, "text"), asking ? texts.asks(asking.user) : "");
   }
 
   // The seconds change outside of the live regions, which would be read out each time.
   count() {
     const { asking, asked, control, me } = this.seat;
     const left = (waiting) => serverClock.secondsUntil(waiting.passes_at);
-    setText(part(this.question, "left"), asking ? texts.passes(left(asking)) : "");
+    setText(part(this.questionElement, "left"), asking ? texts.passes(left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
     setText(
       part(this.element, "left"),
@@ -95,9 +100,9 @@ export class Wheel {
 
   askSure(sure) {
     const { driver } = this.seat.control;
-    const changes = this.sure.hidden === sure;
-    this.sure.hidden = !sure;
-    setText(part(this.sure, "text"), sure && driver ? texts.takeSure(driver.user) : "");
+    const changes = this.sure.shown !== sure;
+    this.sure.show(sure);
+    setText(part(this.sureElement, "text"), sure && driver ? texts.takeSure(driver.user) : "");
     if (changes && sure) this.button("take-no").focus();
   }
 
@@ -115,7 +120,7 @@ export class Wheel {
   }
 
   async answer(action, more) {
-    this.question.hidden = true;
+    this.question.show(false);
     const answer = await lease(this.robot, action, more);
     if (answer.ok || answer.code === "nobody_asks") return;
     this.seat.say(failure(answer));

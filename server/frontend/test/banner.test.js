@@ -32,7 +32,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   press();
   held();
   press();
-  clock += 499;
+  clock += 699;
   held();
   press();
   assert.deepEqual(deeds, ["retry"]);
@@ -42,10 +42,10 @@ test("a press that was meant for what the button was before lets nobody drive wi
 test("who has had the time to read it, or saw no button before, may drive without a picture", () => {
   banner.show(LINK_LOST, {});
   held();
-  clock += 500;
+  clock += 700;
   press();
   banner.show(LIVE, { control: {}, driving: true, sight: "seen" });
-  clock += 500;
+  clock += 700;
   held();
   press();
   assert.deepEqual(deeds, ["blind", "blind"]);

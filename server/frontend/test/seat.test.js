@@ -11,9 +11,9 @@ const stopped = { by: "ben", at: SINCE, confirmed: true };
 
 let moves, seat;
 
-function sitDown(level) {
+function sitDown(level, drove = { armed: true }) {
   moves = [];
-  seat = new Seat({ me: "me", level, onMove: () => moves.push(seat.mode) });
+  seat = new Seat({ me: "me", level, drove, onMove: () => moves.push(seat.mode) });
 }
 
 beforeEach(() => sitDown("drive"));
@@ -25,9 +25,27 @@ function askAnn() {
   seat.hear({ driver: ann, waiting: me });
 }
 
-test("who may drive begins as a driver, who may not watches", () => {
+test("a page that is opened watches, whoever opens it", () => {
+  for (const level of ["observe", "drive", "manage"]) {
+    sitDown(level, null);
+    assert.equal(seat.mode, "observe");
+    assert.equal(seat.armed, false);
+    seat.hear({ driver: null });
+    assert.deepEqual(moves, []);
+  }
+});
+
+test("a page that is loaded anew while it drove drives on, armed if it was", () => {
   assert.equal(seat.mode, "drive");
-  assert.equal(seat.armed, true);
+  assert.deepEqual(seat.kept, { armed: true });
+  sitDown("drive", { armed: false });
+  assert.equal(seat.mode, "drive");
+  assert.equal(seat.armed, false);
+  seat.leave();
+  assert.equal(seat.kept, null);
+});
+
+test("who may no longer drive watches, whatever the page did before", () => {
   sitDown("observe");
   assert.equal(seat.mode, "observe");
   assert.deepEqual(seat.deeds(true), []);
@@ -108,10 +126,77 @@ test("a question answered for another window of the same person ends here", () =
   assert.deepEqual(moves, []);
 });
 
-test("after a release the page drives again, not armed", () => {
+test("who drove when the robot was stopped drives on by releasing it", () => {
   seat.lose("robot_stopped", "");
-  seat.drive("released");
+  seat.hear({ stopped });
+  seat.released();
   assert.deepEqual(moves, ["drive"]);
+  assert.equal(seat.armed, true);
+});
+
+test("for others a release leaves the control free", () => {
+  sitDown("drive", null);
+  seat.hear({ stopped });
+  seat.released();
+  assert.deepEqual(moves, []);
+  assert.equal(seat.mode, "observe");
+});
+
+test("who drove when the robot was stopped has no more claim on it once somebody released it", () => {
+  seat.lose("robot_stopped", "");
+  seat.hear({ stopped });
+  seat.hear({ stopped: null });
+  seat.hear({ stopped });
+  seat.released();
+  assert.deepEqual(moves, []);
+});
+
+test("a press takes the control that nobody has, and says so", () => {
+  sitDown("drive", null);
+  seat.hear({ driver: null });
+  assert.equal(seat.free, true);
+  assert.equal(seat.press(), true);
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(seat.armed, true);
+  assert.equal(seat.note.why, "pressed");
+  seat.settle();
+  assert.equal(seat.pressed, false);
+});
+
+test("a press before it is known who drives does nothing", () => {
+  sitDown("drive", null);
+  assert.equal(seat.press(), false);
+  assert.deepEqual(seat.deeds(true), []);
+  assert.deepEqual(moves, []);
+});
+
+for (const [who, control, why] of [
+  ["somebody else drives", { driver: ann }, "busy_driver"],
+  ["another window of the same person drives", { driver: { ...ann, user: "me" } }, "busy_window"],
+  ["somebody is about to drive", { reserved: ben }, "busy_reserved"],
+  ["the robot is stopped", { stopped }, "busy_stopped"],
+]) {
+  test(`a press while ${who} takes and asks nothing, and says why until that changes`, () => {
+    sitDown("drive", null);
+    seat.hear(control);
+    assert.equal(seat.free, false);
+    assert.equal(seat.press(), false);
+    assert.deepEqual(moves, []);
+    assert.equal(seat.asked, null);
+    assert.equal(seat.note.why, why);
+    seat.hear(control);
+    assert.equal(seat.note.why, why);
+    seat.hear({ driver: null });
+    assert.equal(seat.note, null);
+  });
+}
+
+test("a press that lost the race for the control has to be made anew", () => {
+  sitDown("drive", null);
+  seat.hear({ driver: null });
+  seat.press();
+  seat.lose("lease_held", "");
+  assert.equal(seat.pressed, false);
   assert.equal(seat.armed, false);
 });
 

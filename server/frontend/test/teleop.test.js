@@ -6,7 +6,7 @@ import { Teleop } from "../src/teleop.js";
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };
 
-let clock, moment, sent, moments, wanted, drops, mayQueue, teleop;
+let clock, moment, sent, moments, wanted, drops, takes, mayQueue, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -15,13 +15,14 @@ beforeEach(() => {
   sent = [];
   moments = [];
   wanted = [];
-  drops = 0;
+  drops = takes = 0;
   mayQueue = true;
   teleop = new Teleop({
     publish: (twist, at) => sent.push(twist) && moments.push(at),
     limits: { linear: 0.5, angular: 2 },
     mayQueue: () => mayQueue,
     onDrop: () => (drops += 1),
+    onTake: () => (takes += 1),
     onWanted: (twist) => wanted.push(twist),
     now: () => clock,
     moment: () => moment,
@@ -316,5 +317,83 @@ test("where a person may not drive on, zeros end what is under way, and only a n
 test("with nothing held, being disarmed sends nothing: somebody else may drive", () => {
   teleop.disarm();
   pass(1000);
+  assert.deepEqual(sent, []);
+});
+
+test("a press on a page that watches asks for the control and sends nothing", () => {
+  teleop.watch();
+  teleop.hold("keyboard", FORWARD);
+  pass(900);
+  assert.equal(takes, 1);
+  teleop.release("keyboard");
+  pass(200);
+  assert.deepEqual(sent, []);
+});
+
+test("what took the control and is held still drives on from the moment at which it came", () => {
+  teleop.watch();
+  teleop.hold("keyboard", FORWARD);
+  pass(300);
+  teleop.arm(true);
+  assert.deepEqual(sent, [{ forward: 0.5, left: 0, turn: 0 }]);
+  assert.ok(moments[0] <= moment);
+  pass(100);
+  assert.equal(sent.length, 3);
+  teleop.release("keyboard");
+  assert.deepEqual(sent.at(-1), STILL);
+});
+
+test("what took the control and was let go before it came moves nothing", () => {
+  teleop.watch();
+  teleop.hold("keyboard", FORWARD);
+  pass(100);
+  teleop.release("keyboard");
+  pass(100);
+  teleop.arm(true);
+  pass(500);
+  assert.deepEqual(sent, []);
+});
+
+test("control that comes more than a second after the press moves nothing until it is pressed anew", () => {
+  teleop.watch();
+  teleop.hold("keyboard", FORWARD);
+  pass(1100);
+  assert.ok(drops > 0);
+  teleop.arm(true);
+  pass(500);
+  assert.deepEqual(sent, []);
+  teleop.hold("keyboard", FORWARD);
+  assert.equal(sent.length, 1);
+});
+
+test("what took the control on a page that was frozen meanwhile moves nothing", () => {
+  teleop.watch();
+  teleop.hold("keyboard", FORWARD);
+  clock += 600;
+  moment += 600;
+  teleop.arm(true);
+  pass(500);
+  assert.deepEqual(sent, []);
+});
+
+for (const [end, act] of [["the focus goes", () => teleop.letGo()], ["the link fails", () => teleop.arm(false)], ["driving is held", () => teleop.disarm()]]) {
+  test(`what took the control moves nothing when ${end} meanwhile`, () => {
+    teleop.watch();
+    teleop.hold("keyboard", FORWARD);
+    pass(100);
+    act();
+    teleop.arm(true);
+    pass(500);
+    assert.deepEqual(sent, []);
+  });
+}
+
+test("a gamepad that is no longer looked at takes the control and moves nothing", () => {
+  teleop.watch();
+  teleop.hold("gamepad", FORWARD, moment, 250);
+  pass(400);
+  teleop.arm(true);
+  pass(500);
+  assert.equal(takes, 1);
   assert.deepEqual(sent, []);
 });

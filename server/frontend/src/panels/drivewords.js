@@ -13,6 +13,9 @@ export function durationText(ms) {
 
 const metres = (m) => (m >= 1000 ? `${(m / 1000).toFixed(2)} km` : `${m.toFixed(1)} m`);
 
+// As the list of drives has it.
+export const moved = ({ top_speed_m_s, top_turn_rad_s }) => top_speed_m_s > 0 || top_turn_rad_s > 0;
+
 const duration = ({ started_at, ended_at }) => durationText(Date.parse(ended_at) - Date.parse(started_at));
 
 export const headline = (drive) => texts.headline(duration(drive), metres(drive.distance_m));

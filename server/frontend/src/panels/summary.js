@@ -3,7 +3,7 @@
 import { api } from "../calls.js";
 import { byTestId, make, part, setText } from "../page.js";
 import { summary as texts } from "../texts/panels.js";
-import { driveRows, headline } from "./drivewords.js";
+import { driveRows, headline, moved } from "./drivewords.js";
 import { recordOf } from "./record.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
@@ -40,6 +40,7 @@ export class Summary {
     if (round !== this.round) return;
     if (typeof found === "string") return this.show(texts[found], []);
     this.drive = found;
+    if (!moved(found)) return void (this.root.hidden = true);
     this.show(headline(found), driveRows(found));
     if (this.driving) return;
     this.root.open = true;

@@ -9,8 +9,7 @@ export const states = {
   },
   stopped: {
     title: "Stopped",
-    detail: ({ stopped, mayDrive }) =>
-      `By ${stopped.by} at ${stopped.at}. ${mayDrive ? "Hold the release button below to drive again." : "Somebody who may drive has to release it."}`,
+    detail: ({ stopped, mayDrive, again }) => `By ${stopped.by} at ${stopped.at}. ${afterStop(mayDrive, again)}`,
   },
   guard_down: {
     title: "Guard not answering",
@@ -26,6 +25,11 @@ export const states = {
     detail: () => "You cannot see what is in front of the robot.",
   },
 };
+
+function afterStop(mayDrive, again) {
+  if (!mayDrive) return "Somebody who may drive has to release it.";
+  return again ? "Hold the button below to drive again." : "Hold the button below to release it.";
+}
 
 export const ages = {
   none: "-",

@@ -8,16 +8,29 @@ export class Arming {
     this.armed = false;
   }
 
-  // `mayMove`: the link stands, this page drives, and the person has begun.
-  update(mayMove) {
-    if (!mayMove) this.disarm();
-    else if (this.sight.held) this.hold();
-    else if (!this.armed) this.arm();
+  // `mayMove`: the link stands, this page drives, and the person has begun. `watches`: a press is heard all the same, and
+  // takes the control if `free`.
+  update({ mayMove, watches = false, free = false }) {
+    if (mayMove && this.sight.held) this.hold();
+    else if (mayMove) this.arm();
+    else if (watches) this.watch(free);
+    else this.disarm();
   }
 
   arm() {
+    if (this.armed) return;
     this.armed = true;
     this.controls().arm(true);
+  }
+
+  watch(free) {
+    this.armed = false;
+    this.controls().watch(free);
+  }
+
+  // A link that is given up may yet deliver a last command.
+  leave() {
+    if (this.armed) this.controls().letGo();
   }
 
   // Nothing is said: there may be no link, or somebody else may drive.
@@ -28,7 +41,7 @@ export class Arming {
 
   // The link stands, so the robot is told to stand still.
   hold() {
-    if (this.armed) this.controls().disarm();
+    this.controls().disarm();
     this.armed = false;
   }
 

@@ -9,7 +9,7 @@ const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };
 const CHECK_MS = 50;
 
-let clock, sent, mayMove, teleop, sight, arming;
+let clock, sent, mayMove, watches, takes, teleop, sight, arming;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -17,9 +17,11 @@ beforeEach(() => {
   clock = 1000;
   sent = [];
   mayMove = true;
+  watches = false;
+  takes = 0;
   sight = new SightHold({
     afterMs: 1000,
-    onChange: () => arming.update(mayMove),
+    onChange: () => arming.update({ mayMove, watches, free: watches }),
     now: () => clock,
     wall: () => clock,
   });
@@ -27,10 +29,11 @@ beforeEach(() => {
   teleop = new Teleop({
     publish: (twist, moment) => arming.publish(twist, moment),
     limits: { linear: 1, angular: 1 },
+    onTake: () => (takes += 1),
     now: () => clock,
     moment: () => clock,
   });
-  arming.update(mayMove);
+  arming.update({ mayMove, watches, free: watches });
 });
 
 // With the page's own timer for the check, or without, as if that were late.
@@ -105,9 +108,54 @@ test("zero passes while driving is held", () => {
 
 test("a page that may not move sends nothing at all when the picture comes or goes", () => {
   mayMove = false;
-  arming.update(mayMove);
+  arming.update({ mayMove, watches, free: watches });
   see();
   teleop.hold("keyboard", FORWARD);
   pass(1500);
+  assert.deepEqual(sent, []);
+});
+
+function watch() {
+  mayMove = false;
+  watches = true;
+  arming.update({ mayMove, watches, free: watches });
+}
+
+function getControl() {
+  mayMove = true;
+  watches = false;
+  arming.update({ mayMove, watches, free: watches });
+}
+
+test("a key that took the control moves nothing while there is no picture, nor when it comes", () => {
+  watch();
+  teleop.hold("keyboard", FORWARD);
+  assert.equal(takes, 1);
+  getControl();
+  see();
+  pass(500);
+  assert.deepEqual(moving(), []);
+});
+
+test("a key that took the control, and is held still, drives as soon as it has it", () => {
+  see();
+  watch();
+  teleop.hold("keyboard", FORWARD);
+  pass(200);
+  assert.deepEqual(sent, []);
+  getControl();
+  assert.equal(moving().length, 1);
+});
+
+test("what is under way on a link that is given up ends with a zero, and a page that only watches says nothing", () => {
+  see();
+  teleop.hold("keyboard", FORWARD);
+  arming.leave();
+  assert.deepEqual(sent.at(-1), { ...STILL, at: clock });
+  sent.length = 0;
+  watch();
+  teleop.hold("keyboard", FORWARD);
+  arming.leave();
+  pass(200);
   assert.deepEqual(sent, []);
 });
