@@ -13,6 +13,7 @@ from contextlib import closing
 import page_holds
 import pytest
 from crew import Crew
+from gamepad_double import LB, LEFT_Y, GamepadDouble
 from pages import answer, expect_armed, expect_live, expect_mode, take_control
 from playwright.sync_api import Browser, Page, Route, expect
 from sim_watch import SimWatch
@@ -22,13 +23,11 @@ ROBOT = "sim1"
 # As of teleop.js, less what a machine may need to tell of it.
 TAKE_MS = 900
 STRETCHES = 5
-# How long it took from a key's own moment until what is pressed counts.
+# How long it took from a moment before the press until what is pressed counts.
 NOTE_TAKING = """() => {
   const stick = document.querySelector("[data-testid=joystick]");
-  let pressed = 0;
-  addEventListener("keydown", ({ timeStamp, repeat }) => repeat || (pressed = timeStamp), { capture: true });
   new MutationObserver(() => {
-    if (stick.dataset.armed === "true") window.takenMs = performance.now() - pressed;
+    if (stick.dataset.armed === "true") window.takenMs = performance.now() - window.pressedAt;
   }).observe(stick, { attributes: true, attributeFilter: ["data-armed"] });
 }"""
 
@@ -194,26 +193,78 @@ def _newest_fence(stack: Stack) -> int:
     return int(fence)
 
 
-def test_the_first_held_key_takes_the_control_and_drives(crew: Crew, stack: Stack) -> None:
+class Key:
+    """W."""
+
+    def __init__(self, page: Page) -> None:
+        self._keyboard = page.keyboard
+
+    def press(self) -> None:
+        self._keyboard.down("w")
+
+    def release(self) -> None:
+        self._keyboard.up("w")
+
+
+class Stick:
+    """The stick on the screen, by the mouse."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+
+    def press(self) -> None:
+        box = self._page.get_by_test_id("joystick").bounding_box()
+        assert box is not None
+        self._page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 4)
+        self._page.mouse.down()
+
+    def release(self) -> None:
+        self._page.mouse.up()
+
+
+class Pad:
+    """A gamepad's stick, held forward, and its enable button."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._double = GamepadDouble(page)
+        page.reload()
+        self._double.plug_in()
+        self._double.push(LEFT_Y, -1)
+
+    def press(self) -> None:
+        expect(self._page.get_by_test_id("gamepad")).to_have_attribute("data-state", "ready")
+        self._double.press(LB)
+
+    def release(self) -> None:
+        self._double.release(LB)
+
+
+@pytest.mark.parametrize("means", [Key, Stick, Pad])
+def test_the_first_held_input_takes_the_control_and_drives(
+    crew: Crew, stack: Stack, means: type[Key | Stick | Pad]
+) -> None:
     """In one press, as soon as the control is there, and the page says so."""
     page = crew.open("ann", ROBOT)
+    held = means(page)
     _wait_for_picture(page)
     page.evaluate(NOTE_TAKING)
     with SimWatch(stack, ROBOT) as watch:
         for _ in range(STRETCHES):
             expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
             page_holds.note(page)
-            page.keyboard.down("w")
+            page.evaluate("window.pressedAt = performance.now()")
+            held.press()
             expect_mode(page, "drive")
             expect_armed(page)
             if page.evaluate("window.takenMs") < TAKE_MS and not page_holds.had_to_let_go(page):
                 break
-            page.keyboard.up("w")
+            held.release()
             page.get_by_test_id("control-leave").click()
         else:
             raise AssertionError("the machine never gave the control in time")
         watch.wait_pose("moving", _moving)
-        page.keyboard.up("w")
+        held.release()
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
     expect(page.get_by_test_id("driver")).to_contain_text("You drive since")
     expect(page.get_by_test_id("control-note")).to_have_text("You took the control.")

@@ -74,7 +74,7 @@ const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
   tell: () => session.stop(),
-  onReleased: () => seat.released(),
+  onReleased: (again) => seat.released(again),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
 const arming = new Arming({

@@ -32,12 +32,13 @@ export class Seat {
   }
 
   hear(control) {
+    const wasStopped = Boolean(this.control.stopped);
     this.known = true;
     const released = this.control.stopped && !control.stopped;
     if (released && OF_A_STOP.includes(this.note?.why)) this.note = null;
     this.control = { ...NOTHING, ...control };
     if (this.note?.busy && this.note.why !== this.busy) this.note = null;
-    if (!this.control.stopped) this.wasStopped = false;
+    if (wasStopped && !this.control.stopped) this.wasStopped = false;
     if (this.asked) this.followQuestion();
     this.onChange();
   }
@@ -89,9 +90,10 @@ export class Seat {
     this.sit({ armed: true, why });
   }
 
-  // A person held the release button. Who drove when the robot was stopped drives on; for others the control is free.
-  released() {
-    if (this.wasStopped) this.drive("released");
+  // A person held the release button. Who drove when the robot was stopped, and read so, drives again; for others the
+  // control is free.
+  released(again) {
+    if (again) this.drive("released");
     else this.say({ why: "released" });
   }
 

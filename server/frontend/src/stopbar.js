@@ -9,7 +9,7 @@ import { release as releaseTexts, stop as texts } from "./texts.js";
 
 export class StopBar {
   // `halt()` ends what this page commands; `tell()` says the stop on the page's own connection;
-  // `onReleased()` comes when this page's person released the robot.
+  // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
   constructor(root, { robot, halt, tell, onReleased }) {
     Object.assign(this, { robot, halt, onReleased });
     this.element = byTestId(root, "stop-bar");
@@ -70,8 +70,9 @@ export class StopBar {
   async letGo() {
     const { stopped } = this.stopping;
     if (!stopped) return;
+    const again = this.offered === "again"; // the news that it is released may come before the answer
     const answer = await release(this.robot, stopped);
-    if (answer.ok) return this.onReleased();
+    if (answer.ok) return this.onReleased(again);
     this.failure = releaseTexts.failed(answer.detail);
     this.show();
   }
