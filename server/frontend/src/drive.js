@@ -120,8 +120,12 @@ function showState(state) {
   if (!seat.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
   sight.revoke();
   showSeat();
-  if (live) seat.settle();
+  useLink(live);
+}
+
+function useLink(live) {
   if (live) {
+    seat.settle();
     rtt.start();
     view.retryNow();
   } else {

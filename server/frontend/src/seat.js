@@ -32,15 +32,20 @@ export class Seat {
   }
 
   hear(control) {
-    const wasStopped = Boolean(this.control.stopped);
-    this.known = true;
-    const released = this.control.stopped && !control.stopped;
-    if (released && OF_A_STOP.includes(this.note?.why)) this.note = null;
+    const before = this.control;
     this.control = { ...NOTHING, ...control };
-    if (this.note?.busy && this.note.why !== this.busy) this.note = null;
-    if (wasStopped && !this.control.stopped) this.wasStopped = false;
+    this.known = true;
+    if (!this.control.stopped) this.wasStopped = false;
+    if (this.outlives(before)) this.note = null;
     if (this.asked) this.followQuestion();
     this.onChange();
+  }
+
+  // Whether the note tells of a state that has ended.
+  outlives(before) {
+    if (this.note?.busy) return this.note.why !== this.busy;
+    const released = before.stopped && !this.control.stopped;
+    return released && OF_A_STOP.includes(this.note?.why);
   }
 
   // The server ended the connection or did not let it drive; `why` as `lost` in states.js.
