@@ -8,6 +8,7 @@ import { Session } from "./client/session.js";
 import { setUpControls } from "./controls.js";
 import { Discovery } from "./discovery.js";
 import { Feed } from "./feed.js";
+import { LoginUse } from "./loginuse.js";
 import { byTestId, localTime, setText } from "./page.js";
 import { setUpPanels } from "./panels/panels.js";
 import { Readback } from "./readback.js";
@@ -34,6 +35,7 @@ const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };
 
+const loginUse = new LoginUse();
 const stay = new Stay(robot);
 const seat = new Seat({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showSeat });
 const sight = new SightHold({ afterMs: holdAfterMs, onChange: showSeat });
@@ -95,7 +97,9 @@ function controlOptions() {
   };
 }
 
+// A gamepad's driver touches nothing that the page would hear of.
 function useWanted(twist) {
+  if (Object.values(twist).some((value) => value !== 0)) loginUse.note();
   readings.wanted(twist);
   view.wanted(twist);
 }
@@ -196,6 +200,7 @@ const feed = new Feed({
   onRobot: (robotNews) => robotNews.name === robot && useNews(robotNews),
 });
 
+loginUse.watch(window);
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {

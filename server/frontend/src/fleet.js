@@ -11,6 +11,7 @@ import { Rest } from "./fleet/rest.js";
 import { Thumbs } from "./fleet/thumb.js";
 import { Toolbar } from "./fleet/toolbar.js";
 import { FleetStops } from "./fleetstops.js";
+import { LoginUse } from "./loginuse.js";
 import { byTestId, part, setText } from "./page.js";
 import { feed as feedTexts } from "./texts.js";
 
@@ -140,3 +141,4 @@ const feed = new Feed({
 });
 
 feed.start();
+new LoginUse().watch(window);
