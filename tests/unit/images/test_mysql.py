@@ -14,6 +14,8 @@ from docker.models.containers import Container
 from inside import run_inside
 from mariadb_server import ACCOUNTS, ROOT, MariaDb
 
+# A machine without the older Debian makes it first, and an image on it.
+MAY_MAKE_A_BASE = pytest.mark.timeout(900)
 PASSWORDS = {account: f"{account}-password-1" for account in ACCOUNTS}
 
 
@@ -137,6 +139,7 @@ def needs_upgrade(container: Container) -> bool:
     return done.returncode == 0
 
 
+@MAY_MAKE_A_BASE
 def test_data_of_an_older_series_is_upgraded(
     engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -158,6 +161,7 @@ def test_data_of_an_older_series_is_upgraded(
         container.remove(force=True)
 
 
+@MAY_MAKE_A_BASE
 def test_interrupted_upgrade_is_done_again_and_keeps_its_backup(
     engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -184,6 +188,7 @@ def test_interrupted_upgrade_is_done_again_and_keeps_its_backup(
         second.remove(force=True)
 
 
+@MAY_MAKE_A_BASE
 def test_data_of_a_newer_series_is_refused(
     engine: docker.DockerClient, older_data: tuple[str, str], older_suite: str, tmp_path: Path
 ) -> None:
