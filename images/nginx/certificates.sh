@@ -1,5 +1,5 @@
 # Which certificate serves; sourced by entrypoint.sh. nginx reads one pair in /run/nginx/tls, which is put there from the
-# first of these that holds: the admin's own (a folder that tools/up fills), the one from the ACME authority (the service
+# first of these that holds: the admin's own (a folder that compose's service secrets fills), the one from the ACME authority (the service
 # acme), the self-signed one. A pair that does not hold, such as one of which only half has been copied, changes nothing.
 # shellcheck shell=sh
 

@@ -22,7 +22,7 @@ ensure_public_copy() {
 ensure_secrets() {
   for name in mysql_keylookup_password session_key; do
     if [ ! -s "/run/secrets/$name" ]; then
-      echo "cannot start sshd: the secret $name is missing or empty; run make up, which makes it" >&2
+      echo "cannot start sshd: the secret $name is missing or empty; compose's service secrets makes it: docker compose up -d" >&2
       exit 1
     fi
   done

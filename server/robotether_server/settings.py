@@ -85,7 +85,7 @@ class RelaySettings:
     allowed_origins: tuple[str, ...]
     message_limit_bytes: int
     log_level: str
-    # Robots' ports are published too (compose/direct.yaml): their guards take connections without a key.
+    # Robots' ports are published too (compose's service direct): their guards take connections without a key.
     direct: bool = False
 
 

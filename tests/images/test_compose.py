@@ -6,10 +6,28 @@ import socket
 import subprocess
 
 import pytest
+from image_names import image
 from stack import ROOT, Stack
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
+ONE_SHOTS = ("secrets", "migrate", "demo")
+# Beyond none: sshd changes to other accounts, and secrets gives the files of others away.
+CAPABILITIES = {
+    "sshd": {"CAP_SETUID", "CAP_SETGID", "CAP_SYS_CHROOT", "CAP_KILL"},
+    "secrets": {"CAP_CHOWN", "CAP_DAC_OVERRIDE"},
+}
+SECRETS = {
+    "web": {"admin_password", "mysql_web_password", "ticket_key", "web_secret_key"},
+    "relay": {"mysql_relay_password", "session_key", "ticket_key"},
+    "sshd": {"mysql_keylookup_password", "session_key"},
+    "mysql": {
+        "mysql_keylookup_password",
+        "mysql_migrate_password",
+        "mysql_relay_password",
+        "mysql_web_password",
+    },
+}
 
 
 def reaches(stack: Stack, service: str, host: str, port: int, seconds: float = 5) -> bool:
@@ -26,19 +44,15 @@ def address(stack: Stack, service: str, network: str) -> str:
     )
 
 
-@pytest.mark.parametrize("service", SERVICES + SIMS)
+@pytest.mark.parametrize("service", SERVICES + SIMS + ONE_SHOTS)
 def test_container_is_locked_down(stack: Stack, service: str) -> None:
-    """Read-only, without capabilities but those that sshd needs, bounded in memory, processes and log."""
+    """Read-only, with the capabilities that it needs, bounded in memory, processes and log."""
     host = stack.container(service).attrs["HostConfig"]
     assert host["ReadonlyRootfs"]
     assert not host["Privileged"]
     assert host["CapDrop"] == ["ALL"]
-    allowed = (
-        {"CAP_SETUID", "CAP_SETGID", "CAP_SYS_CHROOT", "CAP_KILL"} if service == "sshd" else set()
-    )
-    assert {
-        cap if cap.startswith("CAP_") else f"CAP_{cap}" for cap in host["CapAdd"] or []
-    } == allowed
+    added = {cap if cap.startswith("CAP_") else f"CAP_{cap}" for cap in host["CapAdd"] or []}
+    assert added == CAPABILITIES.get(service, set())
     assert host["SecurityOpt"] == ["no-new-privileges:true"]
     assert host["Memory"] > 0
     assert host["LogConfig"]["Config"]["max-size"] == "10m"
@@ -48,6 +62,16 @@ def test_container_is_locked_down(stack: Stack, service: str) -> None:
 def test_container_runs_without_root(stack: Stack, service: str) -> None:
     """Only sshd, which must change accounts, runs as root."""
     assert stack.exec(service, "id", "-u").strip() != "0"
+
+
+def test_secrets_are_made_out_of_reach(stack: Stack) -> None:
+    """The one-shot service that runs as root has no network; the others are no root."""
+    root = {
+        service: stack.container(service).attrs["Config"]["User"] in {"", "0", "0:0"}
+        for service in ONE_SHOTS
+    }
+    assert root == {"secrets": True, "migrate": False, "demo": False}
+    assert stack.container("secrets").attrs["HostConfig"]["NetworkMode"] == "none"
 
 
 @pytest.mark.parametrize("service", SERVICES + SIMS)
@@ -119,34 +143,59 @@ def test_robot_reaches_the_published_ports(stack: Stack) -> None:
     assert reaches(stack, "sim1", "cloud", stack.https_port)
 
 
-def test_secrets_are_kept_from_other_people(stack: Stack) -> None:
-    """The folder is its owner's alone, and so is the admin's password."""
+def test_password_is_kept_from_other_people(stack: Stack) -> None:
+    """The folder that tools/up makes is its owner's alone, and so is the admin's password."""
     secrets = stack.folder / "secrets"
     assert secrets.stat().st_mode & 0o777 == 0o700
     assert (secrets / "admin_password").stat().st_mode & 0o777 == 0o600
 
 
-def secrets_of(stack: Stack) -> dict[str, str]:
-    """Each generated file with what it holds."""
-    files = (stack.folder / "secrets").rglob("*")
-    return {file.name: file.read_text() for file in files if file.is_file()}
+def secrets_of(stack: Stack, service: str) -> dict[str, str]:
+    """Name and hash of each secret that a service's container holds."""
+    # The only root among them is in sshd, where it may not read what belongs to others.
+    users = ("keylookup", "tunnel") if service == "sshd" else ("",)
+    found: dict[str, str] = {}
+    for user in users:
+        look = "cd /run/secrets 2>/dev/null && sha256sum -- * 2>/dev/null || true"
+        lines = stack.exec(service, "sh", "-c", look, user=user).splitlines()
+        found |= {line.split()[1]: line.split()[0] for line in lines}
+    return found
+
+
+@pytest.mark.parametrize("service", SERVICES + SIMS)
+def test_container_has_its_own_secrets_alone(stack: Stack, service: str) -> None:
+    """No other folder of the volume is mounted, and in sshd each account reads one file."""
+    assert set(secrets_of(stack, service)) == SECRETS.get(service, set())
+    mounts = stack.container(service).attrs["HostConfig"]["Mounts"] or []
+    folders = [
+        mount["VolumeOptions"]["Subpath"]
+        for mount in mounts
+        if mount["Source"].endswith("_secrets")
+    ]
+    assert folders == [service] * (service in SECRETS or service == "nginx")
+    if service == "sshd":
+        for user, secret in (("keylookup", "session_key"), ("tunnel", "mysql_keylookup_password")):
+            read = f"cat /run/secrets/{secret} 2>&1 || true"
+            assert "Permission denied" in stack.exec("sshd", "sh", "-c", read, user=user)
 
 
 def test_second_start_changes_nothing(stack: Stack) -> None:
     """`tools/up --demo` on a running stack keeps secrets, containers and robots."""
-    secrets = secrets_of(stack)
+    password = stack.admin_password
+    secrets = {service: secrets_of(stack, service) for service in SECRETS}
     containers = {service: stack.container(service).id for service in SERVICES + SIMS}
     stack.tool("tools/up", "--demo", timeout=300)
-    assert secrets_of(stack) == secrets
+    assert stack.admin_password == password
+    assert {service: secrets_of(stack, service) for service in SECRETS} == secrets
     assert {service: stack.container(service).id for service in SERVICES + SIMS} == containers
     assert all(stack.online(sim) for sim in SIMS)
 
 
 def test_no_secret_is_in_an_image() -> None:
     """The images' histories and environments hold no CA bundle and no generated secret."""
-    for image in ("mysql", "sshd", "nginx", "acme", "server", "sim_robot"):
+    for name in ("mysql", "sshd", "nginx", "acme", "server", "sim_robot"):
         done = subprocess.run(
-            ["docker", "image", "inspect", f"robotether/{image}:dev", "--format", "{{json .Config}}"],
+            ["docker", "image", "inspect", image(name), "--format", "{{json .Config}}"],
             capture_output=True, text=True, check=True, cwd=ROOT,
         )  # fmt: skip
         assert "PASSWORD" not in done.stdout.upper().replace("PASSWORD_FILE", "")

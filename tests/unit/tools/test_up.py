@@ -17,6 +17,7 @@ case "$*" in
   --env*) [ ! -e env ] || sed -n "s/^$2=//p" env ;;
   config) echo 'name: robots' ;;
   'config --services') printf 'secrets\\nweb\\n'; cat services ;;
+  run*secrets) exit "$(cat secrets_status)" ;;
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
 esac
 """
@@ -39,6 +40,7 @@ def checkout(tmp_path: Path) -> Path:
         path.chmod(0o755)
     (tmp_path / "compose" / "secrets").mkdir(parents=True)
     (tmp_path / "services").write_text("")
+    (tmp_path / "secrets_status").write_text("0")
     (tmp_path / "volumes").write_text("")
     return tmp_path
 
@@ -114,6 +116,15 @@ def test_nothing_waits_for_an_authority(checkout: Path) -> None:
     first, last = [line for line in calls(checkout).splitlines() if line.startswith("up ")]
     assert first == "up --detach --wait --no-build --pull never secrets web"
     assert last == "up --detach --no-deps --no-build --pull never acme"
+
+
+def test_certificate_that_cannot_serve_stops_the_start(checkout: Path) -> None:
+    """The service that looks at it runs alone, before anything is replaced."""
+    (checkout / "secrets_status").write_text("1")
+    done = up(checkout)
+    assert done.returncode == 1
+    assert "nothing was started or changed" in done.stderr
+    assert "up --detach" not in calls(checkout)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,110 @@
+"""`docker compose up` in a fresh copy of the repository, with Docker alone: no tool, no file made before."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from dated_certificate import make_certificate
+from local_network import free_port
+from plain_compose import PASSWORD, PlainCompose
+
+SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
+ONE_SHOTS = dict.fromkeys(("secrets", "migrate"), "exited 0")
+SIMS = ("sim1", "sim2", "sim3")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlainCompose]:
+    """What the first start made; the images too are built by it."""
+    plain = PlainCompose(tmp_path_factory.mktemp("plain"))
+    try:
+        plain.compose("up", "--detach", "--wait")
+        yield plain
+    finally:
+        plain.down()
+
+
+def test_stack_is_healthy_and_lets_the_first_admin_in(site: PlainCompose) -> None:
+    """Nobody else runs, and the log of web has address, name and password once."""
+    assert site.states() == SERVICES | ONE_SHOTS
+    log = site.log("web")
+    assert f"open      {site.url}\n" in log
+    assert "user      admin\n" in log
+    [password] = PASSWORD.findall(log)
+    assert site.lets_in(password)
+    assert not site.lets_in(f"{password}x")
+
+
+def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
+    """Neither at a second start, nor by a container of web that is new."""
+    [password] = PASSWORD.findall(site.log("web"))
+    site.compose("up", "--detach", "--wait")
+    assert site.log("web").count(password) == 1
+    site.compose("up", "--detach", "--wait", "--force-recreate", "--no-deps", "web")
+    assert PASSWORD.findall(site.compose("logs")) == []
+    assert site.lets_in(password)
+
+
+def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
+    """With a token for just as many, that no log has, and again after a start in new containers."""
+    site.settings["COMPOSE_PROFILES"] = "demo"
+    site.compose("up", "--detach", "--wait")
+    site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
+    before = site.robots()
+    assert {name: one["state"] for name, one in before.items()} == dict.fromkeys(SIMS, "active")
+    tokens = site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines()
+    assert [line.split()[:4] for line in tokens[1:]] == [["demo", "3", "of", "3"]]
+    assert "rj_" not in site.compose("logs")
+    site.compose("up", "--detach", "--wait", "--force-recreate", "--no-deps", *SIMS)
+    site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
+    after = site.robots()
+    assert {name: one["fingerprint"] for name, one in after.items()} == {
+        name: one["fingerprint"] for name, one in before.items()
+    }
+    assert (
+        site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines() == tokens
+    )
+
+
+def served(site: PlainCompose) -> str:
+    """The certificate that the site shows."""
+    port = int(site.url.rstrip("/").rpartition(":")[2])
+    return ssl.get_server_certificate(("localhost", port))
+
+
+def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompose) -> None:
+    """Files beside compose.yaml; the log of `secrets` says what is wrong with them."""
+    now = datetime.now(UTC)
+    both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
+    site.settings |= {"TLS_CERT_FILE": both.name, "TLS_KEY_FILE": both.name}
+    site.compose("up", "--detach", "--wait")
+    site.wait("served", lambda: served(site).strip() in both.read_text(), "nginx")
+    good = both.read_text()
+    both.write_text(good[: len(good) // 2])
+    assert site.run("up", "--detach", "--wait").returncode != 0
+    assert "cannot use your own certificate: the file of TLS_" in site.log("secrets")
+    assert served(site).strip() in good
+    site.settings |= {"TLS_CERT_FILE": "", "TLS_KEY_FILE": ""}
+    site.compose("up", "--detach", "--wait")
+    site.wait("taken back", lambda: served(site).strip() not in good, "nginx")
+
+
+def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
+    """The profile alone opens nothing; relay and robots hear of it when there is a list."""
+    first = free_port()
+    site.settings |= {
+        "COMPOSE_PROFILES": "direct",
+        "DIRECT_PORT_FIRST": first,
+        "DIRECT_PORT_LAST": first,
+    }
+    site.compose("up", "--detach")
+    site.wait("the refusal", lambda: "DIRECT_SOURCES is ''" in site.log("direct"), "direct")
+    assert "are open to" not in site.log("direct")
+    assert "DIRECT_PORTS=\n" in site.compose("exec", "relay", "robotether", "show-settings")
+    site.settings["DIRECT_SOURCES"] = "192.0.2.0/24"
+    site.compose("up", "--detach", "--wait")
+    assert f"ports {first} to {first} are open to 192.0.2.0/24" in site.log("direct")
+    assert "DIRECT_PORTS=yes\n" in site.compose("exec", "relay", "robotether", "show-settings")

@@ -1,0 +1,139 @@
+"""A stack as a newcomer starts it: `docker compose up` in a copy of the repository, and no other program.
+
+Its images have a tag of their own, so that nothing but this copy can have made them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+import urllib.parse
+import urllib.request
+import uuid
+from collections.abc import Callable
+from http.cookiejar import CookieJar
+from pathlib import Path
+from typing import Any
+
+from local_network import free_port, insecure_tls
+
+ROOT = Path(__file__).resolve().parents[2]
+PASSWORD = re.compile(r"password  (\S+)")
+
+
+class PlainCompose:
+    """A copy of this checkout, with a name and ports of its own on the command line."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder / "robotether"
+        self._name = f"robotether-test-{uuid.uuid4().hex[:8]}"
+        self._https_port = free_port()
+        self._programs = folder / "programs"
+        self.settings: dict[str, object] = {
+            "COMPOSE_PROJECT_NAME": self._name,
+            "TAG": self._name,
+            "HTTP_PORT": free_port(),
+            "HTTPS_PORT": self._https_port,
+            "SSH_PORT": free_port(),
+            "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""),
+        }
+        self._copy()
+
+    @property
+    def compose_folder(self) -> Path:
+        """Where `docker compose` is run."""
+        return self._folder / "compose"
+
+    @property
+    def url(self) -> str:
+        """The address that web prints."""
+        return f"https://localhost:{self._https_port}/"
+
+    def run(self, *arguments: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+        """Run docker compose with these arguments."""
+        environment = {name: str(value) for name, value in self.settings.items()}
+        return subprocess.run(
+            ["docker", "compose", *arguments],
+            cwd=self.compose_folder,
+            env=environment | {"PATH": str(self._programs), "HOME": os.environ["HOME"]},
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+        )
+
+    def compose(self, *arguments: str) -> str:
+        """Run what must succeed; what it printed."""
+        done = self.run(*arguments)
+        if done.returncode != 0:
+            raise AssertionError(
+                f"docker compose {' '.join(arguments)} exited {done.returncode}\n{done.stdout[-4000:]}\n"
+                f"{done.stderr[-4000:]}\n{self.run('logs', '--tail', '40').stdout[-8000:]}"
+            )
+        return done.stdout
+
+    def states(self) -> dict[str, str]:
+        """Service -> `healthy`, `exited 0` or whatever else its container is."""
+        listed = self.compose("ps", "--all", "--format", "{{json .}}").splitlines()
+        found = {one["Service"]: one for one in map(json.loads, listed)}
+        return {
+            name: one["Health"] or f"{one['State']} {one['ExitCode']}"
+            for name, one in found.items()
+        }
+
+    def log(self, service: str) -> str:
+        """The log of a service's container."""
+        return self.compose("logs", "--no-log-prefix", service)
+
+    def robots(self) -> dict[str, dict[str, Any]]:
+        """The robots that the server knows."""
+        listed = self.compose("exec", "-T", "web", "robotether", "robot", "list", "--json")
+        return {one["name"]: one for one in json.loads(listed)}
+
+    def wait(self, what: str, condition: Callable[[], object], *services: str) -> None:
+        """Wait for a minute at most; on a time-out show the services' logs."""
+        end = time.monotonic() + 60
+        while not condition():
+            if time.monotonic() > end:
+                raise AssertionError(f"still not: {what}\n{self.compose('logs', *services)}")
+            time.sleep(0.5)
+
+    def lets_in(self, password: str) -> bool:
+        """Whether the log-in form takes this password for admin, and then shows who is logged in."""
+        opener = urllib.request.build_opener(
+            urllib.request.HTTPSHandler(context=insecure_tls()),
+            urllib.request.HTTPCookieProcessor(CookieJar()),
+        )
+        with opener.open(f"{self.url}login", timeout=10) as page:
+            token = re.search(r'name="csrf-token" content="([^"]+)"', page.read().decode())
+        assert token is not None
+        form = {"csrf_token": token[1], "name": "admin", "password": password, "next": ""}
+        try:
+            with opener.open(f"{self.url}login", urllib.parse.urlencode(form).encode()) as answer:
+                return "admin" in answer.read().decode() and not answer.url.endswith("/login")
+        except urllib.error.HTTPError as refused:
+            with refused:
+                return False
+
+    def down(self) -> None:
+        """Remove containers, networks, volumes and images."""
+        self.run("--profile", "*", "down", "--volumes", "--timeout", "5", "--rmi", "all")
+
+    def _copy(self) -> None:
+        """Copy what git has or would take, and make a folder of programs that has docker alone."""
+        listed = subprocess.run(
+            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+            cwd=ROOT, check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        for name in filter(None, listed.stdout.split("\0")):
+            if (ROOT / name).is_file():
+                (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(ROOT / name, self._folder / name)
+        self._programs.mkdir()
+        docker = shutil.which("docker")
+        assert docker is not None
+        (self._programs / "docker").symlink_to(docker)
