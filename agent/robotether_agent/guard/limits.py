@@ -58,7 +58,7 @@ def _vector(
 
 def _along(before: Vector, wanted: Vector, length: float) -> float:
     """Return how fast the robot is in the wanted direction already; the other way counts as standing."""
-    return max(0.0, sum(old * new / length for old, new in zip(before, wanted, strict=True)))
+    return max(0.0, sum(old * (new / length) for old, new in zip(before, wanted, strict=True)))
 
 
 def _scaled(vector: Vector, factor: float) -> Vector:

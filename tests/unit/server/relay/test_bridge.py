@@ -52,8 +52,17 @@ async def test_an_observer_who_floods_is_closed_and_nobody_else(
         code, reason = await closing(bob)
         await flood
         assert (code, reason) == (1008, "you sent robot sim1 too much for too long")
-        await ann.send_str(PUBLISH)
-        assert await ann.receive_str(timeout=5) == PUBLISH
+        await _driven_on(ann)
+
+
+async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
+    """Publish until the robot has it: what this process kept of the driver's pongs makes the first commands old."""
+    async with asyncio.timeout(5):
+        while True:
+            await socket.send_str(PUBLISH)
+            if await socket.receive_str() == PUBLISH:
+                return
+            await asyncio.sleep(0.1)
 
 
 async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
