@@ -103,7 +103,7 @@ def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
     site.compose("up", "--detach")
     site.wait("the refusal", lambda: "DIRECT_SOURCES is ''" in site.log("direct"), "direct")
     assert "are open to" not in site.log("direct")
-    assert "DIRECT_PORTS=\n" in site.compose("exec", "relay", "robotether", "show-settings")
+    assert "DIRECT_PORTS=no\n" in site.compose("exec", "relay", "robotether", "show-settings")
     site.settings["DIRECT_SOURCES"] = "192.0.2.0/24"
     site.compose("up", "--detach", "--wait")
     assert f"ports {first} to {first} are open to 192.0.2.0/24" in site.log("direct")
