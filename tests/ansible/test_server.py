@@ -77,7 +77,8 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
     host.run("systemctl disable --now sim-robot")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
     inventory = folder / "server.ini"
-    settings = '{"PUBLIC_HOST": "robots.test", "JOIN_POLICY": "token-only"}'
+    tag = IMAGES[0].partition(":")[2]
+    settings = f'{{"PUBLIC_HOST": "robots.test", "JOIN_POLICY": "token-only", "TAG": "{tag}"}}'
     inventory.write_text(
         f"[robotether_server]\n{host.inventory_line(robotether_server_settings=settings)}\n"
         f"[robotether_server:vars]\nrobotether_server_images={images}\n"
