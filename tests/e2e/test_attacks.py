@@ -70,7 +70,7 @@ class Forger:
 
     def __init__(self, stack: Stack, owner: Person) -> None:
         self.owner = owner
-        key = (stack.folder / "secrets" / "ticket_key").read_text().strip()
+        key = stack.exec("web", "cat", "/run/secrets/ticket_key").strip()
         self.signer = TicketSigner(key, TTL_S)
 
     def good(self, mode: str = "drive") -> str:
