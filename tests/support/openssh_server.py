@@ -30,7 +30,8 @@ SESSION_COMMAND = """
 import json, os, selectors, signal, socket, sys
 
 def end_connection():
-    os.kill(os.getppid(), signal.SIGTERM)
+    if os.getppid() > 1:  # which would be the machine's init, after sshd has gone
+        os.kill(os.getppid(), signal.SIGTERM)
     sys.exit(0)
 
 relay_port, robot_id = int(sys.argv[1]), int(sys.argv[2])
