@@ -99,8 +99,8 @@ def network(monkeypatch):
 
 
 @pytest.fixture
-async def watched():
-    """A watch over a connection of this machine's, with a session and a way that the test moves."""
+async def watched(network):
+    """A watch over a connection of this machine's, with a session, a way and a network that the test moves."""
     session, way = Session(), FakeWay()
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
