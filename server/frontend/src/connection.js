@@ -219,9 +219,10 @@ export class Connection {
 
   dropLink() {
     this.attempt += 1;
-    if (this.link) this.onLink(null);
-    this.link?.close();
-    this.link = null;
+    const { link } = this;
+    this.link = null; // first: who hears that it is gone must not find it live
+    if (link) this.onLink(null);
+    link?.close();
     for (const entry of this.topics) entry.channel = null;
   }
 

@@ -316,6 +316,15 @@ test("operations of our own go out on an open link, also before the robot has an
   assert.equal(connection.tell({ op: "robotether.stop" }), false);
 });
 
+test("a link that is given up is not live any more when its end is told", async () => {
+  connection.start();
+  await goLive();
+  const live = [];
+  connection.onLink = () => live.push(connection.live);
+  connection.reopen();
+  assert.deepEqual(live, [false]);
+});
+
 test("what the relay says is no sign of life of the robot", async () => {
   connection.start();
   await goLive();
