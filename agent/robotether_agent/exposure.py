@@ -33,8 +33,10 @@ def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
         for line in (read_text(lists / name) or "").splitlines()[1:]:
             _, local, _, state, *_ = line.split()
             words, _, its_port = local.partition(":")
+            if state != LISTEN or int(its_port, 16) != port:
+                continue
             address = _address(words)
-            if state == LISTEN and int(its_port, 16) == port and not _is_loopback(address):
+            if not _is_loopback(address):
                 return str(address)
     return ""
 
