@@ -23,11 +23,10 @@ async def test_it_passes_a_connection_on_and_ends(tmp_path):
         url = f"ws://127.0.0.1:{bus.rosbridge.listener.port}"
         guard.send({"type": "config", "rosbridge_url": url, "guard": {}, "direct": True})
         guard.send({"type": "session", "up": True})
-        async with aiohttp.ClientSession() as http:
-            async with await _connected(http, ready["port"]) as socket:
-                asked = {"op": "call_service", "id": "1", "service": "/rosapi/topics"}
-                await socket.send_json(asked)
-                assert (await socket.receive_json())["id"] == "1"
+        async with aiohttp.ClientSession() as http, await _connected(http, ready["port"]) as socket:
+            asked = {"op": "call_service", "id": "1", "service": "/rosapi/topics"}
+            await socket.send_json(asked)
+            assert (await socket.receive_json())["id"] == "1"
         await guard.end()
         with pytest.raises(GuardDown):
             await serving
