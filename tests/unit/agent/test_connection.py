@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -126,12 +126,16 @@ async def start_ssh(robot) -> AsyncIterator[Callable[[int], Awaitable[OpenSshSer
 async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
     """Starts relays that do what the test says with a connection and then drop it; returns their ports."""
     relays: list[asyncio.Server] = []
+    serving: set[asyncio.Task[Any]] = set()
 
     async def start(serve: Serve) -> int:
         async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            await reader.readline()
-            await serve(reader, writer)
-            writer.close()
+            task = asyncio.current_task()
+            assert task is not None
+            serving.add(task)
+            with closing(writer):
+                await reader.readline()
+                await serve(reader, writer)
 
         relays.append(await asyncio.start_server(handle, "127.0.0.1", 0))
         return int(relays[-1].sockets[0].getsockname()[1])
@@ -139,6 +143,9 @@ async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
     yield start
     for relay in relays:
         relay.close()
+    for task in serving:
+        task.cancel()
+    await asyncio.gather(*serving, return_exceptions=True)
 
 
 def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, object]:
