@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from database_outage import database_away
-from jump_people import RobotSshd, heartbeat
+from jump_people import RobotSshd, end, heartbeat
 from robot_key import RobotKey
 from stack import Stack
 
@@ -43,11 +43,6 @@ def _session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[s
         raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
     line: dict[str, object] = json.loads(running.stdout.readline())
     return line
-
-
-def _end(running: subprocess.Popen[str]) -> str:
-    running.terminate()
-    return running.communicate(timeout=10)[1]
 
 
 def _free_port(key: RobotKey) -> int:
@@ -171,7 +166,7 @@ def test_robot_opens_its_session(key: RobotKey) -> None:
     try:
         line = _session_line(running)
     finally:
-        _end(running)
+        end(running)
     ros, video = key.ports()
     assert (line["type"], line["robot"], line["ros_port"], line["video_port"]) == (
         "config",
@@ -187,7 +182,7 @@ def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
     try:
         assert _session_line(running)["robot"] == "thief"
     finally:
-        _end(running)
+        end(running)
 
 
 def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: Path) -> None:
@@ -204,7 +199,7 @@ def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: P
                 assert done.returncode == 0, done.stderr
                 stack.exec("sshd", "bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}")
     finally:
-        _end(running)
+        end(running)
 
 
 def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> None:
@@ -214,7 +209,7 @@ def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> N
     try:
         line = _session_line(running)
     finally:
-        _end(running)
+        end(running)
     assert (line["type"], line["code"]) == ("bye", "port_taken")
 
 
@@ -315,7 +310,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
         assert running[1].poll() is None
     finally:
         for each in running:
-            _end(each)
+            end(each)
 
 
 def test_connection_without_a_session_ends(key: RobotKey) -> None:
@@ -325,7 +320,7 @@ def test_connection_without_a_session_ends(key: RobotKey) -> None:
     try:
         assert holding.wait(timeout=20) != 0
     finally:
-        _end(holding)
+        end(holding)
 
 
 def test_connection_without_a_session_ends_though_somebody_uses_it(
@@ -344,7 +339,7 @@ def test_connection_without_a_session_ends_though_somebody_uses_it(
             stack.container("sshd").exec_run(["bash", "-c", f"{connect}; sleep 60"], detach=True)
             assert holding.wait(timeout=35) != 0
         finally:
-            _end(holding)
+            end(holding)
 
 
 def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack) -> None:
@@ -385,13 +380,13 @@ def test_known_key_works_while_the_database_is_away(
     """With mysql stopped a key that worked before still opens its session, and an unknown one does not."""
     running = key.start(USER, "session")
     _session_line(running)
-    _end(running)
+    end(running)
     with database_away(stack):
         running = key.start(USER, "session")
         try:
             assert _session_line(running)["robot"] == "thief"
         finally:
-            _end(running)
+            end(running)
         assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
 
 
@@ -411,7 +406,7 @@ def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Sta
         try:
             assert _session_line(running)["robot"] == "thief"
         finally:
-            _end(running)
+            end(running)
 
 
 def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:

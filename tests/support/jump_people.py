@@ -191,7 +191,8 @@ def first_line(running: subprocess.Popen[str], seconds: float = 10) -> str:
 
 def end(running: subprocess.Popen[str]) -> str:
     """End the client; return what it said on stderr."""
-    running.terminate()
+    # Not SIGTERM: a client (OpenSSH 9.2, `-N -D`) was seen to live on for 10 s after one.
+    running.kill()
     return running.communicate(timeout=10)[1]
 
 
