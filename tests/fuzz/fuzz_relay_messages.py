@@ -18,7 +18,8 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
 with atheris.instrument_imports(include=["robotether_server", "json"]):
     from robotether_server.globs import Globs
-    from robotether_server.relay.operations import Checked, Gate, RefusedError, stamped
+    from robotether_server.relay.drive_commands import stamped
+    from robotether_server.relay.operations import Checked, Gate, RefusedError
     from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS
     from robotether_server.robot_settings import LevelPolicy, Limits
 

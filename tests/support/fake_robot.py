@@ -10,10 +10,9 @@ Unit tests of the relay start it. Its misbehaviours have names:
     floods             its rosbridge sends as fast as it can
     no_rosbridge       its ports accept and close, as a tunnel to nothing does
 
-These are agents from before the guard, as `old_agent` is, which behaves. With a guard in front:
+These have the guard switched off, as `guard_off` does, which behaves. With a guard in front:
 
     guarded            behaves
-    guard_off          is switched to the bare forward
     guard_silent       never answers an order to stop or to release
     guard_refuses      answers 409 to every driver
     comes_back_stopped says from the beginning that it is stopped
@@ -31,7 +30,7 @@ from aiohttp import WSMsgType, web
 from fake_frames import FakeFrames
 
 Mode = Literal[
-    "old_agent",
+    "guard_off",
     "silent",
     "wrong_key",
     "drops_mid_message",
@@ -40,7 +39,6 @@ Mode = Literal[
     "floods",
     "no_rosbridge",
     "guarded",
-    "guard_off",
     "guard_silent",
     "guard_refuses",
     "comes_back_stopped",
@@ -50,6 +48,8 @@ GUARDED = {"guarded", "guard_silent", "guard_refuses", "comes_back_stopped"}
 AHEAD_MS = 1e6
 
 HOST = "127.0.0.1"
+# Of the one key that all robots of the tests have; `openssh_server` names it too.
+FINGERPRINT = "SHA256:of the tests"
 WAIT_S = 8.0
 FLOOD_MESSAGE = b"x" * 65536
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
@@ -65,7 +65,7 @@ class RobotSession:
         kind: str,
         session_key: str,
         silent: bool = False,
-        fingerprint: str = "",
+        fingerprint: str = FINGERPRINT,
         ports: tuple[int, ...] = (),
     ) -> None:
         self.robot_id = robot_id
@@ -82,9 +82,8 @@ class RobotSession:
         self.stopped = False
         self.stopped_by = ""
         self.answers_orders = True
-        self.pings_with_clock = False
         self.pings = 0
-        self.pongs = 0
+        self.pongs: list[dict[str, Any]] = []
         self.configured = asyncio.Event()
         self.closed = asyncio.Event()
         self._reader: asyncio.StreamReader
@@ -128,7 +127,7 @@ class RobotSession:
 
     async def _ping(self, every_s: float) -> None:
         while True:
-            self.send(type="ping", seq=0)
+            self.send(type="ping", seq=0, t_ms=self.clock_ms())
             await asyncio.sleep(every_s)
 
     def _take(self, message: dict[str, Any]) -> None:
@@ -144,7 +143,7 @@ class RobotSession:
         elif message["type"] in {"stop", "release"}:
             self._obey(message)
         elif message["type"] == "pong":
-            self.pongs += 1
+            self.pongs.append(message)
         elif message["type"] == "checked":
             self.checked.append(message)
         elif message["type"] == "bye":
@@ -154,8 +153,7 @@ class RobotSession:
         self.pings += 1
         if not self.silent:
             self.send(type="pong", seq=seq)
-            if self.pings_with_clock:
-                self.send(type="ping", seq=seq, t_ms=self.clock_ms())
+            self.send(type="ping", seq=seq, t_ms=self.clock_ms())
 
     def _obey(self, order: dict[str, Any]) -> None:
         self.orders.append(order)
@@ -190,7 +188,7 @@ class RobotSession:
 class FakeRobot:
     """A whole robot: session, media, rosbridge and web_video_server."""
 
-    def __init__(self, robot_id: int, session_key: str, mode: Mode = "old_agent") -> None:
+    def __init__(self, robot_id: int, session_key: str, mode: Mode = "guard_off") -> None:
         self.mode = mode
         key = "another key" if mode == "wrong_key" else session_key
         silent = mode == "silent"
@@ -203,7 +201,7 @@ class FakeRobot:
         self.handshakes: list[dict[str, str]] = []
         self._came = asyncio.Event()
         self.raw_answer: list[bytes] = []
-        # Its agent is from before the frames service unless a test says otherwise.
+        # It has no frames service unless a test says otherwise.
         self.frames = FakeFrames(self.session.clock_ms, "no_service")
         self._runners: list[web.AppRunner] = []
         self._closer: asyncio.Server | None = None
@@ -218,7 +216,7 @@ class FakeRobot:
         await asyncio.wait_for(self.media.configured.wait(), WAIT_S)
         await self._listen(self._video_app(), self.media.configs[0]["video_port"])
         self._say_hello()
-        self.session.send(type="health", ros="ok", video="ok", detail="")
+        self.session.send(type="health", ros="ok", video="ok", detail="", ros_exposed=False)
         self._watch = asyncio.create_task(self._close_ports_with_session())
 
     def _say_hello(self) -> None:
@@ -226,14 +224,11 @@ class FakeRobot:
         if self.mode in GUARDED:
             session.answers_orders = self.mode != "guard_silent"
             session.stopped = session.stopped or self.mode == "comes_back_stopped"
-            session.pings_with_clock = True
             session.send(type="hello", guard="on", **hello)
             session.send(type="ping", seq=0, t_ms=session.clock_ms())
             session.tell_guard()
-        elif self.mode == "guard_off":
-            session.send(type="hello", guard="off", **hello)
         else:
-            session.send(type="hello", **hello)
+            session.send(type="hello", guard="off", **hello)
 
     async def send_to_clients(self, data: bytes) -> None:
         """Send a text message to everybody who is connected to rosbridge."""

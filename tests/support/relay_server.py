@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
 
-from fake_robot import HOST, WAIT_S
+from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.credentials import credential_of
@@ -65,7 +65,8 @@ class MemoryRecords:
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> Robot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
-        robot = Robot(robot_id, name, "active", free_port(), free_port())
+        ports = (free_port(), free_port())
+        robot = Robot(robot_id, name, "active", *ports, fingerprint=FINGERPRINT)
         self.robots = {**self.robots, robot_id: robot}
         for user, level in grants.items():
             self.grants[int(user.removeprefix("u")), robot_id] = level

@@ -57,9 +57,7 @@ def _ports_changed(robot: Robot) -> RefusedError:
 
 
 def _is_key_of(robot: Robot, fingerprint: str) -> bool:
-    # sshd's cache may hold lines of a version that did not name the key; it is asked only while
-    # the database is away, when the relay would learn of no other key either.
-    return not fingerprint or fingerprint in (robot.fingerprint, robot.previous_fingerprint)
+    return fingerprint in (robot.fingerprint, robot.previous_fingerprint)
 
 
 def _took_a_port(before: Robot, after: Robot) -> bool:

@@ -18,8 +18,9 @@ from aiohttp import WSMsgType
 from robotether_server.relay.ages import ClientMoments
 from robotether_server.relay.allowance import Allowance
 from robotether_server.relay.clocks import RobotClock
+from robotether_server.relay.drive_commands import DriveCommand, stamped
 from robotether_server.relay.drive_log import DriveLog
-from robotether_server.relay.operations import DriveCommand, stamped, status_error
+from robotether_server.relay.operations import status_error
 from robotether_server.relay.sockets import RobotSocket
 
 # Clients drive one or two topics.

@@ -21,13 +21,11 @@ from typing import Any, Literal, NamedTuple
 from robotether_server.globs import Globs
 from robotether_server.relay import fields, json_text
 from robotether_server.relay.allowance import Allowance, Excess
-from robotether_server.relay.drive_commands import DriveCommand, speeds, stamped
+from robotether_server.relay.drive_commands import DriveCommand, speeds
 from robotether_server.relay.fields import FieldRefusedError
 from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS, Operation, Right
 from robotether_server.relay.subscriptions import Subscriptions
 from robotether_server.robot_settings import LevelPolicy, Limits
-
-__all__ = ["Checked", "DriveCommand", "Gate", "RefusedError", "stamped", "status_error"]
 
 Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
 

@@ -241,7 +241,6 @@ class Relay:
             self.control,
             rules=self._bridge_rules(),
             report=self.reports.connection,
-            deliveries=self.deliveries,
         )
         frames, video = FramesHandler(means, self._timing.limits), VideoHandler(means)
         events = EventsHandler(

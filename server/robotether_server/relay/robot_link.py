@@ -200,8 +200,7 @@ class RobotLink:
             self._registry.heard_guard(self, *lines.parse_guard(message))
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
-            # Agents from before it was looked for leave it out.
-            exposed = "ros_exposed" in message and lines.truth_field(message, "ros_exposed")
+            exposed = lines.truth_field(message, "ros_exposed")
             self._registry.heard_health(self, ros, video, ros_exposed=exposed)
         elif kind == "vitals":
             self._registry.heard_battery(self, lines.parse_vitals(message))
@@ -209,9 +208,7 @@ class RobotLink:
             self._checks.ask()
 
     def _take_ping(self, message: Mapping[str, Any]) -> None:
-        t_ms = lines.clock_field(message, "t_ms")
-        if t_ms is not None:
-            self.clock.heard(time.monotonic(), t_ms)
+        self.clock.heard(time.monotonic(), lines.clock_field(message, "t_ms"))
         self._send(lines.pong_line(message))
 
     def _take_hello(self, message: Mapping[str, Any]) -> None:

@@ -19,7 +19,6 @@ from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.bridge import Bridge, Reached, Traffic
 from robotether_server.relay.connections import Connection
 from robotether_server.relay.control import Control
-from robotether_server.relay.deliveries import Deliveries
 from robotether_server.relay.drive_log import DriveLog, Meters
 from robotether_server.relay.drive_path import Seat
 from robotether_server.relay.endings import EndedError, Ending
@@ -69,13 +68,11 @@ class RosbridgeHandler:
         *,
         rules: BridgeRules,
         report: Callable[[ConnectionReport], None],
-        deliveries: Deliveries,
     ) -> None:
         self._means = means
         self._control = control
         self._rules = rules
         self._report = report
-        self._deliveries = deliveries
         self._reach = Reach(means.client, means.tunnel_host, means.registry, rules.message_limit)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
@@ -114,7 +111,6 @@ class RosbridgeHandler:
                     self._control,
                     self._reach,
                     self._report,
-                    self._deliveries,
                     address,
                 ).run()
             await bridge.farewell(ending)
@@ -146,7 +142,6 @@ class Visit:
     control: Control
     way: Reach
     report: Callable[[ConnectionReport], None]
-    deliveries: Deliveries
     address: str | None
     drive: DriveLog | None = None
 
@@ -216,7 +211,7 @@ class Visit:
         return Meters(
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: registry.presence(robot_id).rtt_ms,
-            delivered=partial(self.deliveries.of, robot_id, user_id),
+            delivered=partial(self.means.deliveries.of, robot_id, user_id),
         )
 
     def _leave_seat(self) -> None:

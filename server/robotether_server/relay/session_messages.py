@@ -48,10 +48,9 @@ class Preface:
     kind: Kind
     robot_id: int
     address: str
-    # Which key logged in (SHA256:...), and on what this login may listen; empty when the login comes
-    # from a line that an earlier version left in sshd's cache.
-    fingerprint: str = ""
-    ports: frozenset[int] = frozenset()
+    # Which key logged in (SHA256:...), and on what this login may listen.
+    fingerprint: str
+    ports: frozenset[int]
 
 
 def parse_line(line: bytes) -> dict[str, Any]:
@@ -73,7 +72,6 @@ def parse_preface(line: bytes, session_key: str) -> Preface:
         raise WrongKeyError
     if message["type"] != "preface":
         raise BrokenLineError("cannot read the first line: its type is not preface")
-    message = {"fingerprint": "", "ports": []} | message
     return Preface(
         kind=kind_field(message, "kind"),
         robot_id=whole_field(message, "robot_id"),
@@ -144,10 +142,8 @@ def health_field(message: Mapping[str, Any], name: str) -> Health:
 
 
 def guard_mode_field(message: Mapping[str, Any], name: str) -> GuardMode:
-    """Read `on` or `off`; an agent from before the guard says neither."""
+    """Read `on` or `off`."""
     value = message.get(name)
-    if value is None:
-        return "unknown"
     if value == "on":
         return "on"
     if value == "off":
@@ -155,14 +151,13 @@ def guard_mode_field(message: Mapping[str, Any], name: str) -> GuardMode:
     raise BrokenLineError(f"cannot read field {name}: it is not on or off")
 
 
-def clock_field(message: Mapping[str, Any], name: str) -> float | None:
-    """Read the agent's clock in ms, which older agents leave out."""
+def clock_field(message: Mapping[str, Any], name: str) -> float:
+    """Read the agent's clock in ms."""
     value = message.get(name)
-    if value is None:
-        return None
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    # Not a number is in no range either.
-    if not is_number or not 0 <= value <= LONGEST_UPTIME_MS:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise BrokenLineError(f"cannot read field {name}: no number of milliseconds")
+    # Not a number is in no range.
+    if not 0 <= value <= LONGEST_UPTIME_MS:
         raise BrokenLineError(f"cannot read field {name}: no number of milliseconds")
     return float(value)
 
@@ -266,8 +261,7 @@ def ping_line(seq: int) -> bytes:
 
 def pong_line(ping: Mapping[str, Any]) -> bytes:
     """Build the answer to the agent's heartbeat, which carries its own clock back."""
-    seq, t_ms = whole_field(ping, "seq"), clock_field(ping, "t_ms")
-    return _line("pong", seq=seq) if t_ms is None else _line("pong", seq=seq, t_ms=t_ms)
+    return _line("pong", seq=whole_field(ping, "seq"), t_ms=clock_field(ping, "t_ms"))
 
 
 def bye_line(code: ByeCode, detail: str) -> bytes:

@@ -15,7 +15,7 @@ from robotether_server.relay.clocks import RobotClock
 
 Kind = Literal["session", "media", "shell"]
 Health = Literal["ok", "down", "unknown"]
-# What the agent does in front of rosbridge; an agent from before the guard says nothing of it.
+# What the agent does in front of rosbridge; unknown until it has said so.
 GuardMode = Literal["on", "off", "unknown"]
 GuardState = Literal["ready", "down"]
 # Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
@@ -214,9 +214,7 @@ class SessionRegistry:
             after = replace(self.presence(link.robot_id), report=report)
             self._tell(Change("guard", link.robot_id, after, answers=answers))
 
-    def heard_health(
-        self, link: Link, ros: Health, video: Health, *, ros_exposed: bool = False
-    ) -> None:
+    def heard_health(self, link: Link, ros: Health, video: Health, *, ros_exposed: bool) -> None:
         """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
         if self._is_online(link):
             before = self.presence(link.robot_id)

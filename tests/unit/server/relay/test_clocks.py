@@ -10,17 +10,6 @@ from robotether_server.relay.clocks import MAX_SAMPLES, WINDOW_S, RobotClock, Wi
 moments = st.floats(0, 1e6)
 
 
-def test_the_greatest_value_of_the_window_counts():
-    """A later smaller value hides nothing; one that is too old is forgotten."""
-    maximum = WindowedMaximum(10)
-    assert maximum.at(0) is None
-    maximum.add(0, 5)
-    maximum.add(4, 3)
-    assert maximum.at(10) == 5
-    assert maximum.at(10.1) == 3
-    assert maximum.at(14.1) is None
-
-
 @given(st.lists(st.tuples(st.floats(0, 5), st.integers(-100, 100)), max_size=30))
 def test_it_is_what_a_look_at_all_values_finds(steps):
     """Whatever the order of values, the window's greatest comes out."""

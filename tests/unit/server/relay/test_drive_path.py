@@ -92,7 +92,7 @@ async def test_a_client_that_answers_no_ping_cannot_drive_on(relay, guarded, sim
 
 
 async def test_robots_without_a_guard_get_the_message_alone(relay, robot, sim1, http):
-    """An older agent's rosbridge sees no member that it does not know."""
+    """A rosbridge that nothing guards sees no member that it does not know."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH

@@ -89,7 +89,7 @@ async def test_the_fleet_comes_first(relay, robot, sim1, follow):
             "waiting": None,
             "reserved": None,
             "stopped": None,
-            "guard": "unknown",
+            "guard": "off",
         },
     }
 
@@ -142,7 +142,7 @@ async def test_only_visible_robots_are_told(relay, robot, records, follow):
     async with follow(EVE) as events:
         _, fleet = await events.next("fleet")
         assert [shown["name"] for shown in fleet] == ["sim2"]
-        robot.session.send(type="health", ros="down", video="down", detail="")
+        robot.session.send(type="health", ros="down", video="down", detail="", ros_exposed=False)
         await until(lambda: relay.relay.registry.presence(7).ros == "down", "sim1 changed")
         records.robots = {**records.robots, 8: replace(records.robots[8], state="disabled")}
         _, shown = await events.next()
@@ -197,7 +197,7 @@ async def test_a_database_that_is_away_ends_no_stream(relay, robot, records, fol
         await events.next("fleet")
         records.down = True
         await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
-        robot.session.send(type="health", ros="down", video="ok", detail="")
+        robot.session.send(type="health", ros="down", video="ok", detail="", ros_exposed=False)
         await events.robot_with(ros="down")
 
 

@@ -8,12 +8,12 @@ import math
 import pytest
 from gates import DRIVING, MANAGING, OBSERVING, Clock, check, gate, name_of, refused, sent
 from robotether_server.globs import Globs
+from robotether_server.relay.drive_commands import stamped
 from robotether_server.relay.operations import (
     ANSWERS_PER_S,
     Checked,
     Gate,
     RefusedError,
-    stamped,
     status_error,
 )
 from robotether_server.relay.policy import OPERATIONS

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 
 import pytest
-from fake_robot import FakeRobot
+from fake_robot import FINGERPRINT, FakeRobot
 from granted import give, take
 from mariadb_server import MariaDb
 from relay_clients import closing
@@ -18,6 +18,7 @@ from robotether_server.relay.credentials import credential_of
 from robotether_server.relay.records import DatabaseRecords
 from robotether_server.relay.relay import Timing
 from robotether_server.settings import DatabaseSettings
+from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import (
     Database,
     Transaction,
@@ -48,6 +49,7 @@ def ann(database: Database) -> User:
     """A user who drives sim1."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 AAAA", FINGERPRINT))
         robots.set_state(tx, robot_id, "active")
         ann_id = users.add(tx, "ann", "x", "user")
         give(tx, ann_id, robot_id, "drive")

@@ -100,7 +100,7 @@ def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes)
         registry.established(link)
     for link in (waiting, media, shell):
         registry.heard_hello(link, "0.1.0", "on")
-        registry.heard_health(link, "ok", "ok")
+        registry.heard_health(link, "ok", "ok", ros_exposed=False)
         registry.heard_rtt(link, 1.0)
     assert changes == []
 
@@ -108,8 +108,8 @@ def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes)
 def test_the_same_health_again_is_no_change(registry, changes):
     """Listeners hear of differences only."""
     link = online(registry)
-    registry.heard_health(link, "ok", "down")
-    registry.heard_health(link, "ok", "down")
+    registry.heard_health(link, "ok", "down", ros_exposed=False)
+    registry.heard_health(link, "ok", "down", ros_exposed=False)
     assert [change.what for change in changes] == ["came", "told"]
 
 
@@ -149,11 +149,10 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
         ("on", "ready", "ready"),
         ("on", "down", "down"),
         ("off", "ready", "off"),
-        ("unknown", "ready", "unknown"),
     ],
 )
 def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
-    """A guard that is switched off, or that an older agent lacks, has no state of its own."""
+    """A guard that is switched off has no state of its own."""
     link = online(registry)
     registry.heard_hello(link, "0.1.0", mode)
     registry.heard_guard(link, GuardReport(state), "5f0c")
