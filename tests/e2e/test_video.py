@@ -64,7 +64,7 @@ async def take(viewer: FramesViewer, seconds: float) -> list[int]:
     numbers, end = [], time.monotonic() + seconds
     await viewer.credit(2)
     while time.monotonic() < end:
-        numbers.append((await viewer.picture()).number)
+        numbers.append((await viewer.frame()).sequence)
         await viewer.credit()
     return numbers
 
@@ -112,17 +112,17 @@ async def test_a_slow_viewer_slows_no_one_and_sees_the_newest(program: Program) 
         # Of what there was: a busy machine makes fewer pictures now, and more then.
         assert part_of_all(beside) > 0.7 * part_of_all(alone)
         # What was under way when it stopped to look.
-        old = [await slow.picture() for _ in range(2)]
+        old = [await slow.frame() for _ in range(2)]
         fast_taking = asyncio.create_task(take(fast, 1))
         await slow.credit()
-        new = await slow.picture()
+        new = await slow.frame()
         # How old it is when it comes, and not when the other has taken all of its own.
         await slow.socket.send_json({"op": "beat", "t_ms": 0})
         now_ms = (await slow.text("beat"))["sender_ms"]
         await fast_taking
-        assert new.number - old[-1].number > len(beside) / 2
-        assert new.number >= beside[-1]
-        assert now_ms - new.moment_ms < 1500
+        assert new.sequence - old[-1].sequence > len(beside) / 2
+        assert new.sequence >= beside[-1]
+        assert now_ms - new.timestamp_ms < 1500
 
 
 async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) -> None:
@@ -139,8 +139,8 @@ async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) 
             # At least twice what the way holds. On a busy machine the robot makes its pictures smaller.
             while size < 2_000_000:
                 await fast.credit()
-                picture = await fast.picture()
-                size, newest = size + len(picture.jpeg), picture.number
+                frame = await fast.frame()
+                size, newest = size + len(frame.jpeg), frame.sequence
             seen: list[int | None] = [begun]
             # First what was on the way when it stopped to look.
             while seen[-1] is not None and seen[-1] <= newest:

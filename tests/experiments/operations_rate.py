@@ -19,7 +19,7 @@ from sections import Section
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
 
 from robotether_server.relay.drive_commands import stamped
-from robotether_server.relay.operations import Gate
+from robotether_server.relay.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS, Limits
 
 # The check alone is measured, not how soon it says that there were too many.
@@ -77,10 +77,10 @@ def kinds() -> Mapping[str, bytes]:
 
 def time_of(name: str, data: bytes) -> Rate:
     """The quickest of some rounds: what else runs on the machine only adds to it."""
-    gate = Gate(DEFAULTS.policy.manage, DEFAULTS.guard.drive_topics, UNLIMITED)
+    validator = MessageValidator(DEFAULTS.policy.manage, DEFAULTS.guard.drive_topics, UNLIMITED)
 
     def one() -> None:
-        command = gate.check(data).drive
+        command = validator.check(data).drive
         if command is not None:
             stamped(command, 1.5, 7)
 

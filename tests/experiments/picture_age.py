@@ -28,7 +28,7 @@ from namespaces import Namespace
 from openssh_server import OpenSshServer, listens
 from picture_viewers import Picture, Taker, look_at_frames, look_at_stream
 from recovery import Site, Subject
-from relay_server import SESSION_KEY, MemoryRecords, running_relay, until
+from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
 from robotether_server.relay.relay import Timing
 from sections import Section, percentile
 
@@ -182,7 +182,7 @@ async def until_seen(look: Look) -> None:
 async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
     """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
     async with AsyncExitStack() as stack:
-        records = MemoryRecords()
+        records = MemoryDatabase()
         robot = records.add_robot(1, ROBOT, u1="drive")
         relay = await stack.enter_async_context(running_relay(records, Timing()))
         sshd = OpenSshServer(

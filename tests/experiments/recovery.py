@@ -31,7 +31,7 @@ import aiohttp
 from aiohttp import web
 from namespaces import Namespace
 from openssh_server import OpenSshServer, descendants, kill
-from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
 from robotether_agent.enrolment import Enrolment, EnrolmentStore, SshAccess, parse_host_keys
 from robotether_agent.keys import ensure_key
@@ -89,7 +89,7 @@ class Site:
     """What all robots share."""
 
     relay: RelayServer
-    records: MemoryRecords
+    records: MemoryDatabase
     sshd: OpenSshServer
     http: aiohttp.ClientSession
 
@@ -287,7 +287,7 @@ async def measure_all(
 async def _start_all(
     stack: AsyncExitStack, networks: Sequence[RoamingNetwork], settings: Mapping[str, str]
 ) -> list[Subject]:
-    records = MemoryRecords()
+    records = MemoryDatabase()
     robots = [
         records.add_robot(number, f"sim{number}", u1="drive")
         for number, _ in enumerate(networks, 1)

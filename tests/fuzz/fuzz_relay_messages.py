@@ -19,7 +19,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
 with atheris.instrument_imports(include=["robotether_server", "json"]):
     from robotether_server.globs import Globs
     from robotether_server.relay.drive_commands import stamped
-    from robotether_server.relay.operations import Checked, Gate, RefusedError
+    from robotether_server.relay.message_validator import (
+        MessageRefusedError,
+        MessageValidator,
+        ValidatedMessage,
+    )
     from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS
     from robotether_server.robot_settings import LevelPolicy, Limits
 
@@ -41,7 +45,9 @@ WORDS = sorted({*OPERATIONS, *(name for entry in OPERATIONS.values() for name in
 NEW_MESSAGES = 0.1
 
 
-def names_are_allowed(policy: LevelPolicy, checked: Checked, sent: dict[str, object]) -> bool:
+def names_are_allowed(
+    policy: LevelPolicy, checked: ValidatedMessage, sent: dict[str, object]
+) -> bool:
     """Whether the operation's name is a full one that the policy lets pass."""
     entry = OPERATIONS[checked.operation]
     if entry.named_by is None or entry.right is None:
@@ -54,7 +60,9 @@ def names_are_allowed(policy: LevelPolicy, checked: Checked, sent: dict[str, obj
     )
 
 
-def look_at_passed(policy: LevelPolicy, gate: Gate, checked: Checked) -> None:
+def look_at_passed(
+    policy: LevelPolicy, validator: MessageValidator, checked: ValidatedMessage
+) -> None:
     """Fail unless what passed is what may pass."""
     entry = OPERATIONS[checked.operation]
     if entry.own:
@@ -65,7 +73,7 @@ def look_at_passed(policy: LevelPolicy, gate: Gate, checked: Checked) -> None:
     assert sent["op"] == checked.operation
     assert sent.keys() <= {"op", *entry.fields} - {"robotether"}
     assert names_are_allowed(policy, checked, sent)
-    assert gate.check(checked.data).data == checked.data
+    assert validator.check(checked.data).data == checked.data
     if checked.drive is not None:
         assert json.loads(stamped(checked.drive, 1.0, 2)).pop("robotether") == {
             "t_ms": 1.0,
@@ -73,11 +81,11 @@ def look_at_passed(policy: LevelPolicy, gate: Gate, checked: Checked) -> None:
         }
 
 
-def check(gate: Gate, data: bytes) -> Checked | None:
+def check(validator: MessageValidator, data: bytes) -> ValidatedMessage | None:
     """Return what passed; None for a message that was refused as it should be."""
     try:
-        return gate.check(data)
-    except RefusedError as refusal:
+        return validator.check(data)
+    except MessageRefusedError as refusal:
         answer = refusal.answer or b"{}"
     if json.loads(answer).get("op") != "status":
         raise AssertionError(f"an answer is no status message: {answer!r}")
@@ -87,10 +95,10 @@ def check(gate: Gate, data: bytes) -> Checked | None:
 def fuzz_one(data: bytes) -> None:
     """Give one message to a gate; the first byte chooses the level."""
     policy = POLICIES[data[0] % len(POLICIES)] if data else POLICIES[0]
-    gate = Gate(policy, DRIVE_TOPICS, Limits())
-    checked = check(gate, data[1:])
+    validator = MessageValidator(policy, DRIVE_TOPICS, Limits())
+    checked = check(validator, data[1:])
     if checked is not None:
-        look_at_passed(policy, gate, checked)
+        look_at_passed(policy, validator, checked)
 
 
 def seed_of(number: int) -> bytes:

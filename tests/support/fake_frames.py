@@ -3,11 +3,11 @@
 `FakeRobot` serves it on its video port. It keeps the rules: a picture goes out for a credit, and then the newest.
 Its misbehaviours have names:
 
-    behaves      keeps the rules
-    no_beats     answers no beat
-    no_service   answers 404, as web_video_server does
-    any_page     answers each path with 200, as a server of plain MJPEG may
-    full         answers 503, as an agent with too many cameras open does
+    behaves        keeps the rules
+    no_clock_sync  answers no beat
+    no_service     answers 404, as web_video_server does
+    any_page       answers each path with 200, as a server of plain MJPEG may
+    full           answers 503, as an agent with too many cameras open does
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
 
-FramesMode = Literal["behaves", "no_beats", "no_service", "any_page", "full"]
+FramesMode = Literal["behaves", "no_clock_sync", "no_service", "any_page", "full"]
 STATUSES = {"no_service": 404, "any_page": 200, "full": 503}
 HEADER = struct.Struct("!BBHId")
 WAIT_S = 8.0
@@ -37,9 +37,9 @@ class FakeFrames:
         self.connections: set[web.WebSocketResponse] = set()
         self.credits: dict[web.WebSocketResponse, int] = {}
         self.bytes_out = 0
-        self.number = 0
+        self.sequence = 0
         self._newest: tuple[int, bytes] | None = None
-        self._came = asyncio.Event()
+        self._changed = asyncio.Event()
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answer one request for /robotether/frames."""
@@ -53,24 +53,24 @@ class FakeFrames:
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
-                    await self._take(socket, json.loads(message.data))
+                    await self._handle(socket, json.loads(message.data))
         finally:
             self.connections.discard(socket)
-            self._came.set()
+            self._changed.set()
         return socket
 
     async def show(
         self, jpeg: bytes, *, quality: int = 70, codec: int = 1, age_ms: float = 0
     ) -> int:
         """Have a picture taken now, or so long ago; it goes out where there is credit. Return its number."""
-        self.number += 1
-        header = HEADER.pack(codec, 1, quality, self.number, self.clock_ms() - age_ms)
-        self._newest = (self.number, header + jpeg)
+        self.sequence += 1
+        header = HEADER.pack(codec, 1, quality, self.sequence, self.clock_ms() - age_ms)
+        self._newest = (self.sequence, header + jpeg)
         for socket in list(self.connections):
             await self._send(socket)
-        return self.number
+        return self.sequence
 
-    async def tell(self, **status: object) -> None:
+    async def send_status(self, **status: object) -> None:
         """Send a status."""
         await self.send_text({"op": "status", "detail": "", **status})
 
@@ -84,15 +84,15 @@ class FakeFrames:
         for socket in list(self.connections):
             await socket.send_bytes(data)
 
-    async def heard(self, op: str, **members: object) -> dict[str, Any]:
+    async def wait_for(self, op: str, **members: object) -> dict[str, Any]:
         """Wait for a text with these members; return it."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 for text in self.texts:
                     if text["op"] == op and members.items() <= text.items():
                         return text
-                self._came.clear()
-                await self._came.wait()
+                self._changed.clear()
+                await self._changed.wait()
 
     def of(self, op: str) -> list[dict[str, Any]]:
         """The texts of this kind, in order."""
@@ -105,10 +105,10 @@ class FakeFrames:
             if transport is not None:
                 transport.abort()
 
-    async def _take(self, socket: web.WebSocketResponse, message: dict[str, Any]) -> None:
+    async def _handle(self, socket: web.WebSocketResponse, message: dict[str, Any]) -> None:
         self.texts.append(message)
-        self._came.set()
-        if message["op"] == "beat" and self.mode != "no_beats":
+        self._changed.set()
+        if message["op"] == "beat" and self.mode != "no_clock_sync":
             answer = {"op": "beat", "t_ms": message["t_ms"], "sender_ms": self.clock_ms()}
             await socket.send_str(json.dumps(answer))
         elif message["op"] == "credit":
@@ -119,8 +119,8 @@ class FakeFrames:
     async def _send(self, socket: web.WebSocketResponse) -> None:
         if self._newest is None or not self.credits[socket]:
             return
-        (_, picture), self._newest = self._newest, None
+        (_, frame), self._newest = self._newest, None
         self.credits[socket] -= 1
-        self.bytes_out += len(picture)
+        self.bytes_out += len(frame)
         with contextlib.suppress(ConnectionError):
-            await socket.send_bytes(picture)
+            await socket.send_bytes(frame)

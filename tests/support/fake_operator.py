@@ -63,14 +63,14 @@ class FakeOperator:
         """Send one operation."""
         await self._socket.send_str(json.dumps(message))
 
-    async def beat(self) -> None:
+    async def clock_sync(self) -> None:
         """Send a beat."""
         await self.send(op="robotether.beat", t_ms=self.clock_ms())
 
     async def drive(self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel") -> None:
         """Send a command of an input event that was so long ago."""
-        moment = self.clock_ms() - age_ms + max(self._ahead_ms)
-        stamp = {"t_ms": moment}
+        timestamp = self.clock_ms() - age_ms + max(self._ahead_ms)
+        stamp = {"t_ms": timestamp}
         msg = {"linear": {"x": speed}}
         await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
 
@@ -101,7 +101,7 @@ class FakeOperator:
                         return message
                 await asyncio.sleep(0.005)
 
-    async def ending(self) -> tuple[int | None, str]:
+    async def close_reason(self) -> tuple[int | None, str]:
         """Wait until the relay closes."""
         async with asyncio.timeout(WAIT_S):
             await self._ended.wait()
@@ -114,13 +114,13 @@ class FakeOperator:
             if message.type is WSMsgType.PING:
                 await self._socket.pong(message.data)
             elif message.type is WSMsgType.TEXT:
-                self._take(json.loads(message.data))
+                self._handle(json.loads(message.data))
             elif message.type is not WSMsgType.PONG:
                 self.closed = (self._socket.close_code, message.extra or "")
                 self._ended.set()
                 return
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _handle(self, message: dict[str, Any]) -> None:
         if message["op"] == "robotether.beat":
             self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
         if message["op"] == "robotether.control":

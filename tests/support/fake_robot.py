@@ -89,7 +89,7 @@ class RobotSession:
         self._reader: asyncio.StreamReader
         self._writer: asyncio.StreamWriter
         self._task: asyncio.Task[None]
-        self._beat: asyncio.Task[None] | None = None
+        self._heartbeat: asyncio.Task[None] | None = None
 
     async def connect(self, port: int) -> None:
         """Open the connection and write the preface."""
@@ -116,12 +116,12 @@ class RobotSession:
     async def _read(self) -> None:
         try:
             while line := await self._reader.readline():
-                self._take(json.loads(line))
+                self._handle(json.loads(line))
         except ConnectionError:
             pass
         finally:
-            if self._beat is not None:
-                self._beat.cancel()
+            if self._heartbeat is not None:
+                self._heartbeat.cancel()
             self.closed.set()
             self._writer.close()
 
@@ -130,11 +130,11 @@ class RobotSession:
             self.send(type="ping", seq=0, t_ms=self.clock_ms())
             await asyncio.sleep(every_s)
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _handle(self, message: dict[str, Any]) -> None:
         if message["type"] == "config":
             self.configs.append(message)
-            if self.kind != "session" and not self.silent and self._beat is None:
-                self._beat = asyncio.create_task(self._ping(message["heartbeat_s"]))
+            if self.kind != "session" and not self.silent and self._heartbeat is None:
+                self._heartbeat = asyncio.create_task(self._ping(message["heartbeat_s"]))
             self.configured.set()
         elif message["type"] == "ping":
             self._answer(message["seq"])
@@ -160,9 +160,9 @@ class RobotSession:
         if self.answers_orders:
             self.stopped = order["type"] == "stop"
             self.stopped_by = order["by"]
-            self.tell_guard(answers=order["id"])
+            self.send_guard_status(answers=order["id"])
 
-    def tell_guard(self, answers: str | None = None, **refused: int) -> None:
+    def send_guard_status(self, answers: str | None = None, **refused: int) -> None:
         """Say how the guard is, and what it has refused since its start."""
         self.send(
             type="guard",
@@ -199,7 +199,7 @@ class FakeRobot:
         self.clients: set[web.WebSocketResponse] = set()
         self.clients_ever = 0
         self.handshakes: list[dict[str, str]] = []
-        self._came = asyncio.Event()
+        self._connected = asyncio.Event()
         self.raw_answer: list[bytes] = []
         # It has no frames service unless a test says otherwise.
         self.frames = FakeFrames(self.session.clock_ms, "no_service")
@@ -226,7 +226,7 @@ class FakeRobot:
             session.stopped = session.stopped or self.mode == "comes_back_stopped"
             session.send(type="hello", guard="on", **hello)
             session.send(type="ping", seq=0, t_ms=session.clock_ms())
-            session.tell_guard()
+            session.send_guard_status()
         else:
             session.send(type="hello", guard="off", **hello)
 
@@ -240,8 +240,8 @@ class FakeRobot:
         """Wait for so many handshakes; return their headers."""
         async with asyncio.timeout(WAIT_S):
             while len(self.handshakes) < count:
-                self._came.clear()
-                await self._came.wait()
+                self._connected.clear()
+                await self._connected.wait()
         return self.handshakes
 
     async def stop(self) -> None:
@@ -284,7 +284,7 @@ class FakeRobot:
 
     async def _rosbridge(self, request: web.Request) -> web.WebSocketResponse:
         self.handshakes.append(dict(request.headers))
-        self._came.set()
+        self._connected.set()
         if self.mode in GUARDED and (status := self._refusal(request)) is not None:
             return web.Response(status=status)  # type: ignore[return-value]  # no upgrade
         client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)

@@ -23,8 +23,8 @@ class Seen:
     codec: int
     flags: int
     quality: int
-    number: int
-    moment_ms: float
+    sequence: int
+    timestamp_ms: float
     jpeg: bytes
 
 
@@ -46,14 +46,14 @@ class FramesViewer:
             {"op": "credit", "frames": frames, "taken": self.taken} | members
         )
 
-    async def picture(self) -> Seen:
+    async def frame(self) -> Seen:
         """Wait for the next picture; texts before it are kept."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 message = await self.socket.receive()
                 if message.type is WSMsgType.BINARY:
                     seen = Seen(*HEADER.unpack_from(message.data), message.data[HEADER.size :])
-                    self.taken = seen.number
+                    self.taken = seen.sequence
                     return seen
                 assert message.type is WSMsgType.TEXT, message
                 self.texts.append(json.loads(message.data))

@@ -7,7 +7,7 @@ import asyncio
 import aiohttp
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
-from relay_server import SESSION_KEY, MemoryRecords, RelayServer
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer
 from robotether_server.store.fleet import AuditEntry, Robot
 
 # As the relay writes it anew.
@@ -42,6 +42,6 @@ async def misbehaving(relay: RelayServer, robot: Robot, mode: Mode) -> FakeRobot
     return fake
 
 
-def audit_lines(records: MemoryRecords) -> list[AuditEntry]:
+def audit_lines(memory_database: MemoryDatabase) -> list[AuditEntry]:
     """Lines of the audit log that were written."""
-    return [entry for entry in records.written if isinstance(entry, AuditEntry)]
+    return [entry for entry in memory_database.written if isinstance(entry, AuditEntry)]

@@ -1,6 +1,6 @@
 """The real relay in the test's own process, on ports of its own, with records that tests can change.
 
-`MemoryRecords` stands in for the database where a test is not about it: it can be taken away and
+`MemoryDatabase` stands in for the database where a test is not about it: it can be taken away and
 brought back at once. Whole-path tests give the relay the records of a real MariaDB.
 """
 
@@ -16,8 +16,8 @@ from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.credentials import credential_of
-from robotether_server.relay.liveness import Limits
-from robotether_server.relay.records import Records
+from robotether_server.relay.database import RelayDatabase
+from robotether_server.relay.liveness import LivenessLimits
 from robotether_server.relay.relay import Listen, Relay, Timing
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.store.control import Kept, NewLease, Stop
@@ -39,9 +39,11 @@ MESSAGE_LIMIT = 10 * 1024 * 1024
 
 # Short enough for tests, and longer than a shared machine stands still.
 FAST = Timing(
-    limits=Limits(ping_every_s=0.2, silent_after_s=1.5, slow_after_s=1.5, look_every_s=0.05),
-    driver_limits=Limits(
-        ping_every_s=0.1, silent_after_s=1.5, slow_after_s=1.5, look_every_s=0.05, strict=True
+    limits=LivenessLimits(
+        ping_every_s=0.2, silent_after_s=1.5, slow_after_s=1.5, check_every_s=0.05
+    ),
+    driver_limits=LivenessLimits(
+        ping_every_s=0.1, silent_after_s=1.5, slow_after_s=1.5, check_every_s=0.05, strict=True
     ),
     heartbeat_s=0.1,
     timeout_s=1.5,
@@ -49,7 +51,7 @@ FAST = Timing(
 )
 
 
-class MemoryRecords:
+class MemoryDatabase:
     """Records in memory: robots, grants and credentials as a test sets them."""
 
     def __init__(self) -> None:
@@ -112,7 +114,7 @@ class MemoryRecords:
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         self._ask()
         self.written.extend(entry for entry in entries if entry not in self.written)
-        return {place: place + 1 for place, _ in enumerate(entries)}
+        return {position: position + 1 for position, _ in enumerate(entries)}
 
     def close(self) -> None:
         """Nothing to let go."""
@@ -128,10 +130,10 @@ class MemoryRecords:
 class RelayServer:
     """A running relay, and what a test needs to talk to it."""
 
-    def __init__(self, relay: Relay, records: Records) -> None:
+    def __init__(self, relay: Relay, memory_database: RelayDatabase) -> None:
         self.relay = relay
         self.signer = TicketSigner(TICKET_KEY, 30)
-        self._records = records
+        self._memory_database = memory_database
 
     @property
     def url(self) -> str:
@@ -169,8 +171,8 @@ class RelayServer:
 
     def _login_of(self, user: User) -> Credential:
         login = credential_of("login", f"the login of {user.name}")
-        if isinstance(self._records, MemoryRecords):
-            self._records.credentials.setdefault(login, user)
+        if isinstance(self._memory_database, MemoryDatabase):
+            self._memory_database.credentials.setdefault(login, user)
         return login
 
 
@@ -189,13 +191,15 @@ def relay_settings(database: DatabaseSettings | None = None) -> RelaySettings:
 
 
 @asynccontextmanager
-async def running_relay(records: Records, timing: Timing = FAST) -> AsyncIterator[RelayServer]:
+async def running_relay(
+    memory_database: RelayDatabase, timing: Timing = FAST
+) -> AsyncIterator[RelayServer]:
     """Run the relay inside the block."""
     listen = Listen(host=HOST, http_port=0, session_port=0, inside_port=0)
-    relay = Relay(relay_settings(), records, listen=listen, timing=timing)
+    relay = Relay(relay_settings(), memory_database, listen=listen, timing=timing)
     await relay.start()
     try:
-        yield RelayServer(relay, records)
+        yield RelayServer(relay, memory_database)
     finally:
         await relay.stop()
 

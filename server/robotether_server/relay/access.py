@@ -51,7 +51,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Asker:
+class AuthenticatedUser:
     """A user, and the credential that showed it."""
 
     user: User
@@ -159,13 +159,13 @@ class Access:
             self._used.use(ticket.id, issued_at, self._clock())
         return permit
 
-    async def for_events(self, request: Request) -> Asker:
+    async def for_events(self, request: Request) -> AuthenticatedUser:
         """Let a login or token follow the fleet."""
         self.check_origin(request)
         self._snapshot()
         return await self.asker(request)
 
-    async def for_change(self, request: Request, csrf_header: str) -> Asker:
+    async def for_change(self, request: Request, csrf_header: str) -> AuthenticatedUser:
         """Let a token change something, or a login that a page of this site uses.
 
         A page of another site can send neither an Origin of ours nor a header of its own choice.
@@ -177,7 +177,7 @@ class Access:
             raise CsrfRefused("cannot change anything: send the header X-CSRFToken with a login")
         return asker
 
-    async def asker(self, request: Request) -> Asker:
+    async def asker(self, request: Request) -> AuthenticatedUser:
         """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
 
         A page of another site shows a token: a login that its browser adds is not its word.
@@ -201,7 +201,7 @@ class Access:
                 "ALLOWED_ORIGINS may ask"
             )
 
-    async def _asker_by_token(self, authorization: str) -> Asker:
+    async def _asker_by_token(self, authorization: str) -> AuthenticatedUser:
         scheme, _, token = authorization.partition(" ")
         asker = None
         if scheme.lower() == "bearer":
@@ -210,12 +210,12 @@ class Access:
             raise TokenInvalid("cannot tell who asks: the token is unknown or has expired")
         return asker
 
-    async def _asker(self, kind: CredentialKind, text: str) -> Asker | None:
+    async def _asker(self, kind: CredentialKind, text: str) -> AuthenticatedUser | None:
         if not 0 < len(text) <= MAX_CREDENTIAL_LENGTH:
             return None
         credential = credential_of(kind, text)
         user = await self._credentials.user_of(credential)
-        return None if user is None else Asker(user, credential)
+        return None if user is None else AuthenticatedUser(user, credential)
 
     def _verified(self, text: str) -> tuple[Ticket, datetime]:
         ticket, issued_at = self._signer.verify(text)

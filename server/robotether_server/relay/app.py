@@ -17,7 +17,7 @@ from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throt
 from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.cors import Cors
 from robotether_server.relay.events import EventsHandler
-from robotether_server.relay.frames import FramesHandler
+from robotether_server.relay.frames_handler import FramesHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge import RosbridgeHandler
 from robotether_server.relay.video import VideoHandler

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.relay import endings
-from robotether_server.relay.endings import Ending
+from robotether_server.relay import close_reasons
+from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.sessions import Change
 from robotether_server.store.fleet import Robot, Snapshot
 from robotether_server.store.grants import Level, includes
@@ -43,8 +43,8 @@ class Connection:
     user: str
     robot: Robot
     use: Use
-    end: Callable[[Ending], None]
-    reached: bool = False
+    end: Callable[[CloseReason], None]
+    connected: bool = False
     level: Level = "observe"
     # Of a viewer: what it looks at, and whether it could drive.
     camera: str = ""
@@ -119,12 +119,12 @@ class Connections:
                 del self._of_user[counted_as]
             if not members and self._by_robot.get(robot_id) is members:
                 del self._by_robot[robot_id]
-            if connection.reached:
+            if connection.connected:
                 self._changed(robot_id)
 
-    def reached(self, connection: Connection) -> None:
+    def connected(self, connection: Connection) -> None:
         """Count the connection from now on: pages that wait for a robot drive nothing."""
-        connection.reached = True
+        connection.connected = True
         self._changed(connection.robot.id)
 
     def observers(self, robot_id: int) -> int:
@@ -135,26 +135,26 @@ class Connections:
         """How many connections of this use there are in all."""
         return sum(len(self._counted(robot_id, use)) for robot_id in self._by_robot)
 
-    def robot(self, change: Change) -> None:
+    def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its tunnel end the connections through it."""
-        if change.what == "left":
+        if change.what == "disconnected":
             for member in list(self._by_robot.get(change.robot_id, ())):
-                member.end(endings.link_lost(member.robot.name))
+                member.end(close_reasons.link_lost(member.robot.name))
 
     def end_unrighted(self, snapshot: Snapshot) -> None:
         """End the connections that the newest rights do not permit."""
         for member in self._all():
             if not member.holds_in(snapshot):
-                member.end(endings.rights_ended(member.robot.name))
+                member.end(close_reasons.rights_ended(member.robot.name))
 
-    def end_all(self, ending: Ending) -> None:
+    def end_all(self, close_reason: CloseReason) -> None:
         """End every connection."""
         for member in self._all():
-            member.end(ending)
+            member.end(close_reason)
 
     def _counted(self, robot_id: int, use: Use) -> list[Connection]:
         members = self._by_robot.get(robot_id, ())
-        return [member for member in members if member.reached and member.use == use]
+        return [member for member in members if member.connected and member.use == use]
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:

@@ -1,6 +1,6 @@
 """The control of all robots in one place: who drives, who waits, who stopped, and the object that tells it.
 
-`relay` makes one; `rosbridge`, `control_api` and `board` use it. Whoever wants to hear of changes listens.
+`relay` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from robotether_server.relay.endings import Ending
-from robotether_server.relay.journal import Journal
+from robotether_server.relay.close_reasons import CloseReason
+from robotether_server.relay.database import RelayDatabase
+from robotether_server.relay.event_writer import EventWriter
 from robotether_server.relay.leases import Driver, Now, Reserved
 from robotether_server.relay.leasing import Leasing, now
-from robotether_server.relay.records import Records
 from robotether_server.relay.sessions import Change, SessionRegistry
 from robotether_server.relay.stops import Stops
 from robotether_server.store.control import Kept
@@ -30,8 +30,8 @@ class Control:
     def __init__(
         self,
         *,
-        records: Records,
-        journal: Journal,
+        database: RelayDatabase,
+        event_writer: EventWriter,
         registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
     ) -> None:
@@ -39,14 +39,14 @@ class Control:
         self._listeners: list[Callable[[int], None]] = []
         self._watchers: dict[int, set[Callable[[], None]]] = {}
         self.leasing = Leasing(
-            records=records,
-            journal=journal,
+            database=database,
+            event_writer=event_writer,
             registry=registry,
             stopped=self._why_stopped,
             changed=self._changed,
         )
         self.stops = Stops(
-            journal=journal,
+            event_writer=event_writer,
             registry=registry,
             robots=lambda: snapshot().robots,
             revoke=self.leasing.revoke,
@@ -74,7 +74,7 @@ class Control:
         self.leasing.remember(kept.fences)
         self.stops.remember(kept.stops)
 
-    def take_snapshot(self, snapshot: Snapshot) -> None:
+    def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights or robots changed."""
         self.leasing.forget_all_but(snapshot.robots)
         self.stops.forget_all_but(snapshot.robots)
@@ -91,11 +91,11 @@ class Control:
 
     def describe(self, robot_id: int) -> ControlObject:
         """Build the control object of the contract."""
-        lease, moment = self.leasing.of(robot_id), now()
+        lease, timestamp = self.leasing.of(robot_id), now()
         return {
             "driver": _driver(lease.driver),
             "waiting": self._waiting(robot_id),
-            "reserved": _reserved(lease.reserved(moment)),
+            "reserved": _reserved(lease.reserved(timestamp)),
             "stopped": self._stopped(robot_id),
             "guard": self._registry.presence(robot_id).guard,
         }
@@ -105,21 +105,21 @@ class Control:
         self.leasing.close()
         self.stops.close()
 
-    def robot(self, change: Change) -> None:
+    def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; who comes back stopped is stopped here, too."""
-        self.stops.robot(change)
-        if change.what != "rtt":
-            self._tell_watchers(change.robot_id)
+        self.stops.on_robot_change(change)
+        if change.what != "heartbeat":
+            self._notify_watchers(change.robot_id)
 
-    def _why_stopped(self, robot: Robot) -> Ending | None:
-        return self.stops.ending(robot)
+    def _why_stopped(self, robot: Robot) -> CloseReason | None:
+        return self.stops.close_reason(robot)
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:
             listener(robot_id)
-        self._tell_watchers(robot_id)
+        self._notify_watchers(robot_id)
 
-    def _tell_watchers(self, robot_id: int) -> None:
+    def _notify_watchers(self, robot_id: int) -> None:
         for changed in list(self._watchers.get(robot_id, ())):
             changed()
 
@@ -130,7 +130,7 @@ class Control:
         return {
             "user": lease.waiting.user.name,
             "since": rfc3339(lease.waiting.since.utc),
-            "passes_at": _moment(lease.passes_at()),
+            "passes_at": _timestamp(lease.passes_at()),
         }
 
     def _stopped(self, robot_id: int) -> ControlObject | None:
@@ -151,8 +151,8 @@ def _reserved(kept: Reserved | None) -> ControlObject | None:
     return None if kept is None else {"user": kept.user.name, "until": rfc3339(kept.until.utc)}
 
 
-def _moment(moment: Now | None) -> str | None:
-    return None if moment is None else rfc3339(moment.utc)
+def _timestamp(timestamp: Now | None) -> str | None:
+    return None if timestamp is None else rfc3339(timestamp.utc)
 
 
 def _may_drive(snapshot: Snapshot, user_id: int, robot_id: int) -> bool:

@@ -34,7 +34,7 @@ class ControlApi:
         self._access = access
         self._control = control
         self._snapshot = snapshot
-        self._actions: Mapping[str, Callable[[Robot, leasing.Asker], None]] = {
+        self._actions: Mapping[str, Callable[[Robot, leasing.LeaseRequester], None]] = {
             "ask": control.leasing.ask,
             "withdraw": control.leasing.withdraw,
             "hand_over": control.leasing.hand_over,
@@ -85,7 +85,7 @@ class ControlApi:
         if "to" in members:
             action = self._handing_over_to(name, members["to"])
         self._check_level(user, robot, "manage" if name == "take" else "drive", f"{name}")
-        action(robot, leasing.Asker(user, _address(request)))
+        action(robot, leasing.LeaseRequester(user, _address(request)))
         return self._answer(robot)
 
     async def stop_many(self, request: web.Request) -> web.Response:
@@ -110,7 +110,7 @@ class ControlApi:
 
     def _handing_over_to(
         self, action: str | None, to: object
-    ) -> Callable[[Robot, leasing.Asker], None]:
+    ) -> Callable[[Robot, leasing.LeaseRequester], None]:
         if action != "hand_over" or not isinstance(to, str):
             raise FieldInvalid("cannot use to: it is a user's name, and goes with hand_over alone")
         return partial(self._control.leasing.hand_over, to=to)

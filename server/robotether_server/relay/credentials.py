@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from robotether_server.relay.records import Records
+from robotether_server.relay.database import RelayDatabase
 from robotether_server.store.digests import digest
 from robotether_server.store.fleet import Credential, User
 from robotether_server.tickets import CredentialKind
@@ -29,8 +29,8 @@ def credential_of(kind: CredentialKind, text: str) -> Credential:
 class Credentials:
     """Looks credentials up, and watches those on which something live depends."""
 
-    def __init__(self, records: Records) -> None:
-        self._records = records
+    def __init__(self, database: RelayDatabase) -> None:
+        self._database = database
         self._kept: OrderedDict[Credential, tuple[float, User | None]] = OrderedDict()
         self._held: dict[Credential, set[Callable[[], None]]] = {}
         self._unsure: set[Credential] = set()
@@ -48,7 +48,7 @@ class Credentials:
         if kept is not None and now - kept[0] < KEEP_S:
             return kept[1]
         rechecks = self._rechecks
-        user = (await self._records.users_of([credential])).get(credential)
+        user = (await self._database.users_of([credential])).get(credential)
         # An answer to a question of before a change may be the old one.
         if rechecks == self._rechecks:
             self._keep(credential, now, user)
@@ -56,7 +56,7 @@ class Credentials:
 
     async def holds(self, credential: Credential) -> bool:
         """Ask the database, whatever is remembered. May raise StoreUnavailable."""
-        return credential in await self._records.users_of([credential])
+        return credential in await self._database.users_of([credential])
 
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
@@ -86,7 +86,7 @@ class Credentials:
     async def _ask_again(self, asked: list[Credential]) -> None:
         if not asked:
             return
-        valid = await self._records.users_of(asked)
+        valid = await self._database.users_of(asked)
         self._unsure.difference_update(asked)
         for credential in asked:
             if credential in valid:

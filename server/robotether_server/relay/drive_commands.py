@@ -1,6 +1,6 @@
 """Drive commands: what a publish to a drive topic asks of the robot, and how it goes to the guard.
 
-`operations` makes one of each such publish that passes; the relay looks at its age and speed and
+`message_validator` makes one of each such publish that passes; the relay looks at its age and speed and
 sends what `stamped` writes. The shape of `msg` tells the type: geometry_msgs/Twist and
 TwistStamped, ackermann_msgs/AckermannDriveStamped; a member that is missing is zero, as it is to
 rosbridge. What is no drive command must never pass as one. Pure.

@@ -1,6 +1,6 @@
 """What a drive came to: distance, turn and top speeds that were commanded, messages, refusals, latency, pictures.
 
-Each drive has one; `reports` writes its entry while the drive lasts and at its end. A command counts until
+Each drive has one; `observers` writes its entry while the drive lasts and at its end. A command counts until
 the next, and no longer than the guard lets it: the robot stops by itself then. Pure: no clock of its own.
 """
 
@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from robotether_server.relay.deliveries import NOTHING, Delivered
-from robotether_server.relay.latencies import Latencies
+from robotether_server.relay.latency_histogram import LatencyHistogram
+from robotether_server.relay.viewer_stats import NOTHING, ViewerCounts
 from robotether_server.store.control import DriveEntry
 
 # Before the guard's kinds: some have the name of a kind of the policy's.
@@ -20,7 +20,7 @@ GUARD = "guard_"
 
 
 @dataclass(frozen=True)
-class Meters:
+class DriveCounters:
     """What others count while a drive lasts, as it stands now.
 
     Bytes that its connection passed; the robot's own round trip in ms, None: unknown; what the driver got of the
@@ -29,7 +29,7 @@ class Meters:
 
     passed_bytes: Callable[[], int] = lambda: 0
     robot_rtt_ms: Callable[[], float | None] = lambda: None
-    delivered: Callable[[], Delivered] = lambda: NOTHING
+    viewer_counts: Callable[[], ViewerCounts] = lambda: NOTHING
 
 
 class DriveLog:
@@ -40,12 +40,12 @@ class DriveLog:
         entry: DriveEntry,
         deadman_s: float,
         refused: Counter[str],
-        meters: Meters = Meters(),
+        counters: DriveCounters = DriveCounters(),
     ) -> None:
         self.entry = entry
-        self._meters = meters
-        self._delivered_before = meters.delivered()
-        self._latencies = Latencies()
+        self._counters = counters
+        self._viewed_before = counters.viewer_counts()
+        self._latency = LatencyHistogram()
         self._refused = refused
         self._refused_by_guard: Counter[str] = Counter()
         # None: it goes on.
@@ -72,9 +72,9 @@ class DriveLog:
 
     def round_trip(self, driver_ms: float) -> None:
         """The driver answered a ping; the way on to the robot is added as it is now, if it is known."""
-        robot_ms = self._meters.robot_rtt_ms()
+        robot_ms = self._counters.robot_rtt_ms()
         if robot_ms is not None:
-            self._latencies.add(driver_ms + robot_ms)
+            self._latency.add(driver_ms + robot_ms)
 
     def refused_by_guard(self, more: Mapping[str, int]) -> None:
         """The guard refused so many more messages, by kind; it may tell so after the drive's end."""
@@ -83,29 +83,29 @@ class DriveLog:
     def written(self) -> DriveEntry:
         """Return the entry as it stands."""
         if self.ended_s is None:
-            self._read_meters()
+            self._read_counters()
         guards = {f"{GUARD}{kind}": count for kind, count in self._refused_by_guard.items()}
         self.entry.refused = dict(self._refused) | guards
         return self.entry
 
-    def end(self, now: float, moment: datetime, code: str) -> DriveEntry:
+    def end(self, now: float, timestamp: datetime, code: str) -> DriveEntry:
         """Close the books."""
         self._count_until(now)
         # What comes from now on is not this drive's.
-        self._read_meters()
+        self._read_counters()
         self._last, self.ended_s = (now, 0.0, 0.0), now
-        self.entry.ended_at, self.entry.end_code = moment, code
+        self.entry.ended_at, self.entry.end_code = timestamp, code
         self.entry.stops = int(code == "robot_stopped")
         return self.written()
 
-    def _read_meters(self) -> None:
-        entry, meters = self.entry, self._meters
-        delivered = meters.delivered().since(self._delivered_before)
-        entry.bytes = meters.passed_bytes()
-        entry.pictures, entry.picture_bytes = delivered.pictures, delivered.bytes
-        entry.viewed_s = round(delivered.viewed_s, 3)
-        entry.latency_p50_ms = self._latencies.quantile(0.5)
-        entry.latency_p95_ms = self._latencies.quantile(0.95)
+    def _read_counters(self) -> None:
+        entry, counters = self.entry, self._counters
+        viewer_counts = counters.viewer_counts().since(self._viewed_before)
+        entry.bytes = counters.passed_bytes()
+        entry.pictures, entry.picture_bytes = viewer_counts.frames, viewer_counts.bytes
+        entry.viewed_s = round(viewer_counts.viewed_s, 3)
+        entry.latency_p50_ms = self._latency.quantile(0.5)
+        entry.latency_p95_ms = self._latency.quantile(0.95)
 
     def _count_until(self, now: float) -> None:
         at, speed, turn = self._last

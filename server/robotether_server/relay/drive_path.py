@@ -15,12 +15,12 @@ from typing import NoReturn
 
 from aiohttp import WSMsgType
 
-from robotether_server.relay.ages import ClientMoments
-from robotether_server.relay.allowance import Allowance
-from robotether_server.relay.clocks import RobotClock
+from robotether_server.relay.command_age import CommandTimestamps
 from robotether_server.relay.drive_commands import DriveCommand, stamped
 from robotether_server.relay.drive_log import DriveLog
-from robotether_server.relay.operations import status_error
+from robotether_server.relay.message_validator import status_error
+from robotether_server.relay.rate_limiter import RateLimiter
+from robotether_server.relay.robot_clock import RobotClock
 from robotether_server.relay.sockets import RobotSocket
 
 # Clients drive one or two topics.
@@ -29,14 +29,14 @@ LOOK_EVERY_S = 0.005
 
 
 @dataclass(frozen=True)
-class Seat:
+class DriveLease:
     """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps."""
 
     fence: int
     max_age_s: float
     clock: RobotClock | None
     log: DriveLog
-    came: Callable[[], None]
+    on_command: Callable[[], None]
 
 
 class DrivePath:
@@ -44,36 +44,36 @@ class DrivePath:
 
     def __init__(
         self,
-        seat: Seat,
+        lease: DriveLease,
         robot: RobotSocket,
-        moments: ClientMoments,
+        timestamps: CommandTimestamps,
         sent: Callable[[int], None],
     ) -> None:
-        self.log = seat.log
-        self._seat = seat
+        self.log = lease.log
+        self._lease = lease
         self._robot = robot
-        self._moments = moments
+        self._timestamps = timestamps
         self._sent = sent
         # By topic, in the order in which they came: the command and its moment.
         self._waiting: dict[str, tuple[DriveCommand, float]] = {}
         self._wake = asyncio.Event()
-        self._warnings = Allowance(time.monotonic(), per_s=1, at_once=1)
+        self._warnings = RateLimiter(time.monotonic(), per_s=1, at_once=1)
 
-    async def take(self, command: DriveCommand) -> bytes | None:
+    async def submit(self, command: DriveCommand) -> bytes | None:
         """Send the command or let it wait; return what a client is told whose command is refused."""
         now = time.monotonic()
-        moment = self._moments.of(command.stamp_ms, now)
-        if moment is None:
+        timestamp = self._timestamps.of(command.stamp_ms, now)
+        if timestamp is None:
             return self._refuse(command, "its moment is to come, by the clock that beats tell", now)
-        if now - moment > self._seat.max_age_s:
-            age_ms, limit_ms = (now - moment) * 1000, self._seat.max_age_s * 1000
+        if now - timestamp > self._lease.max_age_s:
+            age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
             why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"
             return self._refuse(command, why, now)
-        self._seat.came()
+        self._lease.on_command()
         if self._waiting or self._robot.waiting_bytes():
-            self._wait(command, moment)
+            self._wait(command, timestamp)
         else:
-            await self._send(command, moment, now)
+            await self._send(command, timestamp, now)
         return None
 
     async def run(self) -> NoReturn:
@@ -86,10 +86,10 @@ class DrivePath:
                 if not self._robot.waiting_bytes():
                     await self._send_waiting()
 
-    def _wait(self, command: DriveCommand, moment: float) -> None:
+    def _wait(self, command: DriveCommand, timestamp: float) -> None:
         if self._waiting.pop(command.topic, None) is not None:
             self.log.dropped()
-        self._waiting[command.topic] = (command, moment)
+        self._waiting[command.topic] = (command, timestamp)
         if len(self._waiting) > MAX_WAITING:
             del self._waiting[next(iter(self._waiting))]
             self.log.dropped()
@@ -97,29 +97,29 @@ class DrivePath:
 
     async def _send_waiting(self) -> None:
         topic = next(iter(self._waiting))
-        command, moment = self._waiting.pop(topic)
+        command, timestamp = self._waiting.pop(topic)
         now = time.monotonic()
-        if now - moment > self._seat.max_age_s:
+        if now - timestamp > self._lease.max_age_s:
             self.log.dropped()
         else:
-            await self._send(command, moment, now)
+            await self._send(command, timestamp, now)
 
-    async def _send(self, command: DriveCommand, moment: float, now: float) -> None:
-        data, seat = command.data, self._seat
-        if seat.clock is not None:
-            t_ms = seat.clock.at(now, moment)
+    async def _send(self, command: DriveCommand, timestamp: float, now: float) -> None:
+        data, lease = command.data, self._lease
+        if lease.clock is not None:
+            t_ms = lease.clock.at(now, timestamp)
             if t_ms is None:
                 # The guard would refuse what nobody knows the age of.
                 self.log.dropped()
                 return
-            data = stamped(command, t_ms, seat.fence)
+            data = stamped(command, t_ms, lease.fence)
         self.log.command(now, command.speed_m_s, command.turn_rad_s)
         self._sent(len(data))
         await self._robot.send_frame(data, WSMsgType.TEXT)
 
     def _refuse(self, command: DriveCommand, why: str, now: float) -> bytes | None:
         self.log.dropped()
-        if not self._warnings.take(now):
+        if not self._warnings.allow(now):
             return None
         text = f"cannot publish to {command.topic}: {why}"
         return status_error(text, command.message.get("id"))

@@ -1,7 +1,7 @@
 """The fleet as server-sent events, for pages that show who is online.
 
 `app` runs one handler a client. A client that does not read is let go after a while; until then it
-costs one set of robot ids, because its `Feed` keeps no history.
+costs one set of robot ids, because its `Subscriber` keeps no history.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from aiohttp import web
 
 from robotether_server.problems import TooManyConnections
 from robotether_server.relay.access import Access, request_of
-from robotether_server.relay.board import Board, Event, Feed
 from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.fleet_events import Event, FleetEvents, Subscriber
 
 COMMENT_EVERY_S = 10.0
 SLOW_AFTER_S = 10.0
@@ -33,39 +33,39 @@ class EventsHandler:
         self,
         access: Access,
         credentials: Credentials,
-        board: Board,
+        fleet_events: FleetEvents,
         most_of_user: Callable[[], int],
     ) -> None:
         self._access = access
         self._credentials = credentials
-        self._board = board
+        self._fleet_events = fleet_events
         self._most_of_user = most_of_user
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Tell the fleet, then each change, until the client or its right is gone."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
-        mine = self._board.feeds_of(asker.user.id)
+        mine = self._fleet_events.subscribers_of(asker.user.id)
         if mine >= self._most_of_user():
             raise TooManyConnections(f"cannot follow the fleet: you follow it {mine} times already")
         response = web.StreamResponse(headers=HEADERS)
         with (
-            self._board.followed_by(asker.user.id) as feed,
-            self._credentials.held(asker.credential, feed.end),
+            self._fleet_events.subscribed(asker.user.id) as subscriber,
+            self._credentials.held(asker.credential, subscriber.end),
         ):
             await response.prepare(request)
             try:
-                await self._tell(response, feed)
+                await self._stream(response, subscriber)
             except (TimeoutError, ConnectionError):
                 if request.transport is not None:
                     request.transport.abort()
         return response
 
-    async def _tell(self, response: web.StreamResponse, feed: Feed) -> None:
-        await _write(response, render([feed.first()]))
-        while not feed.ended:
-            await feed.wait(COMMENT_EVERY_S)
-            events = feed.take()
+    async def _stream(self, response: web.StreamResponse, subscriber: Subscriber) -> None:
+        await _write(response, render([subscriber.first_event()]))
+        while not subscriber.ended:
+            await subscriber.wait(COMMENT_EVERY_S)
+            events = subscriber.pop_events()
             await _write(response, render(events) if events else b": awake\n\n")
 
 

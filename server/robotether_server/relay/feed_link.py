@@ -22,25 +22,25 @@ from aiohttp import (
 )
 from yarl import URL
 
-from robotether_server.relay import endings
-from robotether_server.relay.allowance import Allowance
-from robotether_server.relay.endings import EndedError, Ending
+from robotether_server.relay import close_reasons
+from robotether_server.relay.backoff import delays
+from robotether_server.relay.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.feeds import Feed
-from robotether_server.relay.pictures import (
+from robotether_server.relay.frame_protocol import (
     HEADER,
-    MAX_PICTURE_BYTES,
+    MAX_FRAME_BYTES,
     BrokenFramesError,
     SenderClock,
     Want,
-    beat_text,
+    clock_sync_text,
     credit_text,
-    parse_beat_answer,
+    parse_clock_sync_answer,
     parse_status,
     parse_text,
     want_text,
 )
-from robotether_server.relay.reach import patience_s
-from robotether_server.relay.retry import delays
+from robotether_server.relay.rate_limiter import RateLimiter
+from robotether_server.relay.robot_dialer import connect_timeout_s
 from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.relay.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
 
@@ -52,7 +52,7 @@ AGAIN_WITHIN_S = 10.0
 RETRY_S = 0.2
 # A connection that held for so long was none that breaks again and again.
 STEADY_S = 10.0
-BEAT_EVERY_S = 1.0
+CLOCK_SYNC_EVERY_S = 1.0
 # Beats go out all the time: nothing at all for so long is a connection that is dead.
 SILENT_AFTER_S = 8.0
 # Viewers come together, and one may change its wish with a slider.
@@ -76,14 +76,14 @@ LINK_BROKE = {
 
 
 @dataclass(frozen=True)
-class FeedWay:
+class FeedConnector:
     """The way to all robots' frames services."""
 
     client: ClientSession
     tunnel_host: str
     registry: SessionRegistry
 
-    def bring(self, feed: Feed) -> asyncio.Task[Ending]:
+    def start(self, feed: Feed) -> asyncio.Task[CloseReason]:
         """Start to bring a feed its pictures; the task returns why there are no more."""
         return asyncio.create_task(FeedLink(feed, self).run(), name=f"feed {feed.robot.name}")
 
@@ -91,26 +91,26 @@ class FeedWay:
 class FeedLink:
     """Brings one feed its pictures."""
 
-    def __init__(self, feed: Feed, way: FeedWay) -> None:
+    def __init__(self, feed: Feed, connector: FeedConnector) -> None:
         self._feed = feed
-        self._way = way
+        self._connector = connector
         self._clock = SenderClock()
-        self._heard_s = 0.0
+        self._received_s = 0.0
 
-    async def run(self) -> Ending:
+    async def run(self) -> CloseReason:
         """Bring pictures until there is no way to the robot; return why."""
         within_s, pauses = FIRST_WITHIN_S, delays(RETRY_S)
         while True:
             try:
                 socket = await self._dial(within_s)
-            except EndedError as exc:
-                return exc.ending
+            except ConnectionClosedError as exc:
+                return exc.close_reason
             opened_s = time.monotonic()
             try:
                 await self._listen(socket)
             finally:
                 socket.drop()
-            self._feed.told(dict(LINK_BROKE))
+            self._feed.on_status(dict(LINK_BROKE))
             within_s = AGAIN_WITHIN_S
             if time.monotonic() - opened_s > STEADY_S:
                 pauses = delays(RETRY_S)
@@ -119,9 +119,9 @@ class FeedLink:
     async def _listen(self, socket: RobotSocket) -> None:
         """Pass on what comes until the connection breaks."""
         name = self._feed.robot.name
-        self._clock, self._heard_s = SenderClock(), time.monotonic()
-        self._feed.begun()
-        telling = asyncio.create_task(self._tell(socket), name=f"feed {name} tells")
+        self._clock, self._received_s = SenderClock(), time.monotonic()
+        self._feed.on_connected()
+        sending = asyncio.create_task(self._send_due(socket), name=f"feed {name} tells")
         try:
             await self._read(socket)
             log.info("robot %s: the connection of a feed broke", name)
@@ -130,47 +130,47 @@ class FeedLink:
         except BrokenFramesError as exc:
             log.warning("robot %s: broke the frames protocol: %s", name, exc)
         finally:
-            telling.cancel()
-            await asyncio.gather(telling, return_exceptions=True)
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
 
     async def _read(self, socket: RobotSocket) -> None:
         now_s = time.monotonic()
-        allowance = Allowance(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
+        limiter = RateLimiter(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
         while True:
             message = await socket.receive()
-            self._heard_s = now_s = time.monotonic()
+            self._received_s = now_s = time.monotonic()
             if message.type is WSMsgType.BINARY:
-                self._feed.came(message.data, now_s, self._clock)
+                self._feed.on_frame(message.data, now_s, self._clock)
                 continue
-            if not allowance.take(now_s):
+            if not limiter.allow(now_s):
                 raise BrokenFramesError(f"more than {MESSAGES_PER_S} messages a second")
             if message.type is WSMsgType.TEXT:
-                self._take(message.data, now_s)
+                self._on_text(message.data, now_s)
             elif message.type is WSMsgType.PING:
                 await socket.pong(message.data)
             elif message.type is not WSMsgType.PONG:
                 return
 
-    def _take(self, data: bytes, now_s: float) -> None:
+    def _on_text(self, data: bytes, now_s: float) -> None:
         message = parse_text(data)
         if message["op"] == "beat":
-            self._clock.heard(now_s, *parse_beat_answer(message))
+            self._clock.on_answer(now_s, *parse_clock_sync_answer(message))
         elif message["op"] == "status":
-            self._feed.told(parse_status(message))
+            self._feed.on_status(parse_status(message))
 
-    async def _tell(self, socket: RobotSocket) -> None:
+    async def _send_due(self, socket: RobotSocket) -> None:
         """Tell what is due: wishes, credits and beats; drop a connection on which nothing comes."""
         wanted: Want | None = None
-        wanted_s = beaten_s = -BEAT_EVERY_S
+        wanted_s = synced_s = -CLOCK_SYNC_EVERY_S
         try:
             while True:
                 now_s = time.monotonic()
-                if now_s - self._heard_s > SILENT_AFTER_S:
+                if now_s - self._received_s > SILENT_AFTER_S:
                     break
                 # Before the first credit: a picture whose moment nobody can tell is of no use.
-                if now_s - beaten_s >= BEAT_EVERY_S:
-                    beaten_s = now_s
-                    await _send(socket, beat_text(now_s * 1000))
+                if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
+                    synced_s = now_s
+                    await _send(socket, clock_sync_text(now_s * 1000))
                 want = self._feed.want()
                 if want is not None and want != wanted and now_s - wanted_s >= WANT_EVERY_S:
                     wanted, wanted_s = want, now_s
@@ -178,7 +178,7 @@ class FeedLink:
                 if wanted is not None and (credit := self._feed.credit()) is not None:
                     await _send(socket, credit_text(*credit))
                 hurries = want is not None and want != wanted
-                await self._due(WANT_EVERY_S if hurries else BEAT_EVERY_S)
+                await self._due(WANT_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
         except ConnectionError:
             log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
         socket.drop()
@@ -196,44 +196,46 @@ class FeedLink:
         robot, loop = self._feed.robot, asyncio.get_running_loop()
         deadline = loop.time() + within_s
         while True:
-            presence = self._way.registry.presence(robot.id)
+            presence = self._connector.registry.presence(robot.id)
             if not presence.online:
-                raise EndedError(endings.robot_offline(robot.name, presence.since, utc_now()))
+                raise ConnectionClosedError(
+                    close_reasons.robot_offline(robot.name, presence.since, utc_now())
+                )
             try:
-                async with asyncio.timeout(patience_s(presence)):
+                async with asyncio.timeout(connect_timeout_s(presence)):
                     return await self._connect()
             except ClientConnectorError:
                 why = "the tunnel has no port for it"
             except WSServerHandshakeError as exc:
                 # web_video_server knows no such path; other servers of video answer any path.
                 if exc.status < SERVER_ERRORS and exc.status != TOO_MANY:
-                    raise EndedError(endings.frames_unknown(robot.name)) from exc
+                    raise ConnectionClosedError(close_reasons.frames_unknown(robot.name)) from exc
                 why = f"it answered HTTP {exc.status}"
             except TimeoutError:
                 why = "no answer in time"
             except (ClientError, OSError):
                 why = "the robot refuses the connection"
             if loop.time() > deadline:
-                raise EndedError(endings.video_down(robot.name, why))
+                raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
             await asyncio.sleep(RETRY_S)
 
     async def _connect(self) -> RobotSocket:
         port = self._feed.robot.video_port
         url = URL.build(
             scheme="ws",
-            host=self._way.tunnel_host,
+            host=self._connector.tunnel_host,
             port=port,
             path="/robotether/frames",
             query={"topic": self._feed.topic},
         )
         return cast(
             RobotSocket,
-            await self._way.client.ws_connect(
+            await self._connector.client.ws_connect(
                 url,
                 autoping=False,
                 compress=0,
                 decode_text=False,
-                max_msg_size=HEADER.size + MAX_PICTURE_BYTES + LIMIT_MARGIN,
+                max_msg_size=HEADER.size + MAX_FRAME_BYTES + LIMIT_MARGIN,
                 timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
             ),
         )

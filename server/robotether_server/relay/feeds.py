@@ -1,6 +1,6 @@
 """One feed a robot and camera, whatever the number of viewers: the newest picture, and credits for the robot.
 
-`frames` and `streams` join feeds; a `FeedLink` brings each its pictures. Only the newest picture is kept, and
+`frames_handler` and `streams` join feeds; a `FeedLink` brings each its pictures. Only the newest picture is kept, and
 each viewer takes it when it can: nothing queues here, and who is slow skips pictures and slows no one.
 """
 
@@ -15,17 +15,17 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
 
-from robotether_server.relay import endings
-from robotether_server.relay.endings import Ending
-from robotether_server.relay.pictures import (
+from robotether_server.relay import close_reasons
+from robotether_server.relay.close_reasons import CloseReason
+from robotether_server.relay.frame_protocol import (
     JPEG,
     MAX_CREDITS,
-    NUMBERS,
+    SEQUENCES,
     BrokenFramesError,
-    Picture,
+    Frame,
     SenderClock,
     Want,
-    parse_picture,
+    parse_frame,
 )
 from robotether_server.relay.sessions import Change
 from robotether_server.store.fleet import Robot
@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 # A page that is loaded anew, or that swaps its cameras, finds its feed again; within 1 s it is closed.
 LINGER_S = 0.5
 # Of one robot, whose agent has room for 8 cameras: who leaves one after the other must not use that up.
-MOST_LINGERING = 2
+MAX_LINGERING = 2
 # What a new viewer is shown at once.
 FRESH_S = 1.0
 
@@ -44,9 +44,9 @@ FRESH_S = 1.0
 class FeedTraffic:
     """What all feeds have passed on since the start; `metrics` reads it."""
 
-    pictures_in: int = 0
+    frames_in: int = 0
     bytes_in: int = 0
-    pictures_out: int = 0
+    frames_out: int = 0
     bytes_out: int = 0
     skipped: int = 0
 
@@ -58,10 +58,10 @@ class Viewer(Protocol):
     def want(self) -> Want | None:
         """What it wants to see; None: it has not said so yet."""
 
-    def news(self) -> None:
+    def notify(self) -> None:
         """There is a newer picture, or another status; must not wait."""
 
-    def end(self, ending: Ending) -> None:
+    def end(self, close_reason: CloseReason) -> None:
         """The feed is over."""
 
 
@@ -71,10 +71,10 @@ class Feed:
     def __init__(self, robot: Robot, topic: str, traffic: FeedTraffic) -> None:
         self.robot = robot
         self.topic = topic
-        self.newest: Picture | None = None
+        self.newest: Frame | None = None
         self.status: dict[str, object] | None = None
         # None as long as nobody knows whether the robot has such a service; then why it has not.
-        self.opened: asyncio.Future[Ending | None] = asyncio.get_running_loop().create_future()
+        self.opened: asyncio.Future[CloseReason | None] = asyncio.get_running_loop().create_future()
         # Something is to be told to the robot.
         self.due = asyncio.Event()
         self._traffic = traffic
@@ -101,31 +101,31 @@ class Feed:
         """Whether there is a viewer."""
         return bool(self._viewers)
 
-    def end(self, ending: Ending) -> None:
+    def end(self, close_reason: CloseReason) -> None:
         """Tell all viewers that it is over."""
         if not self.opened.done():
-            self.opened.set_result(ending)
+            self.opened.set_result(close_reason)
         for viewer in list(self._viewers):
-            viewer.end(ending)
+            viewer.end(close_reason)
 
-    def taken(self, number: int) -> None:
+    def taken(self, sequence: int) -> None:
         """A viewer has this picture, or waits for one after it; the quickest counts."""
-        if number not in self._untaken:
+        if sequence not in self._untaken:
             return
-        self._taken = number
-        while self._untaken.popleft() != number:
+        self._taken = sequence
+        while self._untaken.popleft() != sequence:
             self._credits_due += 1
         self._credits_due += 1
         self.due.set()
 
     def fresh(self, now_s: float) -> bool:
         """Tell whether the newest picture came so lately that somebody new shall see it."""
-        return self.newest is not None and now_s - self.newest.came_s < FRESH_S
+        return self.newest is not None and now_s - self.newest.received_s < FRESH_S
 
-    def sent(self, picture: Picture, skipped: int) -> None:
+    def sent(self, frame: Frame, skipped: int) -> None:
         """A viewer was sent this picture, and so many before it were not."""
-        self._traffic.pictures_out += 1
-        self._traffic.bytes_out += len(picture.frame)
+        self._traffic.frames_out += 1
+        self._traffic.bytes_out += len(frame.message)
         self._traffic.skipped += skipped
 
     def want(self) -> Want | None:
@@ -133,7 +133,7 @@ class Feed:
         wants = [viewer.want for viewer in self._viewers if viewer.want is not None]
         return reduce(Want.and_also, wants) if wants else None
 
-    def begun(self) -> None:
+    def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
         self._untaken.clear()
         self._credits_open = 0
@@ -149,62 +149,64 @@ class Feed:
         if not frames:
             return None
         self._credits_open += frames
-        taken = None if self._taken is None else (self._taken - (self._shift or 0)) % NUMBERS
+        taken = None if self._taken is None else (self._taken - (self._shift or 0)) % SEQUENCES
         return frames, taken
 
-    def came(self, data: bytes, now_s: float, clock: SenderClock) -> None:
+    def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
         """A picture came, with a moment on the robot's clock."""
-        codec, number, moment_ms = parse_picture(data)
+        codec, sequence, timestamp_ms = parse_frame(data)
         if not self._credits_open:
             raise BrokenFramesError("more pictures came than were asked for")
         self._credits_open -= 1
-        moment_s = clock.ours(now_s, moment_ms)
+        timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:
-            last = 0 if self.newest is None else self.newest.number
-            self._shift = (last + 1 - number) % NUMBERS
-        number = (number + self._shift) % NUMBERS
-        self._untaken.append(number)
-        if codec != JPEG or moment_s is None:
+            last = 0 if self.newest is None else self.newest.sequence
+            self._shift = (last + 1 - sequence) % SEQUENCES
+        sequence = (sequence + self._shift) % SEQUENCES
+        self._untaken.append(sequence)
+        if codec != JPEG or timestamp_s is None:
             # Nobody here can show it, or tell how old it is.
-            self.taken(number)
+            self.taken(sequence)
             return
-        self._traffic.pictures_in += 1
+        self._traffic.frames_in += 1
         self._traffic.bytes_in += len(data)
-        place = 0 if self.newest is None else self.newest.place + 1
-        self.newest = Picture(data, number=number, place=place, moment_s=moment_s, came_s=now_s)
-        self._tell()
+        position = 0 if self.newest is None else self.newest.position + 1
+        self.newest = Frame(
+            data, sequence=sequence, position=position, timestamp_s=timestamp_s, received_s=now_s
+        )
+        self._notify()
 
-    def told(self, status: dict[str, object]) -> None:
+    def on_status(self, status: dict[str, object]) -> None:
         """The robot told how its source is."""
         self.status = status
-        self._tell()
+        self._notify()
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         for viewer in list(self._viewers):
-            self._tell_one(viewer)
+            self._notify_one(viewer)
 
-    def _tell_one(self, viewer: Viewer) -> None:
+    def _notify_one(self, viewer: Viewer) -> None:
         try:
-            viewer.news()
+            viewer.notify()
         except Exception:
             # One viewer's defect must not cost the others their pictures.
             log.exception("robot %s: a viewer failed", self.robot.name)
-            viewer.end(endings.relay_failed())
+            viewer.end(close_reasons.relay_failed())
 
 
-Bring = Callable[[Feed], "asyncio.Task[Ending]"]
+StartFeed = Callable[[Feed], "asyncio.Task[CloseReason]"]
 
 
 class Feeds:
-    """All feeds, by robot and topic. `bring` starts the task that brings a feed its pictures."""
+    """All feeds, by robot and topic. `start` starts the task that brings a feed its pictures."""
 
-    def __init__(self, bring: Bring) -> None:
+    def __init__(self, start: StartFeed) -> None:
         self.traffic = FeedTraffic()
-        self._bring = bring
+        self._start = start
         self._feeds: dict[tuple[int, str], Feed] = {}
-        self._tasks: dict[Feed, asyncio.Task[Ending]] = {}
+        self._tasks: dict[Feed, asyncio.Task[CloseReason]] = {}
         # A task that is cancelled takes a moment to end.
-        self._all: set[asyncio.Task[Ending]] = set()
+        self._all: set[asyncio.Task[CloseReason]] = set()
 
     @contextmanager
     def followed(self, robot: Robot, topic: str, viewer: Viewer) -> Iterator[Feed]:
@@ -222,12 +224,12 @@ class Feeds:
         """How many feeds there are."""
         return len(self._feeds)
 
-    def robot(self, change: Change) -> None:
+    def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its link end its feeds."""
-        if change.what == "left":
+        if change.what == "disconnected":
             for feed in list(self._feeds.values()):
                 if feed.robot.id == change.robot_id:
-                    feed.end(endings.link_lost(feed.robot.name))
+                    feed.end(close_reasons.link_lost(feed.robot.name))
                     self._close(feed)
 
     async def close(self) -> None:
@@ -239,30 +241,32 @@ class Feeds:
     def _opened(self, robot: Robot, topic: str) -> Feed:
         feed = Feed(robot, topic, self.traffic)
         self._feeds[robot.id, topic] = feed
-        task = self._tasks[feed] = self._bring(feed)
+        task = self._tasks[feed] = self._start(feed)
         self._all.add(task)
         task.add_done_callback(lambda done: self._done(feed, done))
         return feed
 
-    def _done(self, feed: Feed, task: asyncio.Task[Ending]) -> None:
+    def _done(self, feed: Feed, task: asyncio.Task[CloseReason]) -> None:
         self._all.discard(task)
         self._forget(feed)
         if task.cancelled():
             return
         if (problem := task.exception()) is not None:
             log.error("robot %s: a feed failed", feed.robot.name, exc_info=problem)
-            feed.end(endings.relay_failed())
+            feed.end(close_reasons.relay_failed())
             return
-        ending = task.result()
-        log.info("robot %s: feed of %r ended: %s", feed.robot.name, feed.topic[:100], ending.reason)
-        feed.end(ending)
+        close_reason = task.result()
+        log.info(
+            "robot %s: feed of %r ended: %s", feed.robot.name, feed.topic[:100], close_reason.reason
+        )
+        feed.end(close_reason)
 
     def _let_linger(self, feed: Feed) -> None:
         robot_id = feed.robot.id
         lingering = [
             each for each in self._feeds.values() if each.robot.id == robot_id and not each.watched
         ]
-        if len(lingering) > MOST_LINGERING:
+        if len(lingering) > MAX_LINGERING:
             self._close(feed)
         else:
             asyncio.get_running_loop().call_later(LINGER_S, self._close_unwatched, feed)
@@ -276,7 +280,7 @@ class Feeds:
         if task is not None:
             task.cancel()
 
-    def _forget(self, feed: Feed) -> asyncio.Task[Ending] | None:
+    def _forget(self, feed: Feed) -> asyncio.Task[CloseReason] | None:
         """Let the next viewer open a new one."""
         if self._feeds.get((feed.robot.id, feed.topic)) is feed:
             del self._feeds[feed.robot.id, feed.topic]

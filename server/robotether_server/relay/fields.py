@@ -113,7 +113,7 @@ def payload(value: Any) -> dict[str, Any] | list[Any]:
     return value
 
 
-def moment(value: Any) -> float:
+def timestamp(value: Any) -> float:
     """Pass a time in ms."""
     low, high = WHOLE_53_BIT
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not low <= value <= high:
@@ -125,7 +125,7 @@ def stamp(value: Any) -> float:
     """Return the moment of a drive command, out of the object that stands beside `msg`."""
     if not isinstance(value, dict) or "t_ms" not in value:
         raise FieldRefusedError("is no object with t_ms")
-    return moment(value["t_ms"])
+    return timestamp(value["t_ms"])
 
 
 def scalars(value: Any) -> dict[str, object] | list[object]:

@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable
 from datetime import datetime
 
 from robotether_server.problems import StoreProblem, StoreUnavailable
-from robotether_server.relay.records import Records
+from robotether_server.relay.database import RelayDatabase
 from robotether_server.store.control import Kept
 from robotether_server.store.fleet import Changes, Snapshot
 
@@ -28,7 +28,7 @@ class Fleet:
 
     def __init__(
         self,
-        records: Records,
+        database: RelayDatabase,
         *,
         rights_changed: Callable[[Snapshot], None],
         credentials_changed: Callable[[], Awaitable[None]],
@@ -37,7 +37,7 @@ class Fleet:
         kept: Callable[[Kept], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
-        self._records = records
+        self._database = database
         self._rights_changed = rights_changed
         self._credentials_changed = credentials_changed
         self._check_new_credentials = check_new_credentials
@@ -74,7 +74,7 @@ class Fleet:
         """Ask once whether anything changed, and take it over."""
         try:
             async with self._polling:
-                await self._take_changes()
+                await self._poll_changes()
         except StoreProblem as problem:
             self._set_store_up(False, problem.detail)
         except Exception:
@@ -84,14 +84,14 @@ class Fleet:
         else:
             self._set_store_up(True)
 
-    async def _take_changes(self) -> None:
-        before, now = self._changes, await self._records.changes()
+    async def _poll_changes(self) -> None:
+        before, now = self._changes, await self._database.changes()
         if self._snapshot is None or self._snapshot.rights != now.rights:
             if self._snapshot is None:
-                self._last_seen(await self._records.last_seen())
+                self._last_seen(await self._database.last_seen())
                 # Before anybody is served: a robot that is stopped stays so, and numbers go on.
-                self._kept(await self._records.kept())
-            self._snapshot = await self._records.load()
+                self._kept(await self._database.kept())
+            self._snapshot = await self._database.load()
             self._rights_changed(self._snapshot)
         time = asyncio.get_running_loop().time()
         overdue = time - self._rechecked_at > RECHECK_EVERY_S

@@ -1,6 +1,6 @@
 """JSON texts from clients: read strictly, and written so that every parser reads them alike.
 
-`operations` reads a client's message here, and sends what this writes in its place. Some robots'
+`message_validator` reads a client's message here, and sends what this writes in its place. Some robots'
 parsers refuse what Python's takes (deep nesting, NaN, numbers over 64 bits, half characters), and
 rosbridge, when it cannot parse a message as a whole, runs any object with an `op` that it finds
 inside. So nothing that a parser may refuse is ever written. Pure.
@@ -12,10 +12,10 @@ import json
 from typing import Any, NoReturn
 
 # Messages of ROS nest less than ten deep.
-DEEPEST = 64
+MAX_DEPTH = 64
 # What signed and unsigned integers of ROS hold.
-LOWEST_WHOLE, HIGHEST_WHOLE = -(2**63), 2**64 - 1
-LONGEST_NUMBER = 40
+MIN_INTEGER, MAX_INTEGER = -(2**63), 2**64 - 1
+MAX_DIGITS = 40
 
 # A number of fewer digits is within 64 bits, so that its digits need no look of their own.
 _MANY_DIGITS = b"0" * 19
@@ -43,7 +43,7 @@ def read(data: bytes) -> dict[str, Any]:
     if not isinstance(message, dict):
         raise NotJsonError("it is no object")
     # Fewer brackets than that cannot nest deeper.
-    if data.count(b"{") + data.count(b"[") > DEEPEST:
+    if data.count(b"{") + data.count(b"[") > MAX_DEPTH:
         _check_depth(message)
     return message
 
@@ -60,7 +60,7 @@ def write(message: dict[str, Any]) -> bytes:
 
 def _check_depth(message: dict[str, Any]) -> None:
     level: list[Any] = [message]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         level = [
             inner
             for outer in level
@@ -69,7 +69,7 @@ def _check_depth(message: dict[str, Any]) -> None:
         ]
         if not level:
             return
-    raise NotJsonError(f"it is nested more than {DEEPEST} deep")
+    raise NotJsonError(f"it is nested more than {MAX_DEPTH} deep")
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -84,8 +84,8 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def _whole(digits: str) -> int:
-    number = int(digits) if len(digits) <= LONGEST_NUMBER else HIGHEST_WHOLE + 1
-    if not LOWEST_WHOLE <= number <= HIGHEST_WHOLE:
+    number = int(digits) if len(digits) <= MAX_DIGITS else MAX_INTEGER + 1
+    if not MIN_INTEGER <= number <= MAX_INTEGER:
         raise NotJsonError("a number in it has more than 64 bits")
     return number
 

@@ -14,7 +14,7 @@ from datetime import datetime, timedelta
 from typing import Protocol
 
 from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
-from robotether_server.relay.allowance import Allowance
+from robotether_server.relay.rate_limiter import RateLimiter
 from robotether_server.store.fleet import User
 
 PASSES_AFTER_S = 20.0
@@ -100,7 +100,7 @@ class Lease:
         self.waiting: Waiting | None = None
         self._reserved: Reserved | None = None
         self._claimant: Holder | None = None
-        self._questions: dict[int, Allowance] = {}
+        self._questions: dict[int, RateLimiter] = {}
 
     def reserved(self, now: Now) -> Reserved | None:
         """For whom the lease is kept now."""
@@ -150,7 +150,7 @@ class Lease:
         self.driver = self._claimant = self.waiting = self._reserved = None
         return present
 
-    def command_came(self, now: Now) -> None:
+    def on_command(self, now: Now) -> None:
         """The driver sent a command: it is there."""
         if self.driver is not None:
             self.driver.input = now
@@ -199,7 +199,7 @@ class Lease:
         """When the control passes on by itself, if no command and no answer comes."""
         if self.driver is None or self.waiting is None:
             return None
-        last = max(self.driver.input, self.waiting.since, key=lambda moment: moment.s)
+        last = max(self.driver.input, self.waiting.since, key=lambda timestamp: timestamp.s)
         return last.later(PASSES_AFTER_S)
 
     def pass_on(self, now: Now) -> Passed | None:
@@ -225,10 +225,10 @@ class Lease:
         return kept is not None and kept.user.id == user.id
 
     def _count_question(self, user: User, now: Now) -> None:
-        fresh = Allowance(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
-        allowance = self._questions.setdefault(user.id, fresh)
-        if not allowance.take(now.s):
-            wait_s = math.ceil(allowance.free_in_s(now.s))
+        fresh = RateLimiter(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
+        limiter = self._questions.setdefault(user.id, fresh)
+        if not limiter.allow(now.s):
+            wait_s = math.ceil(limiter.free_in_s(now.s))
             raise Throttled(
                 f"cannot ask for the control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
                 f"ask again in {wait_s} s",

@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay import session_messages as lines
+from robotether_server.relay.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.connections import Connection
-from robotether_server.relay.endings import EndedError, Ending
-from robotether_server.relay.journal import Journal
+from robotether_server.relay.database import RelayDatabase
+from robotether_server.relay.event_writer import EventWriter
 from robotether_server.relay.leases import Driver, HeldError, Lease, Now, Passed
-from robotether_server.relay.records import Records
 from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.store.control import LeaseEnd, NewLease
 from robotether_server.store.fleet import AuditEntry, Robot, User
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Asker:
+class LeaseRequester:
     """Who asks for a change of control, and from where."""
 
     user: User
@@ -41,14 +41,14 @@ class Leasing:
     def __init__(
         self,
         *,
-        records: Records,
-        journal: Journal,
+        database: RelayDatabase,
+        event_writer: EventWriter,
         registry: SessionRegistry,
-        stopped: Callable[[Robot], Ending | None],
+        stopped: Callable[[Robot], CloseReason | None],
         changed: Callable[[int], None],
     ) -> None:
-        self._records = records
-        self._journal = journal
+        self._database = database
+        self._event_writer = event_writer
         self._registry = registry
         self._stopped = stopped
         self._changed = changed
@@ -83,17 +83,17 @@ class Leasing:
     async def begin(self, connection: Connection) -> int:
         """Let the connection drive; return its number. EndedError when it may not."""
         robot = connection.robot
-        if (ending := self._stopped(robot)) is not None:
-            raise EndedError(ending)
+        if (close_reason := self._stopped(robot)) is not None:
+            raise ConnectionClosedError(close_reason)
         lease = self.of(robot.id)
         self._claim(lease, connection)
-        fence = await self._number(lease, connection)
+        fence = await self._next_fence(lease, connection)
         older = lease.driver
         if not lease.grant(connection, fence, now()):
-            raise EndedError(self._why_not(lease, robot))
+            raise ConnectionClosedError(self._why_not(lease, robot))
         if older is not None and isinstance(older.holder, Connection):
-            older.holder.end(endings.superseded(robot.name))
-        self._told(robot.id)
+            older.holder.end(close_reasons.superseded(robot.name))
+        self._notify(robot.id)
         return fence
 
     def end(self, connection: Connection) -> None:
@@ -104,52 +104,52 @@ class Leasing:
         if driver is not None:
             self._write_end(robot_id, driver)
         if driver is not None or lease.waiting is not waiting:
-            self._told(robot_id)
+            self._notify(robot_id)
 
-    def revoke(self, robot_id: int, ending: Ending) -> None:
+    def revoke(self, robot_id: int, close_reason: CloseReason) -> None:
         """End whatever there is: the robot is stopped."""
         lease = self.of(robot_id)
         driver, holder = lease.driver, lease.revoke()
         if driver is not None:
             self._write_end(robot_id, driver)
-        self._told(robot_id)
+        self._notify(robot_id)
         if isinstance(holder, Connection):
-            holder.end(ending)
+            holder.end(close_reason)
 
-    def command_came(self, robot_id: int) -> None:
+    def on_command(self, robot_id: int) -> None:
         """The driver sent a command."""
-        self.of(robot_id).command_came(now())
+        self.of(robot_id).on_command(now())
 
     def keep_only(self, may_drive: Callable[[int, int], bool]) -> None:
         """Forget who waits without the right to drive (user, robot) any more."""
         for robot_id, lease in self._leases.items():
             if lease.keep_only(_of_robot(may_drive, robot_id)):
-                self._told(robot_id)
+                self._notify(robot_id)
 
-    def ask(self, robot: Robot, asker: Asker) -> None:
+    def ask(self, robot: Robot, asker: LeaseRequester) -> None:
         """Ask the driver for the control."""
         if self.of(robot.id).ask(asker.user, now()):
             self._audit("lease_asked", robot, asker)
-            self._told(robot.id)
+            self._notify(robot.id)
 
-    def withdraw(self, robot: Robot, asker: Asker) -> None:
+    def withdraw(self, robot: Robot, asker: LeaseRequester) -> None:
         """Take a question back."""
         self.of(robot.id).withdraw(asker.user)
-        self._told(robot.id)
+        self._notify(robot.id)
 
-    def refuse(self, robot: Robot, asker: Asker) -> None:
+    def refuse(self, robot: Robot, asker: LeaseRequester) -> None:
         """The driver says no."""
         to = self.of(robot.id).refuse(asker.user, now())
         self._audit("lease_refused", robot, asker, to=to.name)
-        self._told(robot.id)
+        self._notify(robot.id)
 
-    def hand_over(self, robot: Robot, asker: Asker, to: str | None = None) -> None:
+    def hand_over(self, robot: Robot, asker: LeaseRequester, to: str | None = None) -> None:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         passed = self.of(robot.id).hand_over(asker.user, now(), to)
         self._audit("lease_handed_over", robot, asker, to=passed.to.name)
         self._pass(robot.id, passed)
 
-    def take(self, robot: Robot, asker: Asker) -> None:
+    def take(self, robot: Robot, asker: LeaseRequester) -> None:
         """Give a manager the control."""
         passed = self.of(robot.id).take(asker.user, now())
         if passed is not None:
@@ -168,53 +168,55 @@ class Leasing:
             older = lease.claim(connection, now())
         except HeldError as held:
             since = None if held.since is None else held.since.utc
-            raise EndedError(endings.lease_held(robot.name, held.user, since)) from held
+            raise ConnectionClosedError(
+                close_reasons.lease_held(robot.name, held.user, since)
+            ) from held
         if isinstance(older, Connection):
-            older.end(endings.superseded(robot.name))
+            older.end(close_reasons.superseded(robot.name))
 
-    def _why_not(self, lease: Lease, robot: Robot) -> Ending:
+    def _why_not(self, lease: Lease, robot: Robot) -> CloseReason:
         """Say why a claim was lost."""
-        if (ending := self._stopped(robot)) is not None:
-            return ending
+        if (close_reason := self._stopped(robot)) is not None:
+            return close_reason
         kept = lease.reserved(now())
         if kept is not None:
-            return endings.lease_held(robot.name, kept.user.name, None)
-        return endings.lease_unavailable(robot.name)
+            return close_reasons.lease_held(robot.name, kept.user.name, None)
+        return close_reasons.lease_unavailable(robot.name)
 
-    async def _number(self, lease: Lease, connection: Connection) -> int:
+    async def _next_fence(self, lease: Lease, connection: Connection) -> int:
         robot = connection.robot
         asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), lease.fence)
         try:
-            return await self._records.next_fence(asked)
+            return await self._database.next_fence(asked)
         except (RecordMissing, RecordRefused) as gone:
             # Robot or user was removed meanwhile, which the relay reads of only in its next look.
             log.info("robot %s: a drive gets no number: %s", robot.name, gone.detail)
-            raise EndedError(endings.rights_ended(robot.name)) from gone
+            raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
         except StoreProblem as problem:
             log.warning("robot %s: a drive gets no number: %s", robot.name, problem.detail)
-            raise EndedError(endings.lease_unavailable(robot.name)) from problem
+            raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
 
     def _pass(self, robot_id: int, passed: Passed) -> None:
         if passed.driver is not None:
             self._write_end(robot_id, passed.driver)
-        self._told(robot_id)
+        self._notify(robot_id)
         if passed.driver is not None and isinstance(passed.driver.holder, Connection):
             connection = passed.driver.holder
-            connection.end(endings.lease_lost(connection.robot.name, passed.to.name))
+            connection.end(close_reasons.lease_lost(connection.robot.name, passed.to.name))
 
     def _write_end(self, robot_id: int, driver: Driver) -> None:
-        self._journal.add(LeaseEnd(robot_id, driver.fence, utc_now()))
+        self._event_writer.add(LeaseEnd(robot_id, driver.fence, utc_now()))
 
-    def _audit(self, kind: str, robot: Robot, asker: Asker, **details: str | None) -> None:
-        self._journal.add(
+    def _audit(self, kind: str, robot: Robot, asker: LeaseRequester, **details: str | None) -> None:
+        self._event_writer.add(
             AuditEntry(utc_now(), asker.user.name, kind, robot.name, asker.address, details)
         )
 
-    def _told(self, robot_id: int) -> None:
+    def _notify(self, robot_id: int) -> None:
         """Tell the robot and whoever watches, and look again when time changes something."""
         link = self._registry.session_of(robot_id)
         if link is not None:
-            link.tell(self.line(robot_id))
+            link.send(self.line(robot_id))
         self._arm(robot_id)
         self._changed(robot_id)
 
@@ -223,7 +225,7 @@ class Leasing:
         due = min(self._due_at(robot_id), default=None)
         if due is not None:
             loop = asyncio.get_running_loop()
-            self._timers[robot_id] = loop.call_at(due, self._time_came, robot_id)
+            self._timers[robot_id] = loop.call_at(due, self._on_timer, robot_id)
 
     def _due_at(self, robot_id: int) -> Iterator[float]:
         lease = self.of(robot_id)
@@ -239,7 +241,7 @@ class Leasing:
         if timer is not None:
             timer.cancel()
 
-    def _time_came(self, robot_id: int) -> None:
+    def _on_timer(self, robot_id: int) -> None:
         lease = self.of(robot_id)
         passed = lease.pass_on(now())
         if passed is None:
@@ -248,7 +250,7 @@ class Leasing:
             return
         if passed.driver is not None and isinstance(passed.driver.holder, Connection):
             robot, driver = passed.driver.holder.robot, passed.driver.holder.user
-            self._audit("lease_passed", robot, Asker(passed.to), driver=driver)
+            self._audit("lease_passed", robot, LeaseRequester(passed.to), driver=driver)
         self._pass(robot_id, passed)
 
 

@@ -11,7 +11,7 @@ import sys
 import uvloop
 
 from robotether_server.problems import SettingsError
-from robotether_server.relay.records import DatabaseRecords
+from robotether_server.relay.database import ThreadedDatabase
 from robotether_server.relay.relay import Listen, Relay
 from robotether_server.settings import RelaySettings, load_relay
 from robotether_server.store import Database
@@ -40,7 +40,7 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
-    relay = Relay(settings, DatabaseRecords(Database(settings.database)), listen=listen)
+    relay = Relay(settings, ThreadedDatabase(Database(settings.database)), listen=listen)
     await relay.start()
     await stopped.wait()
     log.info("stopping")

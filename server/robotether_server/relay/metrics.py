@@ -32,10 +32,10 @@ class Metrics:
         PlatformCollector(registry=self._registry)
         self._registry.register(_TrafficCollector(traffic))
         self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
-        self.endings = self._counter(
+        self.close_reasons = self._counter(
             "connection_endings", "Operators' connections that ended, by reason", "name"
         )
-        self.session_endings = self._counter(
+        self.session_close_codes = self._counter(
             "session_endings", "Robots' sessions that ended, by reason", "code"
         )
         self.session_refusals = self._counter(
@@ -101,11 +101,11 @@ class _FeedCollector(Collector):
 
     def collect(self) -> Iterable[CounterMetricFamily]:
         traffic = self._traffic
-        pictures = CounterMetricFamily(
+        frames = CounterMetricFamily(
             "robotether_relay_pictures", "Pictures that came, and that went", labels=["to"]
         )
-        pictures.add_metric(["relay"], traffic.pictures_in)
-        pictures.add_metric(["client"], traffic.pictures_out)
+        frames.add_metric(["relay"], traffic.frames_in)
+        frames.add_metric(["client"], traffic.frames_out)
         sizes = CounterMetricFamily(
             "robotether_relay_picture_bytes", "Bytes of pictures", labels=["to"]
         )
@@ -115,4 +115,4 @@ class _FeedCollector(Collector):
             "robotether_relay_pictures_skipped", "Pictures that were newer when a viewer was ready"
         )
         skipped.add_metric([], traffic.skipped)
-        return [pictures, sizes, skipped]
+        return [frames, sizes, skipped]

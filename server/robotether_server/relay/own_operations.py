@@ -26,9 +26,9 @@ class OwnOperations:
         self._robot = robot
         self._user = user
         self._address = address
-        self._beats = False
+        self._clock_syncs = False
         self._key: dict[str, object] = {}
-        self._news = asyncio.Event()
+        self._update_due = asyncio.Event()
 
     def watched(self) -> AbstractContextManager[None]:
         """Hear of changes inside the block."""
@@ -40,22 +40,22 @@ class OwnOperations:
             self._control.stops.stop(self._robot, self._user, address=self._address)
             return None
         self._key = {"key": own["key"]} if "key" in own else {}
-        if not self._beats:
-            self._beats = True
-            self._news.set()
+        if not self._clock_syncs:
+            self._clock_syncs = True
+            self._update_due.set()
         relay_ms = round(time.monotonic() * 1000, 3)
         return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
-    async def news(self) -> bytes:
+    async def next_update(self) -> bytes:
         """Wait until there is something to tell; return the control object's message."""
-        await self._news.wait()
-        self._news.clear()
+        await self._update_due.wait()
+        self._update_due.clear()
         control = self._control.describe(self._robot.id)
         return _written("robotether.control", control=control, **self._key)
 
     def _changed(self) -> None:
-        if self._beats:
-            self._news.set()
+        if self._clock_syncs:
+            self._update_due.set()
 
 
 def _written(operation: str, **members: object) -> bytes:

@@ -1,6 +1,6 @@
 """The operations that a connection may send to a robot: each one kind of message, with its fields.
 
-`operations` checks every message from a client against this list. An operation that is not in it,
+`message_validator` checks every message from a client against this list. An operation that is not in it,
 or a field that its entry does not name, never reaches a robot: rosbridge takes `message_intervall`
 from any message, and would wait so long before everything that it sends. docs/protocols.md has
 the same table for people. Data only.
@@ -20,9 +20,9 @@ Right = Literal["subscribe", "publish", "call", "serve"]
 
 LEVELS = ("info", "warning", "error", "none")
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-LONGEST_THROTTLE_MS = 3_600_000
-LONGEST_QUEUE = 1000
-LONGEST_CALL_S = 60.0
+MAX_THROTTLE_MS = 3_600_000
+MAX_QUEUE = 1000
+MAX_CALL_S = 60.0
 # Smaller pieces would make the robot write many messages of one.
 FRAGMENT_BYTES = (4096, 2**31 - 1)
 STATUS_CODES = (-128, 127)
@@ -57,7 +57,7 @@ _TOPIC: Mapping[str, Check] = {
 }
 _PUBLISHED: Mapping[str, Check] = {
     "latch": fields.flag,
-    "queue_size": fields.whole(0, LONGEST_QUEUE),
+    "queue_size": fields.whole(0, MAX_QUEUE),
     "qos": fields.scalars,
 }
 _GOAL: Mapping[str, Check] = {
@@ -94,8 +94,8 @@ OPERATIONS: Mapping[str, Operation] = {
         "subscribe to",
         {
             **_TOPIC,
-            "throttle_rate": fields.whole(0, LONGEST_THROTTLE_MS),
-            "queue_length": fields.whole(0, LONGEST_QUEUE),
+            "throttle_rate": fields.whole(0, MAX_THROTTLE_MS),
+            "queue_length": fields.whole(0, MAX_QUEUE),
             "qos": fields.scalars,
             **_ANSWER,
         },
@@ -123,7 +123,7 @@ OPERATIONS: Mapping[str, Operation] = {
             "service": fields.ros_name,
             "type": fields.text,
             "args": fields.payload,
-            "timeout": fields.number(0, LONGEST_CALL_S),
+            "timeout": fields.number(0, MAX_CALL_S),
             **_ANSWER,
         },
         "call",
@@ -142,7 +142,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "status": Operation("send a status", _STATUS),
     "set_level": Operation("set the level", _STATUS),
     "robotether.beat": Operation(
-        "answer the beat", {"t_ms": fields.moment, "key": fields.text}, own=True
+        "answer the beat", {"t_ms": fields.timestamp, "key": fields.text}, own=True
     ),
     "robotether.stop": Operation("stop the robot", {}, own=True),
 }

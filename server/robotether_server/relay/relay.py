@@ -13,36 +13,36 @@ from typing import cast
 
 from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
 
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Access
 from robotether_server.relay.app import Handlers, inside_app, public_app, server_log
-from robotether_server.relay.board import Board
 from robotether_server.relay.bridge import Traffic
-from robotether_server.relay.checks import PortChecker
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.control import Control
 from robotether_server.relay.control_api import ControlApi
 from robotether_server.relay.cors import Cors
 from robotether_server.relay.credentials import Credentials
-from robotether_server.relay.deliveries import Deliveries
+from robotether_server.relay.database import RelayDatabase
+from robotether_server.relay.event_writer import EventWriter
 from robotether_server.relay.events import EventsHandler
-from robotether_server.relay.feed_link import FeedWay
+from robotether_server.relay.feed_link import FeedConnector
 from robotether_server.relay.feeds import Feeds
 from robotether_server.relay.fleet import Fleet
-from robotether_server.relay.frames import FramesHandler
-from robotether_server.relay.journal import Journal
-from robotether_server.relay.liveness import DRIVER_LIMITS, Limits
-from robotether_server.relay.means import Means
+from robotether_server.relay.fleet_events import FleetEvents
+from robotether_server.relay.frames_handler import FramesHandler
+from robotether_server.relay.handler_context import HandlerContext
+from robotether_server.relay.liveness import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.records import Records
+from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.port_checks import PortChecker
 from robotether_server.relay.redirects import refuse_redirects
-from robotether_server.relay.reports import Reports
 from robotether_server.relay.robot_link import LinkRules
 from robotether_server.relay.rosbridge import BridgeRules, RosbridgeHandler
 from robotether_server.relay.session_server import BACKLOG, SessionServer
 from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.relay.sockets import RobotSocket
 from robotether_server.relay.video import VideoHandler
+from robotether_server.relay.viewer_stats import ViewerStats
 from robotether_server.settings import RelaySettings
 from robotether_server.store.fleet import FormerSessions, Snapshot
 from robotether_server.tickets import TicketSigner
@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 
 # All of stopping together takes under 3 s.
 HANDLERS_STOP_WITHIN_S = 1.0
-JOURNAL_STOPS_WITHIN_S = 0.7
+EVENTS_WRITTEN_WITHIN_S = 0.7
 # sshd may come back with another address.
 NAMES_KEPT_S = 2
 
@@ -70,8 +70,8 @@ class Listen:
 class Timing:
     """Times that tests shorten."""
 
-    limits: Limits = field(default_factory=Limits)
-    driver_limits: Limits = DRIVER_LIMITS
+    limits: LivenessLimits = field(default_factory=LivenessLimits)
+    driver_limits: LivenessLimits = DRIVER_LIMITS
     heartbeat_s: float = 0.5
     timeout_s: float = 5.0
     poll_every_s: float = 1.0
@@ -84,13 +84,13 @@ class Relay:
     def __init__(
         self,
         settings: RelaySettings,
-        records: Records,
+        database: RelayDatabase,
         *,
         listen: Listen | None = None,
         timing: Timing | None = None,
     ) -> None:
         self._settings = settings
-        self._records = records
+        self._database = database
         self._listen = listen or Listen()
         self._timing = timing or Timing()
         self._tasks: list[asyncio.Task[None]] = []
@@ -111,11 +111,11 @@ class Relay:
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
-        self.journal.add(FormerSessions(before=utc_now()))
+        self.event_writer.add(FormerSessions(before=utc_now()))
         await self.fleet.poll()
         self._tasks = [
             asyncio.create_task(self.fleet.run(), name="fleet"),
-            asyncio.create_task(self.journal.run(), name="journal"),
+            asyncio.create_task(self.event_writer.run(), name="journal"),
             asyncio.create_task(self._write_drives(), name="drives"),
         ]
         listen = self._listen
@@ -126,60 +126,65 @@ class Relay:
 
     async def stop(self) -> None:
         """Tell operators, then robots, and write the rest down."""
-        self.connections.end_all(endings.relay_stopping())
-        self.board.end_feeds()
+        self.connections.end_all(close_reasons.relay_stopping())
+        self.fleet_events.end_subscriptions()
         # Operators first: they must hear that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self.feeds.close()
         await self._sessions.stop()
         self.control.close()
-        await self.journal.flush(JOURNAL_STOPS_WITHIN_S)
+        await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._client.close()
-        self._records.close()
+        self._database.close()
 
     def _make_state(self) -> None:
-        records = self._records
+        database = self._database
         self.traffic = Traffic()
         self.metrics = Metrics(self.traffic)
-        self.journal = Journal(records)
-        self.credentials = Credentials(records)
+        self.event_writer = EventWriter(database)
+        self.credentials = Credentials(database)
         self.registry = SessionRegistry()
         self.connections = Connections()
-        self.deliveries = Deliveries()
+        self.viewer_stats = ViewerStats()
         self.control = Control(
-            records=records,
-            journal=self.journal,
+            database=database,
+            event_writer=self.event_writer,
             registry=self.registry,
             snapshot=lambda: self.fleet.known,
         )
         self.fleet = Fleet(
-            records,
-            rights_changed=self._take_snapshot,
+            database,
+            rights_changed=self._on_snapshot,
             credentials_changed=self.credentials.recheck,
             check_new_credentials=self.credentials.check_new,
             last_seen=self.registry.remember,
             kept=self.control.remember,
             poll_every_s=self._timing.poll_every_s,
         )
-        self.board = Board(lambda: self.fleet.known, self.registry, self.connections, self.control)
-        self.reports = Reports(self.journal, self.metrics, lambda: self.fleet.known)
+        self.fleet_events = FleetEvents(
+            lambda: self.fleet.known, self.registry, self.connections, self.control
+        )
+        self.observer = RelayObserver(self.event_writer, self.metrics, lambda: self.fleet.known)
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
         self.registry.listen(
-            self.connections.robot, self.control.robot, self.board.robot, self.reports.robot
+            self.connections.on_robot_change,
+            self.control.on_robot_change,
+            self.fleet_events.on_robot_change,
+            self.observer.on_robot_change,
         )
-        self.connections.listen(self.board.changed)
-        self.control.listen(self.board.changed)
+        self.connections.listen(self.fleet_events.changed)
+        self.control.listen(self.fleet_events.changed)
 
-    def _take_snapshot(self, snapshot: Snapshot) -> None:
+    def _on_snapshot(self, snapshot: Snapshot) -> None:
         # Operators first: they must hear that their right ended, and not that a link was lost.
         self.connections.end_unrighted(snapshot)
-        self.control.take_snapshot(snapshot)
-        self._sessions.take_snapshot(snapshot)
+        self.control.on_snapshot(snapshot)
+        self._sessions.on_snapshot(snapshot)
         self.registry.forget_all_but(snapshot.robots)
-        self.board.all_changed()
+        self.fleet_events.all_changed()
 
     def _make_client(self) -> None:
         """Make the HTTP client towards robots; it keeps no connection and no cookie."""
@@ -194,10 +199,10 @@ class Relay:
         )
 
     def _make_feeds(self) -> None:
-        way = FeedWay(self._client, self._settings.tunnel_host, self.registry)
-        self.feeds = Feeds(way.bring)
+        connector = FeedConnector(self._client, self._settings.tunnel_host, self.registry)
+        self.feeds = Feeds(connector.start)
         self.metrics.collect_feeds(self.feeds.traffic)
-        self.registry.listen(self.feeds.robot)
+        self.registry.listen(self.feeds.on_robot_change)
 
     def _make_sessions(self) -> None:
         settings, timing = self._settings, self._timing
@@ -213,8 +218,8 @@ class Relay:
                 timeout_s=timing.timeout_s,
                 direct=settings.direct,
             ),
-            checker=PortChecker(settings.tunnel_host, self.reports.port_checked),
-            refused=self.reports.session_refused,
+            checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
+            refused=self.observer.session_refused,
         )
 
     def _make_apps(self) -> None:
@@ -226,7 +231,7 @@ class Relay:
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
         )
-        means = Means(
+        context = HandlerContext(
             access=access,
             credentials=self.credentials,
             registry=self.registry,
@@ -234,17 +239,17 @@ class Relay:
             client=self._client,
             tunnel_host=settings.tunnel_host,
             feeds=self.feeds,
-            deliveries=self.deliveries,
+            viewer_stats=self.viewer_stats,
         )
         rosbridge = RosbridgeHandler(
-            means,
+            context,
             self.control,
             rules=self._bridge_rules(),
-            report=self.reports.connection,
+            report=self.observer.connection,
         )
-        frames, video = FramesHandler(means, self._timing.limits), VideoHandler(means)
+        frames, video = FramesHandler(context, self._timing.limits), VideoHandler(context)
         events = EventsHandler(
-            access, self.credentials, self.board, lambda: self.connections.caps.per_user
+            access, self.credentials, self.fleet_events, lambda: self.connections.caps.per_user
         )
         control = ControlApi(access, self.control, lambda: self.fleet.snapshot)
         handlers = Handlers(rosbridge, frames, video, events, control)
@@ -258,7 +263,7 @@ class Relay:
     async def _write_drives(self) -> None:
         while True:
             await asyncio.sleep(self._timing.drives_every_s)
-            self.reports.write_drives()
+            self.observer.write_drives()
 
     def _add_gauges(self) -> None:
         gauge, connections = self.metrics.gauge, self.connections
@@ -271,10 +276,10 @@ class Relay:
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
         gauge("video_feeds", "Cameras that are watched", self.feeds.count)
-        gauge("event_clients", "Clients of the live fleet", self.board.feed_count)
+        gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
-        gauge("journal_waiting", "Entries not yet written", self.journal.waiting)
-        gauge("journal_dropped", "Entries given up", lambda: self.journal.dropped)
+        gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
+        gauge("journal_dropped", "Entries given up", lambda: self.event_writer.dropped)
 
     async def _serve(self, app: web.Application, port: int) -> int:
         runner = web.AppRunner(

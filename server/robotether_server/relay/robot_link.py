@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotether_server.relay import session_messages as lines
-from robotether_server.relay.admission import is_news, port_of
-from robotether_server.relay.allowance import Allowance
-from robotether_server.relay.checks import LinkChecks, PortChecker
-from robotether_server.relay.clocks import RobotClock
+from robotether_server.relay.authorization import needs_config, port_of
+from robotether_server.relay.port_checks import LinkChecks, PortChecker
 from robotether_server.relay.ports import wait_released
+from robotether_server.relay.rate_limiter import RateLimiter
+from robotether_server.relay.robot_clock import RobotClock
 from robotether_server.relay.session_messages import BrokenLineError, Preface
 from robotether_server.relay.sessions import ByeCode, Kind, SessionRegistry
 from robotether_server.store.fleet import Robot
@@ -79,10 +79,10 @@ class RobotLink:
         self._checker = checker
         self._checks = LinkChecks(self._check)
         self._loop = asyncio.get_running_loop()
-        self._heard_at = self._loop.time()
+        self._received_at = self._loop.time()
         self._seq = 0
         self._pings: dict[int, float] = {}
-        self._beat: asyncio.TimerHandle | None = None
+        self._heartbeat_timer: asyncio.TimerHandle | None = None
         self._farewell: asyncio.TimerHandle | None = None
         # Not before the older link is gone: the agent opens its forwards on the configuration.
         self._configured = False
@@ -123,7 +123,7 @@ class RobotLink:
             await self._checks.close()
             await self._closed()
 
-    def tell(self, line: bytes) -> None:
+    def send(self, line: bytes) -> None:
         """Send a line to the agent, if the link still is."""
         self._send(line)
 
@@ -141,12 +141,12 @@ class RobotLink:
         if self._ended or robot == self._robot:
             return
         before, self._robot = self._robot, robot
-        if is_news(before, robot) and self._configured:
+        if needs_config(before, robot) and self._configured:
             self._configure()
 
     async def _take_over(self) -> None:
         """End the older link, and this one too if somebody else still holds the robot's port."""
-        older = self._registry.admit(self)
+        older = self._registry.make_current(self)
         if older is not None:
             older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
         port = port_of(self.kind, self._robot)
@@ -174,8 +174,8 @@ class RobotLink:
                 self._send(line)
 
     async def _listen(self) -> None:
-        self._heard_at = self._loop.time()
-        allowance = Allowance(self._heard_at, per_s=LINES_PER_S, at_once=LINES_AT_ONCE)
+        self._received_at = self._loop.time()
+        limiter = RateLimiter(self._received_at, per_s=LINES_PER_S, at_once=LINES_AT_ONCE)
         while not self._ended:
             try:
                 line = await self._reader.readline()
@@ -183,58 +183,58 @@ class RobotLink:
                 raise BrokenLineError("cannot read a line: it is over 64 KiB") from exc
             if not line.endswith(b"\n"):
                 return
-            self._heard_at = self._loop.time()
-            if not allowance.take(self._heard_at):
+            self._received_at = self._loop.time()
+            if not limiter.allow(self._received_at):
                 raise BrokenLineError(f"cannot read on: more than {LINES_PER_S} lines a second")
-            self._take(lines.parse_line(line))
+            self._handle(lines.parse_line(line))
 
-    def _take(self, message: Mapping[str, Any]) -> None:
+    def _handle(self, message: Mapping[str, Any]) -> None:
         kind = message["type"]
         if kind == "ping":
-            self._take_ping(message)
+            self._on_ping(message)
         elif kind == "pong":
-            self._take_pong(lines.whole_field(message, "seq"))
+            self._on_pong(lines.whole_field(message, "seq"))
         elif kind == "hello":
-            self._take_hello(message)
+            self._on_hello(message)
         elif kind == "guard":
-            self._registry.heard_guard(self, *lines.parse_guard(message))
+            self._registry.on_guard_status(self, *lines.parse_guard(message))
         elif kind == "health":
             ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
-            exposed = lines.truth_field(message, "ros_exposed")
-            self._registry.heard_health(self, ros, video, ros_exposed=exposed)
+            exposed = lines.bool_field(message, "ros_exposed")
+            self._registry.on_health(self, ros, video, ros_exposed=exposed)
         elif kind == "vitals":
-            self._registry.heard_battery(self, lines.parse_vitals(message))
+            self._registry.on_battery(self, lines.parse_vitals(message))
         elif kind == "check" and self.kind == "session":
             self._checks.ask()
 
-    def _take_ping(self, message: Mapping[str, Any]) -> None:
-        self.clock.heard(time.monotonic(), lines.clock_field(message, "t_ms"))
+    def _on_ping(self, message: Mapping[str, Any]) -> None:
+        self.clock.on_ping(time.monotonic(), lines.clock_field(message, "t_ms"))
         self._send(lines.pong_line(message))
 
-    def _take_hello(self, message: Mapping[str, Any]) -> None:
+    def _on_hello(self, message: Mapping[str, Any]) -> None:
         lines.text_field(message, "hostname", 253)
         version = lines.printable_field(message, "agent_version", 32)
-        self._registry.heard_hello(self, version, lines.guard_mode_field(message, "guard"))
+        self._registry.on_hello(self, version, lines.guard_mode_field(message, "guard"))
 
     async def _check(self) -> None:
         found = await self._checker.check(self._robot)
         self._send(lines.checked_line(ros=found.ros, video=found.video, shell=found.shell))
 
-    def _take_pong(self, seq: int) -> None:
+    def _on_pong(self, seq: int) -> None:
         sent_at = self._pings.pop(seq, None)
         if sent_at is not None:
-            self._registry.heard_rtt(self, (self._loop.time() - sent_at) * 1000)
+            self._registry.on_heartbeat(self, (self._loop.time() - sent_at) * 1000)
 
     def _heartbeat(self) -> None:
         if self._ended:
             return
         now = self._loop.time()
-        if now - self._heard_at > self._rules.timeout_s:
+        if now - self._received_at > self._rules.timeout_s:
             self.end("timeout", f"nothing came for {self._rules.timeout_s:g} s")
             return
         if self.kind == "session":
             self._ping(now)
-        self._beat = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
+        self._heartbeat_timer = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
 
     def _ping(self, now: float) -> None:
         """Measure the round trip; that a link of any kind lives, the agent's own pings show."""
@@ -254,9 +254,9 @@ class RobotLink:
         if self._ended:
             return
         self._ended = True
-        if self._beat is not None:
-            self._beat.cancel()
-        self._registry.left(self, code)
+        if self._heartbeat_timer is not None:
+            self._heartbeat_timer.cancel()
+        self._registry.disconnected(self, code)
         self._writer.close()
         # A peer that does not read would keep a closing connection, and so its port, for ever.
         self._farewell = self._loop.call_later(FAREWELL_S, self._writer.transport.abort)

@@ -26,9 +26,9 @@ from robotether_server.store.fleet import Robot
 MAX_LINE_BYTES = 64 * 1024
 MAX_ID = 64
 # Some 30 years; a machine's CLOCK_BOOTTIME begins when it starts.
-LONGEST_UPTIME_MS = 1e12
+MAX_UPTIME_MS = 1e12
 # What a browser, too, reads as the number that it is.
-HIGHEST_COUNT = 2**53 - 1
+MAX_COUNT = 2**53 - 1
 FULL_PERCENT = 100
 REFUSED_KINDS = ("old", "fence", "stopped", "shape", "held")
 
@@ -108,7 +108,7 @@ def whole_field(message: Mapping[str, Any], name: str) -> int:
 def count_field(message: Mapping[str, Any], name: str) -> int:
     """Read how often something happened."""
     value = whole_field(message, name)
-    if not 0 <= value <= HIGHEST_COUNT:
+    if not 0 <= value <= MAX_COUNT:
         raise BrokenLineError(f"cannot read field {name}: it counts nothing")
     return value
 
@@ -157,12 +157,12 @@ def clock_field(message: Mapping[str, Any], name: str) -> float:
     if not isinstance(value, int | float) or isinstance(value, bool):
         raise BrokenLineError(f"cannot read field {name}: no number of milliseconds")
     # Not a number is in no range.
-    if not 0 <= value <= LONGEST_UPTIME_MS:
+    if not 0 <= value <= MAX_UPTIME_MS:
         raise BrokenLineError(f"cannot read field {name}: no number of milliseconds")
     return float(value)
 
 
-def truth_field(message: Mapping[str, Any], name: str) -> bool:
+def bool_field(message: Mapping[str, Any], name: str) -> bool:
     """Read a truth value."""
     value = message.get(name)
     if not isinstance(value, bool):
@@ -175,9 +175,9 @@ def parse_guard(message: Mapping[str, Any]) -> tuple[GuardReport, str | None]:
     answers = message.get("answers")
     report = GuardReport(
         state=_guard_state(message),
-        stopped=truth_field(message, "stopped"),
+        stopped=bool_field(message, "stopped"),
         by=printable_field(message, "by", MAX_NAME),
-        moving=truth_field(message, "moving"),
+        moving=bool_field(message, "moving"),
         refused=_refused_field(message),
     )
     return report, None if answers is None else text_field(message, "answers", MAX_ID)
@@ -196,7 +196,7 @@ def parse_vitals(message: Mapping[str, Any]) -> Battery | None:
     # Not a number is in no range.
     if not 0 <= percent <= FULL_PERCENT:
         raise BrokenLineError("cannot read field percent: no number from 0 to 100")
-    return Battery(round(percent), truth_field(value, "charging"))
+    return Battery(round(percent), bool_field(value, "charging"))
 
 
 def _guard_state(message: Mapping[str, Any]) -> GuardState:

@@ -12,8 +12,8 @@ from collections.abc import Awaitable, Callable
 
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay import session_messages as lines
-from robotether_server.relay.admission import RefusedError, admitted
-from robotether_server.relay.checks import PortChecker
+from robotether_server.relay.authorization import NotAuthorizedError, authorize
+from robotether_server.relay.port_checks import PortChecker
 from robotether_server.relay.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.session_messages import Preface, WrongKeyError
 from robotether_server.relay.sessions import ByeCode, SessionRegistry
@@ -71,7 +71,7 @@ class SessionServer:
                 task.cancel()
             await asyncio.gather(*unfinished, return_exceptions=True)
 
-    def take_snapshot(self, snapshot: Snapshot) -> None:
+    def on_snapshot(self, snapshot: Snapshot) -> None:
         """End the links of robots that may no longer connect; tell others their new settings."""
         for link in list(self._live):
             _apply(snapshot, link)
@@ -97,7 +97,7 @@ class SessionServer:
         except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
             self._refused("preface")
             log.warning("a connection to the session port is closed: %s", _why(exc))
-        except RefusedError as refusal:
+        except NotAuthorizedError as refusal:
             self._refused(refusal.code)
             await _say_bye(writer, refusal.code, refusal.detail)
         except StoreUnavailable as problem:
@@ -109,10 +109,10 @@ class SessionServer:
     async def _admit(self, preface: Preface) -> Robot:
         """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
         try:
-            return admitted(self._snapshot(), preface)
-        except RefusedError:
+            return authorize(self._snapshot(), preface)
+        except NotAuthorizedError:
             await self._refresh()
-            return admitted(self._snapshot(), preface)
+            return authorize(self._snapshot(), preface)
 
     async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
         return lines.parse_preface(await reader.readline(), self._session_key)
@@ -142,8 +142,8 @@ class SessionServer:
 
 def _apply(snapshot: Snapshot, link: RobotLink) -> None:
     try:
-        link.reconfigure(admitted(snapshot, link.preface))
-    except RefusedError as refusal:
+        link.reconfigure(authorize(snapshot, link.preface))
+    except NotAuthorizedError as refusal:
         link.end(refusal.code, refusal.detail)
 
 

@@ -1,6 +1,6 @@
 """Which robots are connected, and what is known of them. In memory, without a network.
 
-`robot_link` reports here what happens on a robot's connection; `connections`, `board` and `reports`
+`robot_link` reports here what happens on a robot's connection; `connections`, `fleet_events` and `observers`
 listen. At most one link of a kind is current for a robot.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Literal, Protocol
 
-from robotether_server.relay.clocks import RobotClock
+from robotether_server.relay.robot_clock import RobotClock
 
 Kind = Literal["session", "media", "shell"]
 Health = Literal["ok", "down", "unknown"]
@@ -58,7 +58,7 @@ class Link(Protocol):
     def clock(self) -> RobotClock:
         """The robot's clock against ours."""
 
-    def tell(self, line: bytes) -> None:
+    def send(self, line: bytes) -> None:
         """Send a line to the agent, if the link still is."""
 
     def end(self, code: ByeCode, detail: str) -> None:
@@ -115,12 +115,12 @@ NEVER_SEEN = Presence()
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to a robot: it came, left, told something of itself, or sent a heartbeat.
+    """What happened to a robot: it connected, disconnected, reported something of itself, or sent a heartbeat.
 
-    `guard`: its guard told of itself; `answers` is the id of the stop or release that it answers.
+    `guard_status`: its guard reported; `answers` is the id of the stop or release that it answers.
     """
 
-    what: Literal["came", "left", "told", "rtt", "guard"]
+    what: Literal["connected", "disconnected", "updated", "heartbeat", "guard_status"]
     robot_id: int
     presence: Presence
     code: ByeCode | None = None
@@ -177,7 +177,7 @@ class SessionRegistry:
         for robot_id in self._presences.keys() - keep:
             del self._presences[robot_id]
 
-    def admit(self, link: Link) -> Link | None:
+    def make_current(self, link: Link) -> Link | None:
         """Make `link` the current one of its kind; return the older, which the caller ends."""
         key = (link.robot_id, link.kind)
         older = self._current.get(key)
@@ -194,60 +194,60 @@ class SessionRegistry:
         """The link has its configuration; a robot with an established session is online."""
         if link.kind == "session" and self.is_current(link):
             presence = Presence(online=True, since=self._clock(), address=link.address)
-            self._tell(Change("came", link.robot_id, presence))
+            self._notify(Change("connected", link.robot_id, presence))
 
-    def left(self, link: Link, code: ByeCode) -> None:
+    def disconnected(self, link: Link, code: ByeCode) -> None:
         """The link ended; does nothing when a newer one took over."""
         if self.is_current(link):
             self._forget(link, code)
 
-    def heard_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
+    def on_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
         """The agent told its version, and whether it has a guard."""
         if self._is_online(link):
             presence = self.presence(link.robot_id)
             after = replace(presence, agent_version=agent_version, guard_mode=guard_mode)
-            self._told(link, after)
+            self._update(link, after)
 
-    def heard_guard(self, link: Link, report: GuardReport, answers: str | None) -> None:
+    def on_guard_status(self, link: Link, report: GuardReport, answers: str | None) -> None:
         """The guard told of itself, or answered."""
         if self._is_online(link):
             after = replace(self.presence(link.robot_id), report=report)
-            self._tell(Change("guard", link.robot_id, after, answers=answers))
+            self._notify(Change("guard_status", link.robot_id, after, answers=answers))
 
-    def heard_health(self, link: Link, ros: Health, video: Health, *, ros_exposed: bool) -> None:
+    def on_health(self, link: Link, ros: Health, video: Health, *, ros_exposed: bool) -> None:
         """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
         if self._is_online(link):
             before = self.presence(link.robot_id)
-            self._told(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
+            self._update(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
 
-    def heard_battery(self, link: Link, battery: Battery | None) -> None:
+    def on_battery(self, link: Link, battery: Battery | None) -> None:
         """The agent told how full the robot's battery is."""
         if self._is_online(link):
-            self._told(link, replace(self.presence(link.robot_id), battery=battery))
+            self._update(link, replace(self.presence(link.robot_id), battery=battery))
 
-    def heard_rtt(self, link: Link, rtt_ms: float) -> None:
+    def on_heartbeat(self, link: Link, rtt_ms: float) -> None:
         """A heartbeat came back."""
         if self._is_online(link):
             presence = self.presence(link.robot_id)
             after = replace(presence, rtt_ms=round(rtt_ms, 1))
-            self._tell(Change("rtt", link.robot_id, after))
+            self._notify(Change("heartbeat", link.robot_id, after))
 
     def _is_online(self, link: Link) -> bool:
         established = self.presence(link.robot_id).online
         return link.kind == "session" and self.is_current(link) and established
 
-    def _told(self, link: Link, presence: Presence) -> None:
+    def _update(self, link: Link, presence: Presence) -> None:
         if presence != self.presence(link.robot_id):
-            self._tell(Change("told", link.robot_id, presence))
+            self._notify(Change("updated", link.robot_id, presence))
 
     def _forget(self, link: Link, code: ByeCode) -> None:
         del self._current[link.robot_id, link.kind]
         before = self.presence(link.robot_id)
         if link.kind == "session" and before.online:
             after = Presence(since=self._clock(), agent_version=before.agent_version)
-            self._tell(Change("left", link.robot_id, after, code))
+            self._notify(Change("disconnected", link.robot_id, after, code))
 
-    def _tell(self, change: Change) -> None:
+    def _notify(self, change: Change) -> None:
         self._presences[change.robot_id] = change.presence
         for listener in self._listeners:
             listener(change)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
 from aiohttp.abc import AbstractStreamWriter
 
-from robotether_server.relay.endings import Ending
+from robotether_server.relay.close_reasons import CloseReason
 
 # Beyond this an end counts as full, and the other end is not read on.
 SEND_BUFFER_BYTES = 64 * 1024
@@ -61,17 +61,17 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         """Tell how much of what was sent is still in this program."""
         return _waiting(self._transport)
 
-    async def finish(self, ending: Ending) -> None:
+    async def finish(self, close_reason: CloseReason) -> None:
         """Send the close frame and give the client a moment to take it and to answer."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
-        if ending.code == NEVER_SENT:
+        if close_reason.code == NEVER_SENT:
             transport.abort()
             return
         try:
             async with asyncio.timeout(OPERATOR_FAREWELL_S):
-                payload = struct.pack("!H", ending.code) + ending.reason_bytes
+                payload = struct.pack("!H", close_reason.code) + close_reason.reason_bytes
                 await self.send_frame(payload, WSMsgType.CLOSE)
                 await self._answered(transport)
         except (TimeoutError, ConnectionError):
@@ -103,7 +103,7 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
 
 
 class ViewerSocket(OperatorSocket):
-    """The end of who watches: takes frames that are written already, which viewers share, and never copies them."""
+    """The end of who watches: takes messages that are written already, which viewers share, and never copies them."""
 
     def __init__(self, message_limit: int) -> None:
         super().__init__(message_limit)
@@ -116,10 +116,10 @@ class ViewerSocket(OperatorSocket):
             keep_little_unsent(self._transport)
         self._stream = await self.prepare(request)
 
-    def write_frame(self, frame: bytes) -> None:
-        """Hand over a whole frame with its header."""
+    def write_message(self, message: bytes) -> None:
+        """Hand over a whole WebSocket message with its header."""
         if self._transport is not None and not self._transport.is_closing():
-            self._transport.write(frame)
+            self._transport.write(message)
 
     async def drained(self) -> None:
         """Wait until the system has taken all that was written; ConnectionError when it never will."""

@@ -16,10 +16,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay import session_messages as lines
-from robotether_server.relay.endings import Ending
-from robotether_server.relay.journal import Journal
+from robotether_server.relay.close_reasons import CloseReason
+from robotether_server.relay.event_writer import EventWriter
 from robotether_server.relay.sessions import Change, SessionRegistry, utc_now
 from robotether_server.store.control import MAX_NAME, Stop, StopEntry
 from robotether_server.store.fleet import AuditEntry, Robot
@@ -54,20 +54,20 @@ class Stops:
     def __init__(
         self,
         *,
-        journal: Journal,
+        event_writer: EventWriter,
         registry: SessionRegistry,
         robots: Callable[[], Mapping[int, Robot]],
-        revoke: Callable[[int, Ending], None],
+        revoke: Callable[[int, CloseReason], None],
         changed: Callable[[int], None],
     ) -> None:
-        self._journal = journal
+        self._event_writer = event_writer
         self._registry = registry
         self._robots = robots
         self._revoke = revoke
         self._changed = changed
         self._entries: dict[int, StopEntry] = {}
         self._repeats: dict[int, asyncio.TimerHandle] = {}
-        self._told_at: dict[int, float] = {}
+        self._sent_at: dict[int, float] = {}
         self._pressed_at: dict[int, dict[str, float]] = {}
         self._releases: dict[int, dict[str, asyncio.Future[None]]] = {}
         self._confirmations: dict[int, set[asyncio.Future[None]]] = {}
@@ -81,7 +81,7 @@ class Stops:
         """Drop the stops of robots that are gone."""
         for robot_id in self._entries.keys() - set(robot_ids):
             del self._entries[robot_id]
-            self._told_at.pop(robot_id, None)
+            self._sent_at.pop(robot_id, None)
             self._pressed_at.pop(robot_id, None)
 
     def of(self, robot_id: int) -> Stop | None:
@@ -94,10 +94,10 @@ class Stops:
         stop = self.of(robot_id)
         return None if stop is None else ShownStop(stop.by, rfc3339(stop.at))
 
-    def ending(self, robot: Robot) -> Ending | None:
+    def close_reason(self, robot: Robot) -> CloseReason | None:
         """Say why nobody drives the robot; None: it is not stopped."""
         stop = self.of(robot.id)
-        return None if stop is None else endings.robot_stopped(robot.name, stop.by, stop.at)
+        return None if stop is None else close_reasons.robot_stopped(robot.name, stop.by, stop.at)
 
     def count(self) -> int:
         """How many robots are stopped."""
@@ -160,7 +160,9 @@ class Stops:
         if released is None and not presence.report.stopped:
             return
         if not presence.online:
-            raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
+            raise RobotOffline(
+                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
+            )
         # Without a guard nobody confirms, and the stop was never more than the server's.
         if presence.guard_mode == "on":
             await self._released_by_guard(robot, by)
@@ -171,11 +173,11 @@ class Stops:
         self._end(robot.id)
         self._audit("robot_released", robot, by, address, {})
 
-    def robot(self, change: Change) -> None:
+    def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot."""
-        if change.what == "guard":
-            self._guard_told(change)
-        if change.what in {"guard", "told"}:
+        if change.what == "guard_status":
+            self._on_guard_status(change)
+        if change.what in {"guard_status", "updated"}:
             self._watch(change.robot_id)
 
     def close(self) -> None:
@@ -195,16 +197,16 @@ class Stops:
     def _check_seen(self, robot: Robot, seen: ShownStop | None) -> None:
         stop = self.of(robot.id)
         if seen is not None and stop is not None and self.shown(robot.id) != seen:
-            sentence = endings.stopped_sentence(robot.name, stop.by, stop.at)
+            sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
             raise NotPossible(f"{sentence} too; look again before you release it")
 
     def _begin(self, robot: Robot, stop: Stop) -> None:
         entry = self._entries.setdefault(robot.id, StopEntry(robot.id))
         entry.stop = stop
         # The robot first: nothing may stand before this line.
-        self._tell(robot.id, stop)
-        self._revoke(robot.id, endings.robot_stopped(robot.name, stop.by, stop.at))
-        self._journal.add(entry)
+        self._send_stop(robot.id, stop)
+        self._revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
+        self._event_writer.add(entry)
         self._changed(robot.id)
         log.warning("robot %s: %s stopped it", robot.name, stop.by)
 
@@ -212,14 +214,14 @@ class Stops:
         entry = self._entries.setdefault(robot_id, StopEntry(robot_id))
         entry.stop = None
         self._pressed_at.pop(robot_id, None)
-        self._journal.add(entry)
+        self._event_writer.add(entry)
         self._changed(robot_id)
 
-    def _tell(self, robot_id: int, stop: Stop) -> None:
+    def _send_stop(self, robot_id: int, stop: Stop) -> None:
         link = self._registry.session_of(robot_id)
         if link is not None:
-            link.tell(lines.stop_line(_order_id(), stop.by))
-            self._told_at[robot_id] = asyncio.get_running_loop().time()
+            link.send(lines.stop_line(_order_id(), stop.by))
+            self._sent_at[robot_id] = asyncio.get_running_loop().time()
             self._watch(robot_id)
 
     def _watch(self, robot_id: int) -> None:
@@ -233,7 +235,7 @@ class Stops:
     def _insist(self, robot_id: int) -> None:
         """Somebody stops the robot once more: tell it, but a client that never ceases must not fill its session."""
         now = asyncio.get_running_loop().time()
-        if now - self._told_at.get(robot_id, -math.inf) >= INSIST_EVERY_S:
+        if now - self._sent_at.get(robot_id, -math.inf) >= INSIST_EVERY_S:
             self._repeat(robot_id)
 
     def _repeat(self, robot_id: int) -> None:
@@ -243,7 +245,7 @@ class Stops:
             timer.cancel()
         stop = self.of(robot_id)
         if stop is not None and not self.confirmed(robot_id) and robot_id not in self._releases:
-            self._tell(robot_id, stop)
+            self._send_stop(robot_id, stop)
 
     async def _released_by_guard(self, robot: Robot, by: str) -> None:
         link, order_id = self._registry.session_of(robot.id), _order_id()
@@ -252,13 +254,13 @@ class Stops:
         releases[order_id] = answered
         try:
             if link is not None:
-                link.tell(lines.release_line(order_id, by))
+                link.send(lines.release_line(order_id, by))
             async with asyncio.timeout(RELEASED_WITHIN_S):
                 await answered
         except TimeoutError as exc:
             # The answer alone may be lost: both sides must say the same again.
             if (stop := self.of(robot.id)) is not None:
-                self._tell(robot.id, stop)
+                self._send_stop(robot.id, stop)
             raise GuardSilent(
                 f"cannot release robot {robot.name}: its guard did not confirm it in "
                 f"{RELEASED_WITHIN_S:g} s; it stays stopped"
@@ -270,7 +272,7 @@ class Stops:
             # Meanwhile the stop was not repeated; and whoever asked may be gone.
             self._watch(robot.id)
 
-    def _guard_told(self, change: Change) -> None:
+    def _on_guard_status(self, change: Change) -> None:
         report, robot_id = change.presence.report, change.robot_id
         if report.stopped:
             self._stopped_by_guard(robot_id, report.by)
@@ -285,7 +287,7 @@ class Stops:
                 waiting.set_result(None)
         robot = self._robots().get(robot_id)
         if self.of(robot_id) is None and robot is not None:
-            name = _told_name(by)
+            name = _claimed_name(by)
             self._begin(robot, Stop(robot_id, utc_now(), name))
             self._audit("robot_stopped", robot, name, None, {"told_by": "robot"})
 
@@ -297,7 +299,7 @@ class Stops:
         address: str | None,
         details: Mapping[str, object],
     ) -> None:
-        self._journal.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
+        self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
 
 
 def _may_end_it(answered: asyncio.Future[None]) -> bool:
@@ -309,7 +311,7 @@ def _stopped_again(robot: Robot, by: str) -> NotPossible:
     return NotPossible(f"cannot release robot {robot.name}: {by} has stopped it again")
 
 
-def _told_name(by: str) -> str:
+def _claimed_name(by: str) -> str:
     """Name who stopped a robot by its own word alone, which must not read like a deed that was seen here."""
     if not by or by.startswith(AT_ROBOT):
         return by or AT_ROBOT

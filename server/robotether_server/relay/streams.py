@@ -14,12 +14,12 @@ import time
 from aiohttp import web
 
 from robotether_server.problems import FieldInvalid, Problem, RobotOffline, VideoDown
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Permit
-from robotether_server.relay.endings import Ending
+from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.feeds import Feed
-from robotether_server.relay.means import Means
-from robotether_server.relay.pictures import BrokenFramesError, Picture, Want, parse_want
+from robotether_server.relay.frame_protocol import BrokenFramesError, Frame, Want, parse_want
+from robotether_server.relay.handler_context import HandlerContext
 from robotether_server.relay.sockets import keep_little_unsent
 from robotether_server.relay.video_headers import headers_of_stream
 from robotether_server.relay.viewers import Cursor, topic_of
@@ -27,11 +27,11 @@ from robotether_server.relay.viewers import Cursor, topic_of
 log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
-FIRST_PICTURE_WITHIN_S = 10.0
+FIRST_FRAME_WITHIN_S = 10.0
 # A robot that knew it could write a part of any kind into a picture.
 BOUNDARY = secrets.token_hex(16)
 # What web_video_server does to its own stream and no feed can: such a stream is passed through.
-CHANGES_PICTURE = frozenset({"default_transport", "invert", "qos_profile"})
+CHANGES_FRAME = frozenset({"default_transport", "invert", "qos_profile"})
 
 
 def is_for_feed(request: web.Request) -> bool:
@@ -41,7 +41,7 @@ def is_for_feed(request: web.Request) -> bool:
         request.match_info.get("path") == "stream"
         and query.get("type", "mjpeg") == "mjpeg"
         and "topic" in query
-        and not CHANGES_PICTURE & query.keys()
+        and not CHANGES_FRAME & query.keys()
     )
 
 
@@ -50,33 +50,33 @@ class StreamViewer:
 
     def __init__(self, want: Want) -> None:
         self.want = want
-        self.ending: Ending | None = None
-        self._news = asyncio.Event()
+        self.close_reason: CloseReason | None = None
+        self._changed = asyncio.Event()
 
-    def news(self) -> None:
+    def notify(self) -> None:
         """The feed has something new."""
-        self._news.set()
+        self._changed.set()
 
-    def end(self, ending: Ending) -> None:
+    def end(self, close_reason: CloseReason) -> None:
         """The feed is over."""
-        self.ending = self.ending or ending
-        self._news.set()
+        self.close_reason = self.close_reason or close_reason
+        self._changed.set()
 
-    async def next(self, cursor: Cursor) -> Picture | None:
+    async def next(self, cursor: Cursor) -> Frame | None:
         """Wait for a picture that was not sent yet; None when there are no more."""
-        while self.ending is None:
-            if (picture := cursor.next()) is not None:
-                return picture
-            await self._news.wait()
-            self._news.clear()
+        while self.close_reason is None:
+            if (frame := cursor.next()) is not None:
+                return frame
+            await self._changed.wait()
+            self._changed.clear()
         return None
 
 
 class Streams:
     """Writes feeds as multipart answers."""
 
-    def __init__(self, means: Means) -> None:
-        self._means = means
+    def __init__(self, context: HandlerContext) -> None:
+        self._context = context
 
     async def show(
         self, request: web.Request, permit: Permit, *, embeddable: bool
@@ -85,46 +85,52 @@ class Streams:
         robot, user = permit.robot, permit.user
         viewer = StreamViewer(want_of(request))
         with (
-            self._means.feeds.followed(robot, topic_of(request), viewer) as feed,
-            self._means.deliveries.viewing(robot.id, user.id),
+            self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
+            self._context.viewer_stats.viewing(robot.id, user.id),
         ):
             cursor = Cursor(feed, time.monotonic())
             first = await self._first(feed, viewer, cursor)
             if first is None:
                 return None
-            visit = _Visit(self._means, permit, feed, viewer, cursor)
-            return await visit.answer(request, first, headers_of_stream(embeddable=embeddable))
+            session = StreamSession(self._context, permit, feed, viewer, cursor)
+            return await session.answer(request, first, headers_of_stream(embeddable=embeddable))
 
-    async def _first(self, feed: Feed, viewer: StreamViewer, cursor: Cursor) -> Picture | None:
+    async def _first(self, feed: Feed, viewer: StreamViewer, cursor: Cursor) -> Frame | None:
         """Wait for the first picture; None when the robot has no frames service."""
         robot = feed.robot.name
         try:
-            async with asyncio.timeout(FIRST_PICTURE_WITHIN_S):
-                picture = await viewer.next(cursor)
+            async with asyncio.timeout(FIRST_FRAME_WITHIN_S):
+                frame = await viewer.next(cursor)
         except TimeoutError as exc:
             detail = "" if feed.status is None else f": {feed.status['detail']}"
-            why = f"its camera gave no picture in {FIRST_PICTURE_WITHIN_S:g} s{detail}"
+            why = f"its camera gave no picture in {FIRST_FRAME_WITHIN_S:g} s{detail}"
             raise VideoDown(f"cannot show video of robot {robot}: {why}") from exc
-        if picture is None and viewer.ending != endings.frames_unknown(robot):
-            raise _problem_of(robot, viewer.ending)
-        return picture
+        if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):
+            raise _problem_of(robot, viewer.close_reason)
+        return frame
 
 
-class _Visit:
+class StreamSession:
     """One answer from its first picture on."""
 
     def __init__(
-        self, means: Means, permit: Permit, feed: Feed, viewer: StreamViewer, cursor: Cursor
+        self,
+        context: HandlerContext,
+        permit: Permit,
+        feed: Feed,
+        viewer: StreamViewer,
+        cursor: Cursor,
     ) -> None:
-        self._means = means
+        self._context = context
         self._permit = permit
         self._feed = feed
         self._viewer = viewer
         self._cursor = cursor
 
     async def answer(
-        self, request: web.Request, picture: Picture | None, headers: dict[str, str]
+        self, request: web.Request, frame: Frame | None, headers: dict[str, str]
     ) -> web.StreamResponse:
+        """Write frames until either side ends."""
         kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
         response = web.StreamResponse(headers={"Content-Type": kind, **headers})
         response.force_close()
@@ -134,13 +140,13 @@ class _Visit:
         keep_little_unsent(request.transport)
         try:
             await response.write(f"--{BOUNDARY}\r\n".encode())
-            while picture is not None:
-                self._cursor.sent(picture)
+            while frame is not None:
+                self._cursor.sent(frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
-                    await response.write(picture.part(BOUNDARY, time.time() - time.monotonic()))
+                    await response.write(frame.part(BOUNDARY, time.time() - time.monotonic()))
                     await writer.drain()
-                self._count(picture)
-                picture = await self._viewer.next(self._cursor)
+                self._count(frame)
+                frame = await self._viewer.next(self._cursor)
         except (ConnectionError, TimeoutError):
             log.info("robot %s: a stream's viewer did not take it", self._permit.robot.name)
         # The answer has no end of its own, and the viewer must not take it for whole.
@@ -148,10 +154,10 @@ class _Visit:
             request.transport.abort()
         return response
 
-    def _count(self, picture: Picture) -> None:
-        self._feed.taken(picture.number)
+    def _count(self, frame: Frame) -> None:
+        self._feed.taken(frame.sequence)
         robot, user = self._permit.robot, self._permit.user
-        self._means.deliveries.count(robot.id, user.id, picture.size)
+        self._context.viewer_stats.count(robot.id, user.id, frame.size)
 
 
 def want_of(request: web.Request) -> Want:
@@ -170,7 +176,7 @@ def want_of(request: web.Request) -> Want:
         ) from exc
 
 
-def _problem_of(robot: str, ending: Ending | None) -> Problem:
-    reason = "it ended" if ending is None else ending.reason
-    away = ending is not None and ending.name in {"robot_offline", "link_lost"}
+def _problem_of(robot: str, close_reason: CloseReason | None) -> Problem:
+    reason = "it ended" if close_reason is None else close_reason.reason
+    away = close_reason is not None and close_reason.name in {"robot_offline", "link_lost"}
     return (RobotOffline if away else VideoDown)(f"cannot show video: {reason}")

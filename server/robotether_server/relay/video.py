@@ -3,7 +3,7 @@
 The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
 browser gets nothing from the robot but the picture, as `video_headers` says: a robot's page could
 otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
-of both sides. `frames` answers /video/frames.
+of both sides. `frames_handler` answers /video/frames.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
 from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Permit, request_of
-from robotether_server.relay.endings import Ending
-from robotether_server.relay.means import Means
-from robotether_server.relay.reach import patience_s
+from robotether_server.relay.close_reasons import CloseReason
+from robotether_server.relay.handler_context import HandlerContext
+from robotether_server.relay.robot_dialer import connect_timeout_s
 from robotether_server.relay.sessions import Presence, utc_now
 from robotether_server.relay.streams import Streams, is_for_feed
 from robotether_server.relay.video_headers import (
@@ -47,9 +47,9 @@ ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
 class VideoHandler:
     """Answers /robots/NAME/video/..."""
 
-    def __init__(self, means: Means) -> None:
-        self._means = means
-        self._streams = Streams(means)
+    def __init__(self, context: HandlerContext) -> None:
+        self._context = context
+        self._streams = Streams(context)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer one request until either side ends."""
@@ -57,9 +57,9 @@ class VideoHandler:
             raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         asked = request_of(request.headers, request.cookies, request.query)
-        permit = await self._means.access.for_video(asked, request.match_info["name"])
+        permit = await self._context.access.for_video(asked, request.match_info["name"])
 
-        def cut(_why: Ending | None = None) -> None:
+        def cut(_why: CloseReason | None = None) -> None:
             # aiohttp cancels the handler of a connection that is gone.
             if request.transport is not None:
                 request.transport.abort()
@@ -67,9 +67,9 @@ class VideoHandler:
         # A ticket is what a page of another site asks with, which may then show the picture.
         embeddable = asked.ticket is not None
         connection = connection_of(permit, request.query.get("topic", ""), cut)
-        if (why := self._means.connections.no_room(connection)) is not None:
+        if (why := self._context.connections.no_room(connection)) is not None:
             raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
-        with counted(self._means, permit, connection):
+        with counted(self._context, permit, connection):
             return await self._answer(request, permit, embeddable=embeddable)
 
     async def _answer(
@@ -83,9 +83,11 @@ class VideoHandler:
         return await self._pass_on(request, permit.robot, presence, embeddable=embeddable)
 
     def _presence(self, robot: Robot) -> Presence:
-        presence = self._means.registry.presence(robot.id)
+        presence = self._context.registry.presence(robot.id)
         if not presence.online:
-            raise RobotOffline(endings.offline_sentence(robot.name, presence.since, utc_now()))
+            raise RobotOffline(
+                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
+            )
         return presence
 
     async def _pass_on(
@@ -104,11 +106,13 @@ class VideoHandler:
         self, request: web.Request, robot: Robot, presence: Presence
     ) -> AsyncIterator[ClientResponse]:
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
-        url = URL(f"http://{self._means.tunnel_host}:{robot.video_port}{path}", encoded=True)
-        timeout = ClientTimeout(total=None, sock_connect=patience_s(presence), sock_read=None)
+        url = URL(f"http://{self._context.tunnel_host}:{robot.video_port}{path}", encoded=True)
+        timeout = ClientTimeout(
+            total=None, sock_connect=connect_timeout_s(presence), sock_read=None
+        )
         try:
             async with asyncio.timeout(HEADERS_WITHIN_S):
-                answer = await self._means.client.request(
+                answer = await self._context.client.request(
                     request.method,
                     url,
                     headers=headers_for_robot(request.headers),

@@ -1,6 +1,6 @@
 """What all who watch a robot's cameras have in common: room, rights, and which picture comes next.
 
-`video`, `streams` and `frames` let their viewers in here. Each is cut when its link, right or login ends.
+`video`, `streams` and `frames_handler` let their viewers in here. Each is cut when its link, right or login ends.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from functools import partial
 from aiohttp import web
 
 from robotether_server.problems import FieldInvalid
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Permit
+from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.connections import Connection
-from robotether_server.relay.endings import Ending
 from robotether_server.relay.feeds import Feed
-from robotether_server.relay.means import Means
-from robotether_server.relay.pictures import Picture
+from robotether_server.relay.frame_protocol import Frame
+from robotether_server.relay.handler_context import HandlerContext
 
 MAX_TOPIC = 255
 
 
-def connection_of(permit: Permit, camera: str, end: Callable[[Ending], None]) -> Connection:
+def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None]) -> Connection:
     """Return the connection that a viewer of this camera counts as; no camera: an empty text."""
     return Connection(
         permit.user.id,
@@ -32,17 +32,17 @@ def connection_of(permit: Permit, camera: str, end: Callable[[Ending], None]) ->
         "video",
         end,
         level=permit.level,
-        reached=True,
+        connected=True,
         camera=camera,
         may_drive=permit.may_drive,
     )
 
 
 @contextmanager
-def counted(means: Means, permit: Permit, connection: Connection) -> Iterator[None]:
+def counted(context: HandlerContext, permit: Permit, connection: Connection) -> Iterator[None]:
     """Count a viewer inside the block, and have it ended when it may see no more."""
-    gone = partial(connection.end, endings.rights_ended(permit.robot.name))
-    with means.connections.joined(connection), means.credentials.held(permit.credential, gone):
+    gone = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
+    with context.connections.joined(connection), context.credentials.held(permit.credential, gone):
         yield
 
 
@@ -55,18 +55,18 @@ class Cursor:
         # What came before the viewer did; what is fresh is shown at once.
         self._shown = self._last is None or not feed.fresh(now_s)
         if self._last is not None and self._shown:
-            feed.taken(self._last.number)
+            feed.taken(self._last.sequence)
 
-    def next(self) -> Picture | None:
+    def next(self) -> Frame | None:
         """Return the picture that the viewer gets next, None when it has had the newest."""
         newest = self._feed.newest
         return None if newest is self._last and self._shown else newest
 
-    def sent(self, picture: Picture) -> None:
+    def sent(self, frame: Frame) -> None:
         """The viewer was sent the picture."""
-        before = picture.place if self._last is None else self._last.place + self._shown
-        self._feed.sent(picture, max(0, picture.place - before))
-        self._last, self._shown = picture, True
+        before = frame.position if self._last is None else self._last.position + self._shown
+        self._feed.sent(frame, max(0, frame.position - before))
+        self._last, self._shown = frame, True
 
 
 def topic_of(request: web.Request) -> str:

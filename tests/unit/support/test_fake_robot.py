@@ -6,12 +6,12 @@ import asyncio
 
 import pytest
 from fake_robot import HOST, FakeRobot
-from relay_server import SESSION_KEY, MemoryRecords, running_relay
+from relay_server import SESSION_KEY, MemoryDatabase, running_relay
 
 
 async def test_a_robot_that_is_stopped_as_its_session_ends_leaves_no_port_open() -> None:
     """Whichever of the two closes them: a loop with something open may never end."""
-    records = MemoryRecords()
+    records = MemoryDatabase()
     row = records.add_robot(7, "sim1")
     async with running_relay(records) as relay:
         robot = FakeRobot(row.id, SESSION_KEY)

@@ -14,7 +14,7 @@ import uvloop
 from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
-from relay_server import SESSION_KEY, MemoryRecords, RelayServer, running_relay, until
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.store.fleet import Robot, User
 
 Connect = Callable[..., Awaitable[RobotSession]]
@@ -52,23 +52,23 @@ async def _no_task_left() -> AsyncIterator[None]:
 
 
 @pytest.fixture
-def records() -> MemoryRecords:
+def memory_database() -> MemoryDatabase:
     """Records with robot sim1, which user 1 drives and user 2 observes."""
-    records = MemoryRecords()
-    records.add_robot(7, "sim1", u1="drive", u2="observe")
-    return records
+    memory_database = MemoryDatabase()
+    memory_database.add_robot(7, "sim1", u1="drive", u2="observe")
+    return memory_database
 
 
 @pytest.fixture
-def sim1(records: MemoryRecords) -> Robot:
+def sim1(memory_database: MemoryDatabase) -> Robot:
     """The row of robot sim1."""
-    return records.robots[7]
+    return memory_database.robots[7]
 
 
 @pytest_asyncio.fixture
-async def relay(records: MemoryRecords) -> AsyncIterator[RelayServer]:
+async def relay(memory_database: MemoryDatabase) -> AsyncIterator[RelayServer]:
     """Run a relay."""
-    async with running_relay(records) as server:
+    async with running_relay(memory_database) as server:
         yield server
 
 
@@ -83,9 +83,9 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
 
 
 @pytest.fixture
-def login(records: MemoryRecords) -> dict[str, str]:
+def login(memory_database: MemoryDatabase) -> dict[str, str]:
     """The cookie of ann's login, among others."""
-    text = records.add_credential("login", User(1, "ann"))
+    text = memory_database.add_credential("login", User(1, "ann"))
     return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import timedelta
 
 import pytest
-from relay_server import MemoryRecords, utc
+from relay_server import MemoryDatabase, utc
 from robotether_server.problems import OriginRefused, TicketExpired, TicketUsed
 from robotether_server.relay.access import Access, Request, UsedTickets
 from robotether_server.relay.credentials import Credentials
@@ -54,7 +54,7 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
     """An Origin must be absent, listed, or the host that was asked."""
     access = Access(
         signer=TicketSigner("key", 30),
-        credentials=Credentials(MemoryRecords()),
+        credentials=Credentials(MemoryDatabase()),
         snapshot=lambda: Snapshot({}, {}),
         allowed_origins=["https://lab.example"],
         clock=lambda: START,

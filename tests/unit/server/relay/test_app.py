@@ -130,10 +130,10 @@ async def test_what_is_no_name_is_no_robot(relay, http, name):
         assert "has a-z, 0-9 and - only" in problem["detail"]
 
 
-async def test_health_is_good_without_a_database_and_says_so(relay, http, records):
+async def test_health_is_good_without_a_database_and_says_so(relay, http, memory_database):
     """A database that is away is no reason to restart the relay."""
     for down, store in ((False, "up"), (True, "down")):
-        records.down = down
+        memory_database.down = down
         await relay.relay.fleet.poll()
         async with http.get(f"{relay.inside_url}/healthz") as answer:
             assert (answer.status, await answer.json()) == (200, {"status": "ok", "store": store})

@@ -14,7 +14,7 @@ from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
 from robotether_server import robot_settings
-from robotether_server.relay import bridge, operations
+from robotether_server.relay import bridge, message_validator
 from robotether_server.relay.rosbridge import OBSERVER_LIMIT
 from robotether_server.store.fleet import Robot, User
 
@@ -43,7 +43,7 @@ async def test_an_observer_who_floods_is_closed_and_nobody_else(
     relay, robot, sim1, http, monkeypatch
 ):
     """With a code that says so; the driver of the same robot goes on."""
-    monkeypatch.setattr(operations, "FLOOD_AFTER_S", 0.3)
+    monkeypatch.setattr(message_validator, "FLOOD_AFTER_S", 0.3)
     async with (
         http.ws_connect(relay.ros_url(sim1)) as ann,
         http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob,
@@ -74,11 +74,11 @@ async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
 
 
 @pytest.fixture
-def wide(records, sim1) -> Robot:
+def wide(memory_database, sim1) -> Robot:
     """Robot sim1, to which drivers may publish all and as much as may be."""
     policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
     wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
-    records.robots = {sim1.id: wide}
+    memory_database.robots = {sim1.id: wide}
     return wide
 
 
@@ -324,7 +324,7 @@ async def test_an_operator_who_vanishes_frees_the_robot(relay, robot, sim1, http
     ("frames", "name"), [([struct.pack("!H", 1000)], "client_left"), ([], "client_vanished")]
 )
 async def test_a_client_that_closes_and_cuts_has_left(
-    *, relay, robot, sim1, http, records, frames, name
+    *, relay, robot, sim1, http, memory_database, frames, name
 ):
     """Who says goodbye and does not wait for the answer has not vanished."""
     socket = await http.ws_connect(relay.ros_url(sim1))
@@ -332,5 +332,5 @@ async def test_a_client_that_closes_and_cuts_has_left(
     for frame in frames:
         await socket.send_frame(frame, WSMsgType.CLOSE)
     socket._response.connection.transport.abort()
-    await until(lambda: len(audit_lines(records)) == 2, "the end is written")
-    assert audit_lines(records)[1].details["end_code"] == name
+    await until(lambda: len(audit_lines(memory_database)) == 2, "the end is written")
+    assert audit_lines(memory_database)[1].details["end_code"] == name

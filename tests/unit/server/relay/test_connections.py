@@ -6,11 +6,11 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
-from relay_server import MemoryRecords
+from relay_server import MemoryDatabase
 from robotether_server import robot_settings
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
+from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.connections import Caps, Connection, Connections, Use, permits
-from robotether_server.relay.endings import Ending
 from robotether_server.relay.sessions import NEVER_SEEN, Change
 from robotether_server.store.fleet import Robot, Snapshot
 from robotether_server.store.grants import Level
@@ -25,22 +25,22 @@ class Live:
         self.connections = Connections()
         self.changed: list[int] = []
         self.connections.listen(self.changed.append)
-        self.endings: dict[Connection, list[str]] = {}
+        self.close_reasons: dict[Connection, list[str]] = {}
         self._open = ExitStack()
 
-    def add(self, user_id: int, robot: Robot, use: Use, *, reached: bool = True) -> Connection:
+    def add(self, user_id: int, robot: Robot, use: Use, *, connected: bool = True) -> Connection:
         ended: list[str] = []
 
-        def end(ending: Ending) -> None:
-            ended.append(ending.name)
+        def end(close_reason: CloseReason) -> None:
+            ended.append(close_reason.name)
 
-        connection = Connection(user_id, USERS[user_id], robot, use, end, reached)
-        self.endings[connection] = ended
+        connection = Connection(user_id, USERS[user_id], robot, use, end, connected)
+        self.close_reasons[connection] = ended
         self._open.enter_context(self.connections.joined(connection))
         return connection
 
     def how(self, *connections: Connection) -> list[list[str]]:
-        return [self.endings[connection] for connection in connections]
+        return [self.close_reasons[connection] for connection in connections]
 
     def leave(self) -> None:
         self._open.close()
@@ -53,13 +53,13 @@ def live() -> Live:
 
 
 @pytest.fixture
-def sim2(records: MemoryRecords) -> Robot:
+def sim2(memory_database: MemoryDatabase) -> Robot:
     """A second robot, which user 1 drives."""
-    return records.add_robot(8, "sim2", u1="drive")
+    return memory_database.add_robot(8, "sim2", u1="drive")
 
 
-def snapshot(records: MemoryRecords) -> Snapshot:
-    return Snapshot(dict(records.robots), dict(records.grants))
+def snapshot(memory_database: MemoryDatabase) -> Snapshot:
+    return Snapshot(dict(memory_database.robots), dict(memory_database.grants))
 
 
 @pytest.mark.parametrize(
@@ -93,16 +93,16 @@ def test_connections_are_counted_by_use(live, sim1, sim2):
 
 def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
     """A waiting connection is told to nobody, until it reaches the robot."""
-    waiting = live.add(1, sim1, "drive", reached=False)
+    waiting = live.add(1, sim1, "drive", connected=False)
     assert (live.connections.count("drive"), live.changed) == (0, [])
-    live.connections.reached(waiting)
+    live.connections.connected(waiting)
     assert (live.connections.count("drive"), live.changed) == (1, [sim1.id])
 
 
 def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
     """Only the robot whose connection had reached it has one driver less."""
-    live.add(1, sim1, "drive", reached=True)
-    live.add(1, sim2, "drive", reached=False)
+    live.add(1, sim1, "drive", connected=True)
+    live.add(1, sim2, "drive", connected=False)
     live.leave()
     assert live.changed == [sim1.id]
     assert live.connections.count("drive") == 0
@@ -110,44 +110,46 @@ def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
 
 def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
     """All uses of that robot end with link_lost, waiting ones too; other robots' go on."""
-    through = [live.add(1, sim1, "drive", reached=False), live.add(2, sim1, "video")]
+    through = [live.add(1, sim1, "drive", connected=False), live.add(2, sim1, "video")]
     other = live.add(1, sim2, "drive")
-    live.connections.robot(Change("left", sim1.id, NEVER_SEEN, "timeout"))
+    live.connections.on_robot_change(Change("disconnected", sim1.id, NEVER_SEEN, "timeout"))
     assert live.how(*through, other) == [["link_lost"], ["link_lost"], []]
 
 
-@pytest.mark.parametrize("what", ["came", "told", "rtt"])
+@pytest.mark.parametrize("what", ["connected", "updated", "heartbeat"])
 def test_nothing_else_of_a_robot_ends_anything(live, sim1, what):
     """A robot's health or heartbeat leaves its operators alone."""
     connection = live.add(1, sim1, "drive")
-    live.connections.robot(Change(what, sim1.id, NEVER_SEEN))
+    live.connections.on_robot_change(Change(what, sim1.id, NEVER_SEEN))
     assert live.how(connection) == [[]]
 
 
-def test_only_what_the_newest_rights_forbid_ends(live, records, sim1):
+def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
     """A grant lowered to observe ends the driving of that user, and not the watching."""
     drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
     other = live.add(2, sim1, "observe")
-    live.connections.end_unrighted(snapshot(records))
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(drive, watch, other) == [[], [], []]
-    records.grants[1, sim1.id] = "observe"
-    live.connections.end_unrighted(snapshot(records))
+    memory_database.grants[1, sim1.id] = "observe"
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(drive, watch, other) == [["rights_ended"], [], []]
 
 
 @pytest.mark.parametrize("change", [{"state": "disabled"}, {"name": "turtle"}, None])
-def test_a_robot_that_is_gone_or_another_now_ends_its_connections(live, records, sim1, change):
+def test_a_robot_that_is_gone_or_another_now_ends_its_connections(
+    live, memory_database, sim1, change
+):
     """Disabled, renamed or removed: who opened it by its name has to open it anew."""
     connection = live.add(1, sim1, "drive")
-    records.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
-    live.connections.end_unrighted(snapshot(records))
+    memory_database.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(connection) == [["rights_ended"]]
 
 
 def test_a_user_has_room_for_so_many(live, sim1, sim2):
     """A user's rosbridge connections to all robots count together, and without the video."""
     live.connections.caps = Caps(per_user=2, per_robot=9)
-    first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", reached=False)
+    first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", connected=False)
     assert "you have 2 connections" in (live.connections.no_room(first) or "")
     assert live.connections.no_room(replace(first, use="video")) is None
     assert live.connections.no_room(replace(first, user_id=2)) is None
@@ -190,7 +192,7 @@ def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
 def test_stopping_ends_all(live, sim1, sim2):
     """Every connection to every robot hears why."""
     each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
-    live.connections.end_all(endings.relay_stopping())
+    live.connections.end_all(close_reasons.relay_stopping())
     assert live.how(*each) == [["relay_stopping"]] * 3
 
 
@@ -206,32 +208,32 @@ def test_stopping_ends_all(live, sim1, sim2):
     ],
 )
 def test_another_policy_ends_what_was_opened_under_the_former(
-    *, live, records, sim1, settings, goes_on
+    *, live, memory_database, sim1, settings, goes_on
 ):
     """What a connection may send was fixed when it was opened; the guard's limits are the guard's."""
     driving, watching = live.add(1, sim1, "drive"), live.add(2, sim1, "video")
-    records.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
-    live.connections.end_unrighted(snapshot(records))
+    memory_database.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
 
 
-def test_other_buttons_end_no_drive(live, records, sim1):
+def test_other_buttons_end_no_drive(live, memory_database, sim1):
     """They give nobody a right."""
     policy = {"drive": {"call": ["/dock"]}}
     button = {"name": "Dock", "kind": "call", "service": "/dock"}
     sim1 = replace(sim1, settings=robot_settings.parse({"policy": policy}))
     driving = live.add(1, sim1, "drive")
     settings = robot_settings.parse({"policy": policy, "buttons": [button]})
-    records.robots = {sim1.id: replace(sim1, settings=settings)}
-    live.connections.end_unrighted(snapshot(records))
+    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(driving) == [[]]
 
 
-def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, records, sim1):
+def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, memory_database, sim1):
     """The connection could publish what a driver may not."""
-    records.grants[1, sim1.id] = "manage"
+    memory_database.grants[1, sim1.id] = "manage"
     connection = live.add(1, sim1, "drive")
     connection.level = "manage"
-    records.grants[1, sim1.id] = "drive"
-    live.connections.end_unrighted(snapshot(records))
+    memory_database.grants[1, sim1.id] = "drive"
+    live.connections.end_unrighted(snapshot(memory_database))
     assert live.how(connection) == [["rights_ended"]]

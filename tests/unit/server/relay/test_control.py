@@ -37,10 +37,10 @@ async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
     assert control._watchers == {}
 
 
-async def test_a_robot_that_is_removed_is_forgotten(relay, guarded, sim1, records):
+async def test_a_robot_that_is_removed_is_forgotten(relay, guarded, sim1, memory_database):
     """Neither lease nor stop stays in memory."""
     control = relay.relay.control
     control.stops.stop(sim1, "ben")
-    records.robots = {}
+    memory_database.robots = {}
     await until(lambda: control.stops.of(sim1.id) is None, "it is forgotten")
     assert control.stops.count() == 0

@@ -14,13 +14,13 @@ SIM1 = "/api/v1/robots/sim1"
 
 
 @pytest_asyncio.fixture
-async def people(relay, records, sim1):
+async def people(relay, memory_database, sim1):
     """Bearer headers: ann and ben drive, bob observes, carl manages, eve sees nothing."""
-    records.grants[BEN.id, sim1.id] = "drive"
-    records.grants[CARL.id, sim1.id] = "manage"
+    memory_database.grants[BEN.id, sim1.id] = "drive"
+    memory_database.grants[CARL.id, sim1.id] = "manage"
     await relay.relay.fleet.poll()
     return {
-        user.name: {"Authorization": f"Bearer {records.add_credential('token', user)}"}
+        user.name: {"Authorization": f"Bearer {memory_database.add_credential('token', user)}"}
         for user in (ANN, BEN, CARL, EVE, User(2, "bob"))
     }
 
@@ -48,18 +48,18 @@ async def test_everybody_who_sees_a_robot_may_stop_it(relay, guarded, sim1, ask)
 
 
 async def test_who_has_a_page_open_stops_a_robot_without_the_database(
-    *, relay, guarded, sim1, http, people, ask, records, monkeypatch
+    *, relay, guarded, sim1, http, people, ask, memory_database, monkeypatch
 ):
     """The fleet page has no other way to a robot."""
     monkeypatch.setattr(credentials, "KEEP_S", 0.0)
     async with http.get(f"{relay.url}/api/v1/events", headers=people["bob"]) as events:
         await events.content.readline()
         await relay.relay.fleet.poll()
-        records.down = True
+        memory_database.down = True
         status, body = await ask("POST", f"{SIM1}/stop", "bob")
         assert (status, body["stopped"]["confirmed"]) == (200, True)
         assert (await ask("POST", f"{SIM1}/stop", "ann"))[0] == 503
-    records.down = False
+    memory_database.down = False
 
 
 async def test_only_drivers_release(relay, guarded, sim1, ask):
@@ -132,7 +132,7 @@ async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, 
 
 
 async def test_who_asks_in_a_loop_is_told_to_wait(
-    *, relay, guarded, sim1, http, people, ask, records
+    *, relay, guarded, sim1, http, people, ask, memory_database
 ):
     """429 with the time to wait; neither the driver nor the audit log hears of it."""
     lease = f"{SIM1}/lease"
@@ -146,13 +146,13 @@ async def test_who_asks_in_a_loop_is_told_to_wait(
             assert (answer.status, (await answer.json())["code"]) == (429, "throttled")
             assert 0 < int(answer.headers["Retry-After"]) <= 30
         assert relay.relay.control.describe(sim1.id)["waiting"] is None
-    await relay.relay.journal.flush(5)
-    assert [line.kind for line in audit_lines(records)].count("lease_asked") == 3
+    await relay.relay.event_writer.flush(5)
+    assert [line.kind for line in audit_lines(memory_database)].count("lease_asked") == 3
 
 
-async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, records, ask):
+async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_database, ask):
     """All robots or a site; robots of others are left alone; who manages none gets 403."""
-    records.add_robot(8, "sim2", u1="drive")
+    memory_database.add_robot(8, "sim2", u1="drive")
     await until(lambda: 8 in relay.relay.fleet.known.robots, "the relay knows both")
     status, body = await ask("POST", "/api/v1/stop", "carl")
     assert status == 200
@@ -192,9 +192,9 @@ async def test_a_body_is_json(relay, http, people):
         assert answer.status == 400
 
 
-async def test_a_login_needs_a_page_of_this_site(relay, guarded, sim1, records, ask):
+async def test_a_login_needs_a_page_of_this_site(relay, guarded, sim1, memory_database, ask):
     """Without Origin and header a login changes nothing; another site's page is refused as such."""
-    cookie = {"Cookie": f"__Host-robotether_login={records.add_credential('login', ANN)}"}
+    cookie = {"Cookie": f"__Host-robotether_login={memory_database.add_credential('login', ANN)}"}
     path = f"{SIM1}/stop"
     assert (await ask("POST", path, **cookie))[1]["code"] == "csrf_refused"
     headers = cookie | {"Origin": "https://evil.example", "X-CSRFToken": "x"}

@@ -52,9 +52,11 @@ async def test_options_that_is_no_preflight_is_answered_as_ever(relay, http):
         assert answer.status == 405
 
 
-async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(relay, robot, http, records):
+async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(
+    relay, robot, http, memory_database
+):
     """It reads the answer, and a problem as well."""
-    token = records.add_credential("token", User(1, "ann"))
+    token = memory_database.add_credential("token", User(1, "ann"))
     headers = ALLOWED | {"Authorization": f"Bearer {token}"}
     for name, status in (("sim1", 200), ("nosuch", 404)):
         url = f"{relay.url}/api/v1/robots/{name}/stop"
@@ -63,9 +65,9 @@ async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(relay, robot,
             assert answer.headers["Access-Control-Allow-Origin"] == "https://lab.example"
 
 
-async def test_a_program_without_an_origin_gets_no_word_of_it(relay, robot, http, records):
+async def test_a_program_without_an_origin_gets_no_word_of_it(relay, robot, http, memory_database):
     """Only what caches need."""
-    token = records.add_credential("token", User(1, "ann"))
+    token = memory_database.add_credential("token", User(1, "ann"))
     url = f"{relay.url}/api/v1/robots/sim1/control"
     async with http.get(url, headers={"Authorization": f"Bearer {token}"}) as answer:
         assert answer.status == 200

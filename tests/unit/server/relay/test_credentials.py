@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Collection
 
 import pytest
-from relay_server import MemoryRecords
+from relay_server import MemoryDatabase
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay import credentials as module
 from robotether_server.relay.credentials import Credentials, credential_of
@@ -16,19 +16,19 @@ ANN = User(1, "ann")
 
 
 @pytest.fixture
-def credentials(records: MemoryRecords) -> Credentials:
+def credentials(memory_database: MemoryDatabase) -> Credentials:
     """Credentials with nothing kept."""
-    return Credentials(records)
+    return Credentials(memory_database)
 
 
-async def test_an_answer_is_kept_also_when_it_is_no(credentials, records):
+async def test_an_answer_is_kept_also_when_it_is_no(credentials, memory_database):
     """The database is asked once for the same text, known or not."""
-    good = credential_of("login", records.add_credential("login", ANN))
+    good = credential_of("login", memory_database.add_credential("login", ANN))
     bad = credential_of("login", "rubbish")
     for _ in range(3):
         assert await credentials.user_of(good) == ANN
         assert await credentials.user_of(bad) is None
-    assert records.lookups == 2
+    assert memory_database.lookups == 2
 
 
 async def test_what_is_kept_is_bounded(credentials, monkeypatch):
@@ -39,20 +39,20 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
     assert len(credentials._kept) == 10
 
 
-async def test_an_outage_is_told_and_not_kept(credentials, records):
+async def test_an_outage_is_told_and_not_kept(credentials, memory_database):
     """While the database is away nobody is called unknown."""
-    login = credential_of("login", records.add_credential("login", ANN))
-    records.down = True
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    memory_database.down = True
     with pytest.raises(StoreUnavailable):
         await credentials.user_of(login)
-    records.down = False
+    memory_database.down = False
     assert await credentials.user_of(login) == ANN
 
 
-async def test_what_hangs_on_an_ended_credential_ends(credentials, records):
+async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
     """All holders of the ended one are told, nobody else."""
-    gone = credential_of("login", records.add_credential("login", ANN))
-    stays = credential_of("token", records.add_credential("token", ANN))
+    gone = credential_of("login", memory_database.add_credential("login", ANN))
+    stays = credential_of("token", memory_database.add_credential("token", ANN))
     ended: list[str] = []
     with (
         credentials.held(gone, lambda: ended.append("first")),
@@ -61,15 +61,15 @@ async def test_what_hangs_on_an_ended_credential_ends(credentials, records):
     ):
         await credentials.recheck()
         assert ended == []
-        del records.credentials[gone]
+        del memory_database.credentials[gone]
         await credentials.recheck()
     assert sorted(ended) == ["first", "second"]
 
 
-async def test_what_ended_before_it_was_held_ends_too(credentials, records):
+async def test_what_ended_before_it_was_held_ends_too(credentials, memory_database):
     """The way from a ticket to its connection is long; what is new is asked for once."""
     gone = credential_of("login", "the login of somebody who has logged out")
-    stays = credential_of("login", records.add_credential("login", ANN))
+    stays = credential_of("login", memory_database.add_credential("login", ANN))
     ended: list[str] = []
     with (
         credentials.held(gone, lambda: ended.append("gone")),
@@ -77,25 +77,27 @@ async def test_what_ended_before_it_was_held_ends_too(credentials, records):
     ):
         await credentials.check_new()
         assert ended == ["gone"]
-        asked = records.lookups
+        asked = memory_database.lookups
         await credentials.check_new()
-        assert records.lookups == asked
+        assert memory_database.lookups == asked
 
 
-async def test_what_is_new_while_the_database_is_away_is_asked_for_later(credentials, records):
+async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
+    credentials, memory_database
+):
     """An outage leaves it live, and in doubt."""
     ended: list[str] = []
     with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
-        records.down = True
+        memory_database.down = True
         with pytest.raises(StoreUnavailable):
             await credentials.check_new()
         assert ended == []
-        records.down = False
+        memory_database.down = False
         await credentials.check_new()
     assert ended == ["gone"]
 
 
-class SlowRecords(MemoryRecords):
+class SlowRecords(MemoryDatabase):
     """Records whose next answer waits until the test lets it go."""
 
     def __init__(self) -> None:
@@ -110,25 +112,25 @@ class SlowRecords(MemoryRecords):
 
 
 async def test_what_something_live_hangs_on_is_known_without_the_database(
-    credentials, records, monkeypatch
+    credentials, memory_database, monkeypatch
 ):
     """Whoever has a page open can stop a robot while the database is away."""
     monkeypatch.setattr(module, "KEEP_S", 0.0)
-    login = credential_of("login", records.add_credential("login", ANN))
+    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
-        records.down = True
+        memory_database.down = True
         assert await credentials.user_of(login) == ANN
     with pytest.raises(StoreUnavailable):
         await credentials.user_of(login)
 
 
-async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, records):
+async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, memory_database):
     """The answer of before the end does not count, and nor does one that comes when nobody holds it."""
-    login = credential_of("login", records.add_credential("login", ANN))
+    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
-        del records.credentials[login]
+        del memory_database.credentials[login]
         await credentials.recheck()
         assert await credentials.user_of(login) is None
     assert credentials._live == {}
@@ -136,36 +138,38 @@ async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials,
 
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     """The answer tells nothing of a credential that was not in the question."""
-    records = SlowRecords()
-    credentials = Credentials(records)
-    login, late = (credential_of("login", records.add_credential("login", ANN)) for _ in range(2))
+    memory_database = SlowRecords()
+    credentials = Credentials(memory_database)
+    login, late = (
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
+    )
     with credentials.held(login, lambda: pytest.fail("it holds")):
         recheck = asyncio.create_task(credentials.recheck())
-        await records.asked.wait()
+        await memory_database.asked.wait()
         with credentials.held(late, lambda: pytest.fail("it holds, too")):
-            records.go_on.set()
+            memory_database.go_on.set()
             await recheck
 
 
 async def test_an_answer_of_before_a_change_is_not_kept():
     """A login that ends while it is looked up is looked up again the next time."""
-    records = SlowRecords()
-    credentials = Credentials(records)
-    login = credential_of("login", records.add_credential("login", ANN))
+    memory_database = SlowRecords()
+    credentials = Credentials(memory_database)
+    login = credential_of("login", memory_database.add_credential("login", ANN))
     asking = asyncio.create_task(credentials.user_of(login))
-    await records.asked.wait()
-    records.credentials.clear()
+    await memory_database.asked.wait()
+    memory_database.credentials.clear()
     await credentials.recheck()
-    records.go_on.set()
+    memory_database.go_on.set()
     assert await asking == ANN
     assert await credentials.user_of(login) is None
 
 
-async def test_who_is_no_longer_live_is_not_told(credentials, records):
+async def test_who_is_no_longer_live_is_not_told(credentials, memory_database):
     """After the block nothing is held, and nothing is asked."""
     login = credential_of("login", "rubbish")
     with credentials.held(login, lambda: pytest.fail("not live any more")):
         pass
     await credentials.recheck()
     await credentials.check_new()
-    assert records.lookups == 0
+    assert memory_database.lookups == 0

@@ -6,8 +6,8 @@ from collections import Counter
 
 import pytest
 from relay_server import utc
-from robotether_server.relay.deliveries import Delivered
-from robotether_server.relay.drive_log import DriveLog, Meters
+from robotether_server.relay.drive_log import DriveCounters, DriveLog
+from robotether_server.relay.viewer_stats import ViewerCounts
 from robotether_server.store.control import DriveEntry
 
 NOON = utc(2026, 1, 1, 12, 0)
@@ -72,17 +72,17 @@ class Counts:
     def __init__(self) -> None:
         self.bytes = 0
         self.rtt_ms: float | None = None
-        self.delivered = Delivered(100, 5000, 60.0)
+        self.viewer_counts = ViewerCounts(100, 5000, 60.0)
 
-    def meters(self) -> Meters:
-        return Meters(lambda: self.bytes, lambda: self.rtt_ms, lambda: self.delivered)
+    def counters(self) -> DriveCounters:
+        return DriveCounters(lambda: self.bytes, lambda: self.rtt_ms, lambda: self.viewer_counts)
 
 
-def test_bytes_and_pictures_are_those_of_the_drive(refused):
+def test_bytes_and_frames_are_those_of_the_drive(refused):
     """Not what the driver saw before it, nor what comes after its end."""
     counts = Counts()
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.meters())
-    counts.bytes, counts.delivered = 700, Delivered(130, 8000, 62.5)
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
+    counts.bytes, counts.viewer_counts = 700, ViewerCounts(130, 8000, 62.5)
     entry = log.written()
     assert (entry.bytes, entry.pictures, entry.picture_bytes, entry.viewed_s) == (
         700,
@@ -92,7 +92,7 @@ def test_bytes_and_pictures_are_those_of_the_drive(refused):
     )
     counts.bytes = 800
     log.end(1.0, NOON, "client_left")
-    counts.bytes, counts.delivered = 900, Delivered(999, 99_999, 999.0)
+    counts.bytes, counts.viewer_counts = 900, ViewerCounts(999, 99_999, 999.0)
     log.refused_by_guard({"old": 1})
     entry = log.written()
     assert (entry.bytes, entry.pictures, entry.refused) == (800, 30, {"guard_old": 1})
@@ -101,7 +101,7 @@ def test_bytes_and_pictures_are_those_of_the_drive(refused):
 def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
     """Both halves as they are at that moment; without the robot's half nothing is claimed."""
     counts = Counts()
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.meters())
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
     log.round_trip(10.0)
     assert log.written().latency_p50_ms is None
     counts.rtt_ms = 20.0

@@ -11,41 +11,41 @@ import pytest
 from fake_operator import FakeOperator
 from relay_clients import PUBLISH
 from relay_server import FAST, until, utc
-from robotether_server.relay.ages import ClientMoments
+from robotether_server.relay.command_age import CommandTimestamps
 from robotether_server.relay.drive_log import DriveLog
-from robotether_server.relay.drive_path import DrivePath, Seat
-from robotether_server.relay.operations import Gate
+from robotether_server.relay.drive_path import DriveLease, DrivePath
+from robotether_server.relay.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS
 from robotether_server.store.control import DriveEntry
 
 NOON = utc(2026, 1, 1, 12, 0)
 
 
-def drives(records) -> list[DriveEntry]:
-    return [entry for entry in records.written if isinstance(entry, DriveEntry)]
+def drives(memory_database) -> list[DriveEntry]:
+    return [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
 
 
 def stamps(robot) -> list[dict[str, object]]:
     return [json.loads(data)["robotether"] for data in robot.received]
 
 
-async def test_a_command_carries_its_moment_on_the_robots_clock(relay, guarded, sim1, http):
+async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarded, sim1, http):
     """Of a page with beats it is the input event's; never later than that."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
-        await ann.beat()
+        await ann.clock_sync()
         await ann.until("robotether.beat")
-        moment_ms = guarded.session.clock_ms() - 100
+        timestamp_ms = guarded.session.clock_ms() - 100
         await ann.drive(0.5, age_ms=100)
         await until(lambda: guarded.received, "the command came")
     (stamp,) = stamps(guarded)
     assert stamp["fence"] == 1
-    assert moment_ms - 100 < stamp["t_ms"] <= moment_ms + 20
+    assert timestamp_ms - 100 < stamp["t_ms"] <= timestamp_ms + 20
 
 
-async def test_a_command_of_a_moment_to_come_is_refused(relay, guarded, sim1, http):
+async def test_a_command_of_a_timestamp_to_come_is_refused(relay, guarded, sim1, http):
     """A client whose clock is ahead is told, and moves nothing."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
-        await ann.beat()
+        await ann.clock_sync()
         await ann.until("robotether.beat")
         await ann.drive(0.5, age_ms=-5000)
         assert "its moment is to come" in (await ann.until("status"))["msg"]
@@ -54,7 +54,7 @@ async def test_a_command_of_a_moment_to_come_is_refused(relay, guarded, sim1, ht
     assert [json.loads(data)["msg"] for data in guarded.received] == [{"linear": {"x": 0.25}}]
 
 
-async def test_of_other_clients_the_moment_is_that_of_a_ping(relay, guarded, sim1, http):
+async def test_of_other_clients_the_timestamp_is_that_of_a_ping(relay, guarded, sim1, http):
     """A client that writes no moment drives too; its commands count as no younger than a ping."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await socket.send_str(PUBLISH)
@@ -64,18 +64,26 @@ async def test_of_other_clients_the_moment_is_that_of_a_ping(relay, guarded, sim
         assert json.loads(guarded.received[0])["msg"] == {"linear": {"x": 0.5}}
 
 
-async def test_an_old_command_is_dropped_and_its_sender_told(relay, guarded, sim1, http, records):
+async def test_an_old_command_is_dropped_and_its_sender_told(
+    relay, guarded, sim1, http, memory_database
+):
     """It never reaches the robot; the newer one does; the books count it."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
-        await ann.beat()
+        await ann.clock_sync()
         await ann.until("robotether.beat")
         await ann.late_sender(0.9)
         assert "ms old, over 500 ms" in (await ann.until("status"))["msg"]
         await ann.drive(0.5)
         await until(lambda: guarded.received, "the newer came")
     assert json.loads(guarded.received[0])["msg"] == {"linear": {"x": 0.5}}
-    await until(lambda: drives(records) and drives(records)[0].ended_at, "the drive is written")
-    assert (drives(records)[0].dropped_old, drives(records)[0].top_speed_m_s) == (1, 0.5)
+    await until(
+        lambda: drives(memory_database) and drives(memory_database)[0].ended_at,
+        "the drive is written",
+    )
+    assert (drives(memory_database)[0].dropped_old, drives(memory_database)[0].top_speed_m_s) == (
+        1,
+        0.5,
+    )
 
 
 async def test_a_client_that_answers_no_ping_cannot_drive_on(relay, guarded, sim1, http):
@@ -125,7 +133,7 @@ async def test_a_frozen_page_keeps_the_lease_but_drives_nothing(relay, guarded, 
 async def test_a_flood_ends_with_the_newest_command(relay, guarded, sim1, http):
     """Whatever is left out, the last command of many arrives."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
-        await ann.beat()
+        await ann.clock_sync()
         await ann.until("robotether.beat")
         await ann.floods(500)
         await until(
@@ -149,9 +157,9 @@ class FullSocket:
 
 def command(speed: float, topic: str = "/cmd_vel"):
     policy = DEFAULTS.policy
-    gate = Gate(policy.drive, DEFAULTS.guard.drive_topics, policy.limits)
+    validator = MessageValidator(policy.drive, DEFAULTS.guard.drive_topics, policy.limits)
     message = {"op": "publish", "topic": topic, "msg": {"linear": {"x": speed}}}
-    return gate.check(json.dumps(message).encode()).drive
+    return validator.check(json.dumps(message).encode()).drive
 
 
 @pytest.fixture
@@ -168,12 +176,12 @@ def log() -> DriveLog:
 async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
     """Behind a full socket the older ones are dropped; when there is room, the newest goes."""
     socket = FullSocket()
-    seat = Seat(fence=1, max_age_s=0.5, clock=None, log=log, came=lambda: None)
-    path = DrivePath(seat, socket, ClientMoments(time.monotonic()), sizes.append)
+    lease = DriveLease(fence=1, max_age_s=0.5, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
     running = asyncio.create_task(path.run())
     for speed in (0.1, 0.2, 0.3):
-        await path.take(command(speed))
-    await path.take(command(1.0, "/arm/cmd_vel"))
+        await path.submit(command(speed))
+    await path.submit(command(1.0, "/arm/cmd_vel"))
     # What waits was not sent: the watch must see that the robot takes nothing.
     assert sizes == []
     socket.full = False
@@ -188,10 +196,10 @@ async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
 async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
     """Room that comes too late is no use."""
     socket = FullSocket()
-    seat = Seat(fence=1, max_age_s=0.1, clock=None, log=log, came=lambda: None)
-    path = DrivePath(seat, socket, ClientMoments(time.monotonic()), sizes.append)
+    lease = DriveLease(fence=1, max_age_s=0.1, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
     running = asyncio.create_task(path.run())
-    await path.take(command(0.1))
+    await path.submit(command(0.1))
     await asyncio.sleep(0.15)
     socket.full = False
     await until(lambda: log.entry.dropped_old == 1, "it is dropped")
@@ -203,8 +211,8 @@ async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
 async def test_many_topics_do_not_make_a_queue(log, sizes):
     """Of a client that drives more topics than anybody has, few commands wait."""
     socket = FullSocket()
-    seat = Seat(fence=1, max_age_s=5, clock=None, log=log, came=lambda: None)
-    path = DrivePath(seat, socket, ClientMoments(time.monotonic()), sizes.append)
+    lease = DriveLease(fence=1, max_age_s=5, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
     for number in range(50):
-        await path.take(command(0.1, f"/r{number}/cmd_vel"))
+        await path.submit(command(0.1, f"/r{number}/cmd_vel"))
     assert len(path._waiting) == 8

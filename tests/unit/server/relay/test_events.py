@@ -46,12 +46,14 @@ class Events:
 
 
 @pytest.fixture
-def follow(relay, http, records):
+def follow(relay, http, memory_database):
     """Follow the fleet as a user, by login."""
 
     @asynccontextmanager
     async def following(user: User):
-        cookie = {"Cookie": f"__Host-robotether_login={records.add_credential('login', user)}"}
+        cookie = {
+            "Cookie": f"__Host-robotether_login={memory_database.add_credential('login', user)}"
+        }
         async with http.get(f"{relay.url}/api/v1/events", headers=cookie) as answer:
             assert answer.status == 200
             assert answer.content_type == "text/event-stream"
@@ -135,42 +137,47 @@ async def test_drivers_and_observers_are_told(relay, robot, sim1, http, follow):
         await events.robot_with(drivers=[], observers=0)
 
 
-async def test_only_visible_robots_are_told(relay, robot, records, follow):
+async def test_only_visible_robots_are_told(relay, robot, memory_database, follow):
     """A user without a grant sees no robot, neither at first nor when it changes."""
-    records.add_robot(8, "sim2", u9="observe")
+    memory_database.add_robot(8, "sim2", u9="observe")
     await until(lambda: 8 in relay.relay.fleet.known.robots, "sim2 is known")
     async with follow(EVE) as events:
         _, fleet = await events.next("fleet")
         assert [shown["name"] for shown in fleet] == ["sim2"]
         robot.session.send(type="health", ros="down", video="down", detail="", ros_exposed=False)
         await until(lambda: relay.relay.registry.presence(7).ros == "down", "sim1 changed")
-        records.robots = {**records.robots, 8: replace(records.robots[8], state="disabled")}
+        memory_database.robots = {
+            **memory_database.robots,
+            8: replace(memory_database.robots[8], state="disabled"),
+        }
         _, shown = await events.next()
         assert (shown["name"], shown["state"]) == ("sim2", "disabled")
 
 
-async def test_a_new_grant_shows_a_robot_and_a_taken_one_removes_it(relay, sim1, records, follow):
+async def test_a_new_grant_shows_a_robot_and_a_taken_one_removes_it(
+    relay, sim1, memory_database, follow
+):
     """Robots come and go with the rights, while the client stays."""
     async with follow(EVE) as events:
         assert await events.next() == ("fleet", [])
-        records.grants[9, sim1.id] = "observe"
+        memory_database.grants[9, sim1.id] = "observe"
         assert (await events.robot_with())["name"] == "sim1"
-        del records.grants[9, sim1.id]
+        del memory_database.grants[9, sim1.id]
         assert await events.next() == ("removed", {"name": "sim1"})
 
 
-async def test_a_renamed_robot_is_removed_and_told_anew(relay, sim1, records, follow):
+async def test_a_renamed_robot_is_removed_and_told_anew(relay, sim1, memory_database, follow):
     """A page that goes by names sees the old one go."""
     async with follow(ANN) as events:
         await events.next("fleet")
-        records.robots = {sim1.id: replace(sim1, name="turtle")}
+        memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
         assert await events.next() == ("removed", {"name": "sim1"})
         assert (await events.robot_with())["name"] == "turtle"
 
 
-async def test_a_token_works_too(relay, http, records):
+async def test_a_token_works_too(relay, http, memory_database):
     """Programs follow with a Bearer token."""
-    headers = {"Authorization": f"Bearer {records.add_credential('token', ANN)}"}
+    headers = {"Authorization": f"Bearer {memory_database.add_credential('token', ANN)}"}
     async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
         assert (await Events(answer).next())[0] == "fleet"
 
@@ -181,21 +188,21 @@ async def test_nobody_is_told_without_a_login(relay, http):
         assert (answer.status, (await answer.json())["code"]) == (401, "login_missing")
 
 
-async def test_logging_out_ends_the_stream(relay, records, follow):
+async def test_logging_out_ends_the_stream(relay, memory_database, follow):
     """The stream ends when the login that opened it is gone."""
     async with follow(ANN) as events:
         await events.next("fleet")
         await relay.relay.fleet.poll()
-        records.credentials.clear()
+        memory_database.credentials.clear()
         async with asyncio.timeout(5):
             await events.ended()
 
 
-async def test_a_database_that_is_away_ends_no_stream(relay, robot, records, follow):
+async def test_a_database_that_is_away_ends_no_stream(relay, robot, memory_database, follow):
     """With the database away the stream goes on telling."""
     async with follow(ANN) as events:
         await events.next("fleet")
-        records.down = True
+        memory_database.down = True
         await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
         robot.session.send(type="health", ros="down", video="ok", detail="", ros_exposed=False)
         await events.robot_with(ros="down")
@@ -206,10 +213,12 @@ def test_events_are_written_as_the_standard_says():
     assert render([("removed", {"name": "sim1"})]) == (b'event: removed\ndata: {"name":"sim1"}\n\n')
 
 
-async def test_a_user_follows_so_many_times_at_once(*, relay, records, http, follow, monkeypatch):
+async def test_a_user_follows_so_many_times_at_once(
+    *, relay, memory_database, http, follow, monkeypatch
+):
     """The client over the cap gets 429; another user's is not counted with it."""
     monkeypatch.setattr(relay.relay.connections, "caps", Caps(per_user=1))
-    bob, token = User(2, "bob"), records.add_credential("token", User(1, "ann"))
+    bob, token = User(2, "bob"), memory_database.add_credential("token", User(1, "ann"))
     async with follow(User(1, "ann")) as events:
         await events.next("fleet")
         headers = {"Authorization": f"Bearer {token}"}
@@ -217,6 +226,6 @@ async def test_a_user_follows_so_many_times_at_once(*, relay, records, http, fol
             assert (answer.status, (await answer.json())["code"]) == (429, "too_many_connections")
         async with follow(bob) as others:
             await others.next("fleet")
-    await until(lambda: relay.relay.board.feed_count() == 0, "both are gone")
+    await until(lambda: relay.relay.fleet_events.subscriber_count() == 0, "both are gone")
     async with follow(User(1, "ann")) as events:
         await events.next("fleet")

@@ -8,11 +8,11 @@ import time
 
 import pytest
 from relay_server import until
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay import feeds as feeds_module
-from robotether_server.relay.endings import Ending
+from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.feeds import Feed, Feeds, FeedTraffic
-from robotether_server.relay.pictures import BrokenFramesError, SenderClock, Want
+from robotether_server.relay.frame_protocol import BrokenFramesError, SenderClock, Want
 from robotether_server.relay.sessions import Change, Presence
 
 JPEG = b"\xff\xd8\xff\xd9"
@@ -23,38 +23,38 @@ class Eye:
 
     def __init__(self, want: Want | None = None, *, breaks: bool = False) -> None:
         self.want = want
-        self.told = 0
-        self.endings: list[Ending] = []
+        self.on_status = 0
+        self.close_reasons: list[CloseReason] = []
         self._breaks = breaks
 
-    def news(self) -> None:
-        self.told += 1
+    def notify(self) -> None:
+        self.on_status += 1
         if self._breaks:
             raise RuntimeError("a defect of this viewer")
 
-    def end(self, ending: Ending) -> None:
-        self.endings.append(ending)
+    def end(self, close_reason: CloseReason) -> None:
+        self.close_reasons.append(close_reason)
 
 
 def clock() -> SenderClock:
     """A robot's clock that is the relay's."""
     clock = SenderClock()
-    clock.heard(time.monotonic(), 0.0, 0.0)
+    clock.on_answer(time.monotonic(), 0.0, 0.0)
     return clock
 
 
-def come(feed: Feed, number: int, *, codec: int = 1) -> None:
+def come(feed: Feed, sequence: int, *, codec: int = 1) -> None:
     """Have the robot's picture of this number come."""
     now_s = time.monotonic()
-    header = struct.pack("!BBHId", codec, 0, 70, number, now_s * 1000)
-    feed.came(header + JPEG, now_s, clock())
+    header = struct.pack("!BBHId", codec, 0, 70, sequence, now_s * 1000)
+    feed.on_frame(header + JPEG, now_s, clock())
 
 
 @pytest.fixture
 async def feed(sim1) -> Feed:
     """A feed that has its connection and has told its first credit."""
     feed = Feed(sim1, "/a", FeedTraffic())
-    feed.begun()
+    feed.on_connected()
     assert feed.credit() == (2, None)
     return feed
 
@@ -81,7 +81,7 @@ async def test_who_has_the_newest_has_those_before_it(feed):
     assert feed.credit() is None
 
 
-async def test_more_pictures_than_credits_break_the_protocol(feed):
+async def test_more_frames_than_credits_break_the_protocol(feed):
     """A robot cannot fill the relay."""
     come(feed, 1)
     come(feed, 2)
@@ -92,13 +92,13 @@ async def test_more_pictures_than_credits_break_the_protocol(feed):
 async def test_a_new_connection_begins_with_new_credits_and_numbers_that_go_on(feed):
     """The robot hears its own numbers, viewers hear ours; also where they overflow."""
     come(feed, 2**32 - 1)
-    assert feed.newest.number == 2**32 - 1
-    feed.begun()
+    assert feed.newest.sequence == 2**32 - 1
+    feed.on_connected()
     assert feed.credit() == (2, None)
     come(feed, 5)
-    assert feed.newest.number == 0
+    assert feed.newest.sequence == 0
     come(feed, 8)
-    assert (feed.newest.number, feed.newest.place) == (3, 2)
+    assert (feed.newest.sequence, feed.newest.position) == (3, 2)
     feed.taken(3)
     assert feed.credit() == (2, 8)
 
@@ -109,8 +109,8 @@ async def test_what_nobody_can_show_is_given_back(feed):
     feed.join(eye)
     come(feed, 1, codec=2)
     header = struct.pack("!BBHId", 1, 0, 70, 2, 5.0)
-    feed.came(header + JPEG, time.monotonic(), SenderClock())
-    assert (feed.newest, eye.told) == (None, 0)
+    feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
+    assert (feed.newest, eye.on_status) == (None, 0)
     assert feed.credit() == (2, 2)
 
 
@@ -120,8 +120,8 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
     feed.join(broken)
     feed.join(sound)
     come(feed, 1)
-    assert sound.told == 1
-    assert broken.endings == [endings.relay_failed()]
+    assert sound.on_status == 1
+    assert broken.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of this viewer" in caplog.text
 
 
@@ -135,7 +135,7 @@ async def test_wishes_of_all_are_one(feed):
     assert feed.want() == Want(fps=10, quality_max=90)
 
 
-async def _for_ever() -> Ending:
+async def _for_ever() -> CloseReason:
     return await asyncio.get_running_loop().create_future()
 
 
@@ -167,24 +167,24 @@ async def test_few_feeds_linger(sim1, monkeypatch):
     monkeypatch.setattr("robotether_server.relay.feeds.LINGER_S", 60)
     feeds = feeds_that(_for_ever)
     with feeds.followed(sim1, "/watched", Eye()):
-        for number in range(20):
-            with feeds.followed(sim1, f"/{number}", Eye()):
+        for sequence in range(20):
+            with feeds.followed(sim1, f"/{sequence}", Eye()):
                 pass
-        assert feeds.count() == 1 + feeds_module.MOST_LINGERING
+        assert feeds.count() == 1 + feeds_module.MAX_LINGERING
     await feeds.close()
 
 
 async def test_the_end_of_a_link_reaches_the_viewers(sim1):
     """And the next viewer gets a new feed."""
-    ending = endings.video_down("sim1", "the test says so")
+    close_reason = close_reasons.video_down("sim1", "the test says so")
 
-    async def ends() -> Ending:
-        return ending
+    async def ends() -> CloseReason:
+        return close_reason
 
     feeds, eye = feeds_that(ends), Eye()
     with feeds.followed(sim1, "/a", eye) as feed:
-        await until(lambda: eye.endings, "it is told")
-        assert eye.endings == [ending]
+        await until(lambda: eye.close_reasons, "it is told")
+        assert eye.close_reasons == [close_reason]
         with feeds.followed(sim1, "/a", Eye()) as other:
             assert other is not feed
     await feeds.close()
@@ -193,26 +193,26 @@ async def test_the_end_of_a_link_reaches_the_viewers(sim1):
 async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
     """The viewers hear that the relay failed."""
 
-    async def fails() -> Ending:
+    async def fails() -> CloseReason:
         raise RuntimeError("a defect of the link")
 
     feeds, eye = feeds_that(fails), Eye()
     with feeds.followed(sim1, "/a", eye):
-        await until(lambda: eye.endings, "it is told")
-    assert eye.endings == [endings.relay_failed()]
+        await until(lambda: eye.close_reasons, "it is told")
+    assert eye.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of the link" in caplog.text
     await feeds.close()
 
 
-async def test_a_robot_that_leaves_takes_its_feeds_along(records, sim1):
+async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
     """Those of other robots stay."""
-    other_robot = records.add_robot(8, "sim2")
+    other_robot = memory_database.add_robot(8, "sim2")
     feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
     with feeds.followed(sim1, "/a", eye), feeds.followed(other_robot, "/a", other):
-        feeds.robot(Change("told", sim1.id, Presence()))
+        feeds.on_robot_change(Change("updated", sim1.id, Presence()))
         assert feeds.count() == 2
-        feeds.robot(Change("left", sim1.id, Presence()))
+        feeds.on_robot_change(Change("disconnected", sim1.id, Presence()))
         assert feeds.count() == 1
-        assert eye.endings == [endings.link_lost("sim1")]
-        assert other.endings == []
+        assert eye.close_reasons == [close_reasons.link_lost("sim1")]
+        assert other.close_reasons == []
     await feeds.close()

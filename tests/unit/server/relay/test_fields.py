@@ -114,7 +114,7 @@ def test_no_other_spelling_is_a_name(value):
         (fields.flag, [True, False], [0, 1, "true", None]),
         (fields.members, [{}, {"op": {"x": [1]}}], [[], "x", 1, None]),
         (fields.payload, [{}, [], [{"op": 1}]], ["x", 1, None]),
-        (fields.moment, [0, -1.5, 2**53], [2**60, True, "1", None, float("nan"), float("inf")]),
+        (fields.timestamp, [0, -1.5, 2**53], [2**60, True, "1", None, float("nan"), float("inf")]),
     ],
 )
 def test_each_type_passes_as_it_is(check, passes, refused):
@@ -125,7 +125,7 @@ def test_each_type_passes_as_it_is(check, passes, refused):
             check(value)
 
 
-def test_a_stamp_is_its_moment():
+def test_a_stamp_is_its_timestamp():
     """Whatever else stands beside it."""
     assert fields.stamp({"t_ms": 12, "fence": 3}) == 12.0
     for value in (None, 12, {}, {"t_ms": None}, {"t_ms": float("nan")}, [{"t_ms": 1}]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from relay_server import MemoryRecords, utc
+from relay_server import MemoryDatabase, utc
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.fleet import Fleet
 from robotether_server.store.fleet import Snapshot, User
@@ -33,10 +33,10 @@ def heard() -> Heard:
 
 
 @pytest.fixture
-def fleet(records: MemoryRecords, heard: Heard) -> Fleet:
+def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
     """A fleet that is polled by hand."""
     return Fleet(
-        records,
+        memory_database,
         rights_changed=heard.snapshots.append,
         credentials_changed=heard.recheck,
         check_new_credentials=heard.check_new,
@@ -45,30 +45,30 @@ def fleet(records: MemoryRecords, heard: Heard) -> Fleet:
     )
 
 
-async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, records, heard):
+async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_database, heard):
     """Three polls with one change between are two snapshots."""
     await fleet.poll()
     await fleet.poll()
     assert len(heard.snapshots) == 1
-    records.add_robot(8, "sim2")
+    memory_database.add_robot(8, "sim2")
     await fleet.poll()
     assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
     assert fleet.snapshot is heard.snapshots[1]
 
 
-async def test_the_past_is_read_once(fleet, records, heard):
+async def test_the_past_is_read_once(fleet, memory_database, heard):
     """Since when robots are offline is asked at the first contact."""
-    records.seen = [(7, utc(2026, 1, 1))]
+    memory_database.seen = [(7, utc(2026, 1, 1))]
     await fleet.poll()
-    records.add_robot(8, "sim2")
+    memory_database.add_robot(8, "sim2")
     await fleet.poll()
     assert heard.last_seen == [[(7, utc(2026, 1, 1))]]
 
 
-async def test_a_new_login_is_no_new_snapshot(fleet, records, heard):
+async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):
     """Credentials are checked anew without reading the fleet."""
     await fleet.poll()
-    records.add_credential("login", User(1, "ann"))
+    memory_database.add_credential("login", User(1, "ann"))
     await fleet.poll()
     assert (len(heard.snapshots), heard.rechecks) == (1, 2)
 
@@ -80,24 +80,24 @@ async def test_new_credentials_are_looked_at_when_nothing_changed(fleet, heard):
     assert (heard.rechecks, heard.checks_of_new) == (1, 2)
 
 
-async def test_without_a_first_answer_there_is_no_snapshot(fleet, records):
+async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_database):
     """Asking for rights says that the records are unavailable."""
-    records.down = True
+    memory_database.down = True
     await fleet.poll()
     with pytest.raises(StoreUnavailable):
         _ = fleet.snapshot
     assert fleet.known.robots == {}
 
 
-async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, records, caplog):
+async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):
     """However long the database is away, the log has a line for its going and its coming."""
     await fleet.poll()
-    records.down = True
+    memory_database.down = True
     for _ in range(3):
         await fleet.poll()
     assert sorted(fleet.snapshot.robots) == [7]
     assert not fleet.store_up
-    records.down = False
+    memory_database.down = False
     await fleet.poll()
     assert fleet.store_up
     assert [record.message.split(";")[0] for record in caplog.records] == [
@@ -106,12 +106,12 @@ async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, recor
     ]
 
 
-async def test_a_change_during_an_outage_is_seen_afterwards(fleet, records, heard):
+async def test_a_change_during_an_outage_is_seen_afterwards(fleet, memory_database, heard):
     """Nothing that happened meanwhile is missed."""
     await fleet.poll()
-    records.down = True
+    memory_database.down = True
     await fleet.poll()
-    records.add_robot(8, "sim2")
-    records.down = False
+    memory_database.add_robot(8, "sim2")
+    memory_database.down = False
     await fleet.poll()
     assert sorted(heard.snapshots[-1].robots) == [7, 8]

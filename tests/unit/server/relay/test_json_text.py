@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_server.relay.json_text import DEEPEST, NotJsonError, read, write
+from robotether_server.relay.json_text import MAX_DEPTH, NotJsonError, read, write
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_a_json_object_is_read(data, meant):
         (b'{"a": 18446744073709551616}', "64 bits"),
         (b'{"a": -9223372036854775809}', "64 bits"),
         (b'{"a": ' + b"9" * 100_000 + b"}", "64 bits"),
-        (b'{"a": ' + b"[" * DEEPEST + b"]" * DEEPEST + b"}", "nested more than"),
+        (b'{"a": ' + b"[" * MAX_DEPTH + b"]" * MAX_DEPTH + b"}", "nested more than"),
         (b'{"a":' * 100_000 + b"1" + b"}" * 100_000, "nested too deep"),
     ],
 )
@@ -61,7 +61,7 @@ def test_what_some_parser_refuses_is_not_read(data, why):
 
 def test_the_deepest_is_read():
     """As deep as the limit says, whatever brackets stand in texts."""
-    data = b'{"a": ' + b"[" * (DEEPEST - 1) + b"]" * (DEEPEST - 1) + b', "b": "[[[[{{{{"}'
+    data = b'{"a": ' + b"[" * (MAX_DEPTH - 1) + b"]" * (MAX_DEPTH - 1) + b', "b": "[[[[{{{{"}'
     assert read(data)["b"] == "[[[[{{{{"
     assert read(b'{"a": [' + b"{}," * 1000 + b"[]]}")
 

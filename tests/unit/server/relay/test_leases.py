@@ -121,7 +121,7 @@ def test_the_control_passes_on_after_20_s_without_input():
     seat = driven_by(ANN, lease)
     assert lease.ask(BEN, at(1))
     assert lease.passes_at() == at(21)
-    lease.command_came(at(15))
+    lease.on_command(at(15))
     assert lease.pass_on(at(34.9)) is None
     passed = lease.pass_on(at(35))
     assert (passed.driver.holder, passed.to) == (seat, BEN)

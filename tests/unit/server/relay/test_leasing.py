@@ -16,18 +16,18 @@ ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
 
 
 @pytest.fixture(autouse=True)
-def rights(records, sim1):
+def rights(memory_database, sim1):
     """Let ben drive and carl manage sim1, beside ann who drives."""
-    records.grants[BEN.id, sim1.id] = "drive"
-    records.grants[CARL.id, sim1.id] = "manage"
+    memory_database.grants[BEN.id, sim1.id] = "drive"
+    memory_database.grants[CARL.id, sim1.id] = "manage"
 
 
 def control(relay, sim1):
     return relay.relay.control.describe(sim1.id)
 
 
-def asker(user: User) -> leasing.Asker:
-    return leasing.Asker(user, "198.51.100.9")
+def asker(user: User) -> leasing.LeaseRequester:
+    return leasing.LeaseRequester(user, "198.51.100.9")
 
 
 async def driven(relay, sim1, user: User = ANN) -> None:
@@ -63,39 +63,41 @@ async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
 
 
 async def test_what_the_guard_refuses_stands_in_the_drives_record(
-    relay, guarded, sim1, http, records
+    relay, guarded, sim1, http, memory_database
 ):
     """Also what it tells when the drive is over."""
 
     def refused() -> dict[str, int]:
-        drives = [entry for entry in records.written if isinstance(entry, DriveEntry)]
+        drives = [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
         return drives[-1].refused if drives else {}
 
     async with http.ws_connect(relay.ros_url(sim1)):
         await guarded.connections(1)
-        guarded.session.tell_guard(old=2)
+        guarded.session.send_guard_status(old=2)
     await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
-    guarded.session.tell_guard(old=2, shape=1)
+    guarded.session.send_guard_status(old=2, shape=1)
     await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
 
 
-async def test_what_a_drive_was_like_stands_in_its_record(relay, guarded, sim1, http, records):
+async def test_what_a_drive_was_like_stands_in_its_record(
+    relay, guarded, sim1, http, memory_database
+):
     """Round trips, bytes of both directions, and the pictures that this driver got of this robot meanwhile."""
-    deliveries, reports = relay.relay.deliveries, relay.relay.reports
+    viewer_stats, observer = relay.relay.viewer_stats, relay.relay.observer
 
     def record() -> DriveEntry | None:
-        reports.write_drives()
-        return next((one for one in records.written if isinstance(one, DriveEntry)), None)
+        observer.write_drives()
+        return next((one for one in memory_database.written if isinstance(one, DriveEntry)), None)
 
-    deliveries.count(sim1.id, ANN.id, 5000)
+    viewer_stats.count(sim1.id, ANN.id, 5000)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         # A client answers pings while it reads.
         reading = asyncio.create_task(read_all(socket))
         await guarded.connections(1)
         await socket.send_str(PUBLISH)
         await until(lambda: guarded.received, "the command came")
-        deliveries.count(sim1.id, ANN.id, 700)
-        deliveries.count(sim1.id, BEN.id, 90)
+        viewer_stats.count(sim1.id, ANN.id, 700)
+        viewer_stats.count(sim1.id, BEN.id, 90)
         await until(lambda: (one := record()) and one.latency_p50_ms, "a round trip is measured")
         await socket.close()
         await reading
@@ -118,7 +120,7 @@ async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
         await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
 
 
-async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, records):
+async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, memory_database):
     """The driver is closed with 4010; only who asked gets the lease; the records say so."""
     acts = relay.relay.control.leasing
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
@@ -133,8 +135,8 @@ async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, rec
     async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)):
         await driven(relay, sim1, BEN)
         assert control(relay, sim1)["reserved"] is None
-    await relay.relay.journal.flush(5)
-    kinds = [line.kind for line in audit_lines(records)]
+    await relay.relay.event_writer.flush(5)
+    kinds = [line.kind for line in audit_lines(memory_database)]
     assert kinds[:3] == ["drive_started", "lease_asked", "lease_handed_over"]
 
 
@@ -162,24 +164,28 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
     await until(lambda: True in free, "those who watch are told")
 
 
-async def test_without_a_database_nobody_begins_to_drive(relay, guarded, sim1, http, records):
+async def test_without_a_database_nobody_begins_to_drive(
+    relay, guarded, sim1, http, memory_database
+):
     """4510, while an observer comes in, and who drives goes on driving."""
-    records.down = True
+    memory_database.down = True
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4510
     async with http.ws_connect(relay.ros_url(sim1, "observe", BEN)):
         await guarded.connections(1)
     assert guarded.handshakes[0]["Robotether-Mode"] == "observe"
-    records.down = False
+    memory_database.down = False
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
 
 
-async def test_without_a_database_who_drives_is_not_superseded(relay, guarded, sim1, http, records):
+async def test_without_a_database_who_drives_is_not_superseded(
+    relay, guarded, sim1, http, memory_database
+):
     """A second connection of the driver gets 4510, and the first goes on."""
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
-        records.down = True
+        memory_database.down = True
         async with http.ws_connect(relay.ros_url(sim1)) as second:
             assert (await closing(second))[0] == 4510
         assert control(relay, sim1)["driver"]["fence"] == 1
@@ -188,32 +194,32 @@ async def test_without_a_database_who_drives_is_not_superseded(relay, guarded, s
 
 @pytest.mark.parametrize("problem", [RecordMissing, RecordRefused])
 async def test_who_is_removed_while_the_number_is_on_its_way_has_no_rights(
-    *, relay, guarded, sim1, http, records, monkeypatch, problem
+    *, relay, guarded, sim1, http, memory_database, monkeypatch, problem
 ):
     """4001, though the relay has not yet read that robot or user are gone: the database answered."""
 
     async def gone(lease):
         raise problem(f"no robot {lease.robot_id}")
 
-    monkeypatch.setattr(records, "next_fence", gone)
+    monkeypatch.setattr(memory_database, "next_fence", gone)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4001
     assert control(relay, sim1)["driver"] is None
 
 
 async def test_a_stop_while_the_number_is_on_its_way_wins(
-    *, relay, guarded, sim1, http, records, monkeypatch
+    *, relay, guarded, sim1, http, memory_database, monkeypatch
 ):
     """Nobody drives a robot that was stopped before the database answered."""
     numbered, go_on = asyncio.Event(), asyncio.Event()
-    next_fence = records.next_fence
+    next_fence = memory_database.next_fence
 
     async def slow(lease):
         numbered.set()
         await go_on.wait()
         return await next_fence(lease)
 
-    monkeypatch.setattr(records, "next_fence", slow)
+    monkeypatch.setattr(memory_database, "next_fence", slow)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await numbered.wait()
         relay.relay.control.stops.stop(sim1, "ben")
@@ -224,11 +230,11 @@ async def test_a_stop_while_the_number_is_on_its_way_wins(
 
 
 async def test_a_newer_connection_hears_of_a_stop_too(
-    *, relay, guarded, sim1, http, records, monkeypatch
+    *, relay, guarded, sim1, http, memory_database, monkeypatch
 ):
     """The one that drives and the one that waits for its number both end with the stop."""
     numbered, go_on = asyncio.Event(), asyncio.Event()
-    next_fence = records.next_fence
+    next_fence = memory_database.next_fence
 
     async def slow(lease):
         numbered.set()
@@ -237,7 +243,7 @@ async def test_a_newer_connection_hears_of_a_stop_too(
 
     async with http.ws_connect(relay.ros_url(sim1)) as older:
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        monkeypatch.setattr(records, "next_fence", slow)
+        monkeypatch.setattr(memory_database, "next_fence", slow)
         async with http.ws_connect(relay.ros_url(sim1)) as newer:
             await numbered.wait()
             relay.relay.control.stops.stop(sim1, "ben")
@@ -248,18 +254,20 @@ async def test_a_newer_connection_hears_of_a_stop_too(
     assert guarded.clients_ever == 1
 
 
-async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, records):
+async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_database):
     """4505, and the next session hears that the number is over."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await driven(relay, sim1)
         await guarded.session.close()
         assert (await closing(socket))[0] == 4505
     assert control(relay, sim1)["driver"] is None
-    await until(lambda: any(isinstance(e, LeaseEnd) for e in records.written), "it is written")
+    await until(
+        lambda: any(isinstance(e, LeaseEnd) for e in memory_database.written), "it is written"
+    )
 
 
 async def test_a_relay_goes_on_from_the_numbers_that_were_given(
-    relay, guarded, sim1, http, records
+    relay, guarded, sim1, http, memory_database
 ):
     """A number that a relay before this one gave is not given again."""
     relay.relay.control.leasing.remember({sim1.id: 41})
@@ -268,17 +276,19 @@ async def test_a_relay_goes_on_from_the_numbers_that_were_given(
         assert control(relay, sim1)["driver"]["fence"] == 42
 
 
-async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, records):
+async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memory_database):
     """A question ends with the grant of who asked."""
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
         relay.relay.control.leasing.ask(sim1, asker(BEN))
-        del records.grants[BEN.id, sim1.id]
+        del memory_database.grants[BEN.id, sim1.id]
         await until(lambda: control(relay, sim1)["waiting"] is None, "nobody waits")
 
 
-async def test_a_page_that_waits_for_an_offline_robot_uses_no_number(relay, sim1, http, records):
+async def test_a_page_that_waits_for_an_offline_robot_uses_no_number(
+    relay, sim1, http, memory_database
+):
     """4503 comes before the lease."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4503
-    assert records.fences == {}
+    assert memory_database.fences == {}

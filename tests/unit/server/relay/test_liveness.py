@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from robotether_server.relay.liveness import DRIVER_LIMITS, Limits, Liveness
+from robotether_server.relay.liveness import DRIVER_LIMITS, Liveness, LivenessLimits
 
-LIMITS = Limits()
+LIMITS = LivenessLimits()
 
 
 def verdicts(looks: list[tuple[float, float, tuple[int, int], tuple[int, int]]]) -> list[str]:
     """Judge (now, heard at, to client, to robot) one after the other."""
     liveness = Liveness(LIMITS, 0.0)
     return [
-        liveness.look(now, heard_at=heard_at, to_client=to_client, to_robot=to_robot)
-        for now, heard_at, to_client, to_robot in looks
+        liveness.check(now, received_at=received_at, to_client=to_client, to_robot=to_robot)
+        for now, received_at, to_client, to_robot in looks
     ]
 
 
@@ -67,13 +67,13 @@ def test_a_driver_is_silent_whatever_waits_for_it():
     liveness = Liveness(DRIVER_LIMITS, 0.0)
     moving = [(t / 10, (10_000_000, 9_000_000 - t)) for t in range(1, 27)]
     found = [
-        liveness.look(now, heard_at=0.0, to_client=waiting, to_robot=(0, 0))
+        liveness.check(now, received_at=0.0, to_client=waiting, to_robot=(0, 0))
         for now, waiting in moving
     ]
     assert (found[24], found[25]) == ("ok", "client_silent")
     liveness = Liveness(DRIVER_LIMITS, 0.0)
     full = [
-        liveness.look(t / 10, heard_at=0.0, to_client=(0, 0), to_robot=(9000, 9000 - t))
+        liveness.check(t / 10, received_at=0.0, to_client=(0, 0), to_robot=(9000, 9000 - t))
         for t in range(1, 40)
     ]
     assert set(full) == {"ok"}

@@ -47,12 +47,12 @@ def test_a_gauge_is_read_when_somebody_asks(metrics):
     assert "robotether_relay_robots_online 0.0" in lines(metrics)
 
 
-def test_endings_and_refusals_are_counted_by_reason(metrics):
+def test_close_reasons_and_refusals_are_counted_by_reason(metrics):
     """Each counter has its own label, and counts each reason by itself."""
     for _ in range(2):
-        metrics.endings.labels("client_left").inc()
+        metrics.close_reasons.labels("client_left").inc()
     metrics.refusals.labels("ticket_used").inc()
-    metrics.session_endings.labels("timeout").inc()
+    metrics.session_close_codes.labels("timeout").inc()
     metrics.session_refusals.labels("preface").inc()
     metrics.guard_refusals.labels("old").inc(3)
     metrics.port_checks.labels("ros", "down").inc()
@@ -74,11 +74,11 @@ def test_two_relays_do_not_share_their_numbers(metrics, traffic):
     assert not any("ticket_used" in line for line in lines(other))
 
 
-def test_pictures_are_read_when_somebody_asks(metrics):
+def test_frames_are_read_when_somebody_asks(metrics):
     """What feeds count shows up in the next answer."""
     traffic = FeedTraffic()
     metrics.collect_feeds(traffic)
-    traffic.pictures_in, traffic.pictures_out, traffic.skipped = 3, 7, 2
+    traffic.frames_in, traffic.frames_out, traffic.skipped = 3, 7, 2
     traffic.bytes_in, traffic.bytes_out = 300, 700
     shown = lines(metrics)
     assert 'robotether_relay_pictures_total{to="relay"} 3.0' in shown

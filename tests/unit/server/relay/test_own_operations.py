@@ -13,7 +13,7 @@ from stopwatch import Stopwatch
 BOB = User(2, "bob")
 
 
-async def test_a_beat_is_answered_with_the_relays_clock(relay, guarded, sim1, http):
+async def test_a_clock_sync_is_answered_with_the_relays_clock(relay, guarded, sim1, http):
     """The page's own time comes back beside it; the robot sees nothing of it."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.send(op="robotether.beat", t_ms=81.25)
@@ -26,7 +26,7 @@ async def test_a_beat_is_answered_with_the_relays_clock(relay, guarded, sim1, ht
     assert guarded.received == []
 
 
-async def test_relay_shows_the_key_of_the_beats(relay, guarded, sim1, http):
+async def test_relay_shows_the_key_of_the_clock_syncs(relay, guarded, sim1, http):
     """In all that it says itself, so that a client tells it from a robot that says the same."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
         for key in ("of the first", "of the second"):
@@ -40,10 +40,12 @@ async def test_relay_shows_the_key_of_the_beats(relay, guarded, sim1, http):
     assert guarded.received == []
 
 
-async def test_who_beats_sees_the_control_at_once_and_at_each_change(relay, guarded, sim1, http):
+async def test_who_clock_syncs_sees_the_control_at_once_and_at_each_change(
+    relay, guarded, sim1, http
+):
     """An observer sees who drives, and that the robot is stopped."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
-        await bob.beat()
+        await bob.clock_sync()
         await until(lambda: bob.controls, "the first comes at once")
         assert bob.controls[0]["driver"] is None
         async with http.ws_connect(relay.ros_url(sim1)):
@@ -55,7 +57,7 @@ async def test_who_beats_sees_the_control_at_once_and_at_each_change(relay, guar
             assert bob.controls[-1]["stopped"]["by"] == "carl"
 
 
-async def test_who_sends_no_beat_sees_none_of_it(relay, guarded, sim1, http):
+async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, http):
     """An ordinary rosbridge client gets nothing that rosbridge would not send."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
         async with http.ws_connect(relay.ros_url(sim1)):
@@ -65,14 +67,16 @@ async def test_who_sends_no_beat_sees_none_of_it(relay, guarded, sim1, http):
         assert bob.messages == []
 
 
-async def test_an_observer_stops_the_robot_without_a_database(relay, guarded, sim1, http, records):
+async def test_an_observer_stops_the_robot_without_a_database(
+    relay, guarded, sim1, http, memory_database
+):
     """The driver is closed with 4003, with the observer's name, while the database is away."""
     async with (
         FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob,
         http.ws_connect(relay.ros_url(sim1)) as ann,
     ):
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        records.down = True
+        memory_database.down = True
         with Stopwatch() as stopwatch:
             await bob.send(op="robotether.stop")
             code, reason = await closing(ann)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robotether_server.globs import Globs
-from robotether_server.relay.operations import Gate, RefusedError
+from robotether_server.relay.message_validator import MessageRefusedError, MessageValidator
 from robotether_server.relay.policy import OPERATIONS, ROSAPI_LOOKUPS
 from robotether_server.robot_settings import Level, LevelPolicy, Limits
 
@@ -122,9 +122,9 @@ HIDING = [
 ]
 
 
-def gate(level: Level, **globs: Globs) -> Gate:
+def validator(level: Level, **globs: Globs) -> MessageValidator:
     rights = LevelPolicy(**{"subscribe": Globs(["*"]), **globs}, drives=level != "observe")
-    return Gate(rights, DRIVE_TOPICS, Limits())
+    return MessageValidator(rights, DRIVE_TOPICS, Limits())
 
 
 @pytest.mark.parametrize("unclear", UNCLEAR)
@@ -134,8 +134,8 @@ def test_no_operation_hides_in_what_a_robot_cannot_parse(message, unclear):
     text = message.replace("UNCLEAR", unclear).replace("HIDDEN", HIDDEN)
     assert {"op": "publish", "topic": "/cmd_vel", "msg": {}} in run_by_rosbridge(text)
     try:
-        passed = gate("observe").check(text.encode()).data.decode()
-    except RefusedError:
+        passed = validator("observe").check(text.encode()).data.decode()
+    except MessageRefusedError:
         return
     assert [operation["op"] for operation in run_by_rosbridge(passed, 2)] == [
         json.loads(text)["op"]
@@ -147,8 +147,8 @@ def test_no_command_hides_in_what_a_driver_publishes(unclear):
     """A message whose inside a robot could not parse does not go on at all."""
     text = '{"op": "publish", "topic": "/a", "msg": {"a": UNCLEAR, "b": HIDDEN}}'
     text = text.replace("UNCLEAR", unclear).replace("HIDDEN", HIDDEN)
-    with pytest.raises(RefusedError):
-        gate("manage", publish=Globs(["*"])).check(text.encode())
+    with pytest.raises(MessageRefusedError):
+        validator("manage", publish=Globs(["*"])).check(text.encode())
 
 
 NAME_LETTERS = "ab/_*~ .#"
@@ -205,10 +205,10 @@ def as_textbook(globs: list[str], name: str) -> bool:
 @given(st.data(), st.sampled_from(["observe", "drive"]), messages(), RIGHTS)
 def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
     """In whatever spelling: a full name that the level's globs match, and only fields of the list."""
-    at = gate(level, **{right: Globs(globs) for right, globs in rights.items()})
+    at = validator(level, **{right: Globs(globs) for right, globs in rights.items()})
     try:
         checked = at.check(data.draw(spelled(message)))
-    except RefusedError:
+    except MessageRefusedError:
         return
     entry = OPERATIONS[checked.operation]
     if entry.own:
@@ -235,10 +235,10 @@ def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
 def test_what_is_written_passes_again_as_it_is(message):
     """It is read as the same operation with the same fields."""
     everything = {right: Globs(["*"]) for right in ("subscribe", "publish", "call", "serve")}
-    at = gate("manage", **everything)
+    at = validator("manage", **everything)
     try:
         checked = at.check(json.dumps(message).encode())
-    except RefusedError:
+    except MessageRefusedError:
         return
     if checked.own is None:
         assert at.check(checked.data) == checked._replace(
@@ -251,12 +251,12 @@ def test_what_is_written_passes_again_as_it_is(message):
     messages(),
     st.sampled_from(["/rosapi/topics", "/rosapi/set_param", "/reset"]),
 )
-def test_whatever_an_observer_sends_means_one_thing(operation, others, service):
+def test_whatever_an_observer_sends_context_one_thing(operation, others, service):
     """What passes is one flat message that the strictest parser reads, of the checked operation."""
     message = {"topic": "/a", **others, "service": service, "op": operation}
     try:
-        passed = gate("observe").check(json.dumps(message).encode()).data.decode()
-    except RefusedError:
+        passed = validator("observe").check(json.dumps(message).encode()).data.decode()
+    except MessageRefusedError:
         return
     (run,) = run_by_rosbridge(passed, 2)
     assert run == json.loads(passed)

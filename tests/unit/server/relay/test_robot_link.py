@@ -10,7 +10,7 @@ import pytest
 from fake_robot import HOST
 from local_network import free_port
 from relay_clients import configured, ended
-from relay_server import FAST, MemoryRecords, RelayServer, until
+from relay_server import FAST, MemoryDatabase, RelayServer, until
 from robotether_server.relay.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
 from robotether_server.store.fleet import Robot
@@ -21,10 +21,10 @@ def presence(relay: RelayServer, robot: Robot) -> Presence:
     return relay.relay.registry.presence(robot.id)
 
 
-async def give_shell(relay: RelayServer, records: MemoryRecords, robot: Robot) -> Robot:
+async def give_shell(relay: RelayServer, memory_database: MemoryDatabase, robot: Robot) -> Robot:
     """Switch the robot's shell on, and wait until the relay knows."""
-    with_shell = replace(records.robots[robot.id], shell_port=free_port())
-    records.robots = {robot.id: with_shell}
+    with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
+    memory_database.robots = {robot.id: with_shell}
     await until(lambda: relay.relay.fleet.known.robots[robot.id] == with_shell, "it is known")
     return with_shell
 
@@ -52,13 +52,13 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
 
 @pytest.mark.parametrize("kind", ["media", "shell"])
 async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
-    relay, sim1, records, connect, kind
+    relay, sim1, memory_database, connect, kind
 ):
     """Only the session says that a robot is online."""
-    await give_shell(relay, records, sim1)
+    await give_shell(relay, memory_database, sim1)
     await configured(await connect(kind))
     assert not presence(relay, sim1).online
-    assert records.sessions() == []
+    assert memory_database.sessions() == []
 
 
 async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
@@ -91,50 +91,52 @@ async def test_a_version_that_nothing_can_keep_ends_the_session(relay, sim1, con
     assert await ended(session) == "protocol_error"
 
 
-async def test_new_ports_end_a_live_session(relay, sim1, records, connect):
+async def test_new_ports_end_a_live_session(relay, sim1, memory_database, connect):
     """New ports need a new SSH login, so the session ends with ports_changed."""
     session = await configured(await connect())
-    records.robots = {sim1.id: replace(sim1, ros_port=sim1.ros_port + 1)}
+    memory_database.robots = {sim1.id: replace(sim1, ros_port=sim1.ros_port + 1)}
     assert await ended(session) == "ports_changed"
 
 
-async def test_a_new_name_is_told_on_the_same_session(relay, sim1, records, connect):
+async def test_a_new_name_is_told_on_the_same_session(relay, sim1, memory_database, connect):
     """Renaming reaches the agent as a new configuration line."""
     session = await configured(await connect())
-    records.robots = {sim1.id: replace(sim1, name="turtle")}
+    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
     await until(lambda: len(session.configs) == 2, "the new name is told")
     assert session.configs[1]["robot"] == "turtle"
     assert session.bye is None
 
 
 async def test_a_first_shell_port_and_a_wish_for_a_key_are_told_on_the_same_session(
-    relay, sim1, records, connect
+    relay, sim1, memory_database, connect
 ):
     """Both reach the agent as a new configuration line; nothing ends."""
     session = await configured(await connect())
-    with_shell = await give_shell(relay, records, sim1)
+    with_shell = await give_shell(relay, memory_database, sim1)
     await until(lambda: len(session.configs) == 2, "the shell port is told")
     assert session.configs[1]["shell_port"] == with_shell.shell_port
-    records.robots = {sim1.id: replace(with_shell, rotate_key=True)}
+    memory_database.robots = {sim1.id: replace(with_shell, rotate_key=True)}
     await until(lambda: len(session.configs) == 3, "the wish is told")
     assert session.configs[2]["rotate_key"] is True
     assert session.bye is None
 
 
-async def test_a_shell_port_that_is_taken_away_ends_every_link(relay, sim1, records, connect):
+async def test_a_shell_port_that_is_taken_away_ends_every_link(
+    relay, sim1, memory_database, connect
+):
     """An old login may listen on it still: the shell hears that it is off, the others connect again."""
-    await give_shell(relay, records, sim1)
+    await give_shell(relay, memory_database, sim1)
     links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
-    records.robots = {sim1.id: sim1}
+    memory_database.robots = {sim1.id: sim1}
     codes = [await ended(link) for link in links]
     assert codes == ["ports_changed", "ports_changed", "shell_off"]
 
 
-async def test_a_shell_port_that_moves_ends_every_link(relay, sim1, records, connect):
+async def test_a_shell_port_that_moves_ends_every_link(relay, sim1, memory_database, connect):
     """The shell, too, can come again, on its new port."""
-    with_shell = await give_shell(relay, records, sim1)
+    with_shell = await give_shell(relay, memory_database, sim1)
     links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
-    records.robots = {sim1.id: replace(with_shell, shell_port=free_port())}
+    memory_database.robots = {sim1.id: replace(with_shell, shell_port=free_port())}
     assert [await ended(link) for link in links] == ["ports_changed"] * 3
 
 
@@ -143,9 +145,9 @@ async def test_a_shell_that_is_off_takes_no_link(connect):
     assert await ended(await connect("shell")) == "shell_off"
 
 
-async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, records, connect):
+async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_database, connect):
     """As with the other ports: who holds it would get the people who look for this robot."""
-    with_shell = await give_shell(relay, records, sim1)
+    with_shell = await give_shell(relay, memory_database, sim1)
     holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, with_shell.shell_port)
     try:
         assert await ended(await connect("shell")) == "port_taken"
@@ -155,12 +157,12 @@ async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, records
 
 
 async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
-    relay, robot, sim1, records, connect
+    relay, robot, sim1, memory_database, connect
 ):
     """The agent opens its forwards on the configuration, so a new name waits with the rest of it."""
     robot.mode = "port_taken"
     waiting = await connect()
-    records.robots = {sim1.id: replace(sim1, name="turtle")}
+    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
     await until(lambda: "turtle" in relay.relay.fleet.known.by_name, "the name is known")
     assert waiting.configs == []
     await robot._close_ports()
@@ -168,9 +170,11 @@ async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
     assert [config["robot"] for config in waiting.configs] == ["turtle"]
 
 
-async def test_what_answers_behind_the_ports_is_told_on_request(relay, robot, sim1, records):
+async def test_what_answers_behind_the_ports_is_told_on_request(
+    relay, robot, sim1, memory_database
+):
     """The relay tries the forwards from its own side, and says what it found."""
-    with_shell = await give_shell(relay, records, sim1)
+    with_shell = await give_shell(relay, memory_database, sim1)
     robot.session.send(type="check")
     await until(lambda: robot.session.checked, "the answer is there")
     assert robot.session.checked == [
@@ -321,14 +325,14 @@ async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
     assert not presence(relay, sim1).online
 
 
-async def test_a_cut_session_is_offline_at_once(relay, sim1, records, connect):
+async def test_a_cut_session_is_offline_at_once(relay, sim1, memory_database, connect):
     """A session that just ends makes the robot offline, and its row gets an end."""
     session = await configured(await connect())
     await session.close()
     await until(lambda: not presence(relay, sim1).online, "it is offline", within_s=0.5)
-    await until(lambda: records.sessions()[0].ended_at is not None, "the row has an end")
-    assert records.sessions()[0].end_code == "link_lost"
-    assert records.sessions()[0].address == "198.51.100.7"
+    await until(lambda: memory_database.sessions()[0].ended_at is not None, "the row has an end")
+    assert memory_database.sessions()[0].end_code == "link_lost"
+    assert memory_database.sessions()[0].address == "198.51.100.7"
 
 
 async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect, monkeypatch):
@@ -353,11 +357,13 @@ async def test_each_session_has_its_own_guard_key(relay, connect):
     assert min(map(len, keys)) >= 40
 
 
-async def test_new_guard_settings_come_as_another_configuration(relay, sim1, records, connect):
+async def test_new_guard_settings_come_as_another_configuration(
+    relay, sim1, memory_database, connect
+):
     """With the same key, on the same connection."""
     session = await configured(await connect())
     settings = parse({"guard": {"max_speed_m_s": 0.5}})
-    records.robots = {sim1.id: replace(sim1, settings=settings)}
+    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
     await until(lambda: len(session.configs) == 2, "the robot is told")
     assert session.configs[1]["guard"] == session.configs[0]["guard"] | {"max_speed_m_s": 0.5}
 

@@ -35,10 +35,10 @@ async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tupl
         return answer.status, problem["code"]
 
 
-async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, records, monkeypatch):
+async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_database, monkeypatch):
     """Each kind of bad ticket is refused over HTTP with its own code."""
-    other = records.add_robot(8, "sim2", u1="observe")
-    hidden = records.add_robot(9, "sim3")
+    other = memory_database.add_robot(8, "sim2", u1="observe")
+    hidden = memory_database.add_robot(9, "sim3")
     await until(lambda: 9 in relay.relay.fleet.known.robots, "the relay knows all robots")
     good = relay.ticket(sim1)
     base = f"{relay.url}/robots/sim1/ros"
@@ -83,9 +83,11 @@ async def test_a_ticket_opens_one_connection(relay, robot, sim1, http):
 
 
 @pytest.mark.parametrize("granted", ["drive", "manage"])
-async def test_an_observing_connection_only_observes(*, relay, robot, sim1, http, records, granted):
+async def test_an_observing_connection_only_observes(
+    *, relay, robot, sim1, http, memory_database, granted
+):
     """Whatever its user may do: the ticket's mode is what the connection is for."""
-    records.grants[1, sim1.id] = granted
+    memory_database.grants[1, sim1.id] = granted
     await relay.relay.fleet.poll()
     async with http.ws_connect(relay.ros_url(sim1, "observe")) as socket:
         await socket.send_str(PUBLISH)
@@ -170,24 +172,26 @@ async def test_a_lost_tunnel_ends_its_connections_at_once(relay, robot, sim1, ht
         assert stopwatch.s < 0.25
 
 
-async def test_ended_rights_end_the_connection(relay, robot, sim1, http, records):
+async def test_ended_rights_end_the_connection(relay, robot, sim1, http, memory_database):
     """Taking a grant away closes with 4001; another user's connection goes on."""
     async with (
         http.ws_connect(relay.ros_url(sim1)) as socket,
         http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
     ):
         await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
-        del records.grants[1, sim1.id]
+        del memory_database.grants[1, sim1.id]
         assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
         await other.send_json({"op": "subscribe", "topic": "/a"})
         assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
 
 
-async def test_a_driver_who_may_only_observe_now_is_ended(relay, robot, sim1, http, records):
+async def test_a_driver_who_may_only_observe_now_is_ended(
+    relay, robot, sim1, http, memory_database
+):
     """A grant lowered from drive to observe ends the drive connection."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
-        records.grants[1, sim1.id] = "observe"
+        memory_database.grants[1, sim1.id] = "observe"
         assert (await closing(socket))[0] == 4001
 
 
@@ -213,18 +217,18 @@ async def test_too_many_connections_are_told_so(relay, robot, sim1, http):
 @pytest.mark.parametrize("mode", ["observe", "drive"])
 @pytest.mark.parametrize("kind", ["login", "token"])
 async def test_what_a_credential_opened_ends_with_it(
-    *, relay, robot, sim1, http, records, mode, kind
+    *, relay, robot, sim1, http, memory_database, mode, kind
 ):
     """Logging out or deleting the token closes with 4001; the same user's other login goes on."""
     other_mode = "observe" if mode == "drive" else "drive"
-    gone = credential_of(kind, records.add_credential(kind, ANN))
+    gone = credential_of(kind, memory_database.add_credential(kind, ANN))
     async with (
         http.ws_connect(relay.ros_url(sim1, mode, ANN, gone)) as socket,
         http.ws_connect(relay.ros_url(sim1, other_mode, ANN)) as other,
     ):
         await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
         await relay.relay.fleet.poll()
-        del records.credentials[gone]
+        del memory_database.credentials[gone]
         assert (await closing(socket))[0] == 4001
         await other.send_json({"op": "subscribe", "topic": "/a"})
         assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
@@ -245,32 +249,32 @@ async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
     ],
 )
 async def test_a_drive_begins_only_with_a_credential_that_holds_now(
-    *, records, sim1, http, down, code, reason
+    *, memory_database, sim1, http, down, code, reason
 ):
     """The relay has not yet read that the token is gone, and asks before the lease begins."""
     seldom = replace(FAST, poll_every_s=60)
-    async with running_relay(records, seldom) as relay:
+    async with running_relay(memory_database, seldom) as relay:
         robot = await misbehaving(relay, sim1, "guarded")
         await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is well")
-        token = credential_of("token", records.add_credential("token", User(1, "ann")))
+        token = credential_of("token", memory_database.add_credential("token", User(1, "ann")))
         url = relay.ros_url(sim1, credential=token)
-        del records.credentials[token]
-        records.down = down
+        del memory_database.credentials[token]
+        memory_database.down = down
         async with http.ws_connect(url) as socket:
             assert await closing(socket) == (code, reason)
-        assert records.fences == {}
-        records.down = False
+        assert memory_database.fences == {}
+        memory_database.down = False
         await robot.stop()
 
 
 async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
-    *, relay, robot, sim1, http, records, monkeypatch
+    *, relay, robot, sim1, http, memory_database, monkeypatch
 ):
     """Nothing may slip in between the check of the grant and the watch on it."""
     really_open = OperatorSocket.open
 
     async def open_late(self: OperatorSocket, request: web.Request) -> None:
-        del records.grants[1, sim1.id]
+        del memory_database.grants[1, sim1.id]
         await relay.relay.fleet.poll()
         await really_open(self, request)
 
@@ -280,10 +284,10 @@ async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
     assert robot.clients_ever == 0
 
 
-async def test_open_connections_go_on_without_a_database(relay, robot, sim1, http, records):
+async def test_open_connections_go_on_without_a_database(relay, robot, sim1, http, memory_database):
     """With the database away an open connection goes on, and a ticket still lets one observe."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        records.down = True
+        memory_database.down = True
         await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH
@@ -292,24 +296,24 @@ async def test_open_connections_go_on_without_a_database(relay, robot, sim1, htt
             assert await second.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
 
 
-async def test_drive_connections_are_in_the_audit_log(relay, robot, sim1, http, records):
+async def test_drive_connections_are_in_the_audit_log(relay, robot, sim1, http, memory_database):
     """Beginning and end of a drive connection are written with user, robot and address."""
     async with http.ws_connect(relay.ros_url(sim1), headers={"X-Forwarded-For": "203.0.113.9"}):
         await until(lambda: robot.clients, "the operator has reached rosbridge")
-    await until(lambda: len(audit_lines(records)) == 2, "both lines are written")
-    began, ended = audit_lines(records)
+    await until(lambda: len(audit_lines(memory_database)) == 2, "both lines are written")
+    began, ended = audit_lines(memory_database)
     assert (began.kind, began.actor, began.robot) == ("drive_started", "ann", "sim1")
     assert began.address == "203.0.113.9"
     assert (ended.kind, ended.details["end_code"]) == ("drive_ended", "client_left")
 
 
-async def test_waiting_for_an_offline_robot_is_no_driving(relay, sim1, http, records):
+async def test_waiting_for_an_offline_robot_is_no_driving(relay, sim1, http, memory_database):
     """A page that tries again and again leaves no audit lines, and is shown to nobody."""
-    with relay.relay.board.followed_by(1) as feed:
-        feed.first()
+    with relay.relay.fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
         for _ in range(3):
             async with http.ws_connect(relay.ros_url(sim1)) as socket:
                 assert (await closing(socket))[0] == 4503
-        assert feed.take() == []
-    await relay.relay.journal.flush(5)
-    assert audit_lines(records) == []
+        assert subscriber.pop_events() == []
+    await relay.relay.event_writer.flush(5)
+    assert audit_lines(memory_database) == []

@@ -47,35 +47,35 @@ async def test_an_unknown_robot_is_told(relay, connect):
     assert await ended(await connect(robot_id=999)) == "robot_unknown"
 
 
-async def test_a_robot_newer_than_the_last_poll_is_let_in(records):
+async def test_a_robot_newer_than_the_last_poll_is_let_in(memory_database):
     """A robot that was approved a moment ago is looked up again instead of being turned away."""
-    async with running_relay(records, Timing(poll_every_s=3600)) as relay:
-        records.add_robot(8, "sim8")
+    async with running_relay(memory_database, Timing(poll_every_s=3600)) as relay:
+        memory_database.add_robot(8, "sim8")
         session = RobotSession(8, kind="session", session_key=SESSION_KEY)
         await session.connect(relay.relay.session_port)
         await configured(session)
         await session.close()
 
 
-async def test_a_disabled_robot_is_told(relay, sim1, records, connect):
+async def test_a_disabled_robot_is_told(relay, sim1, memory_database, connect):
     """A robot that was disabled before it connects hears robot_disabled."""
-    records.robots = {sim1.id: replace(sim1, state="disabled")}
+    memory_database.robots = {sim1.id: replace(sim1, state="disabled")}
     await until(lambda: relay.relay.fleet.known.robots[7].state == "disabled", "it is known")
     assert await ended(await connect()) == "robot_disabled"
 
 
-async def test_disabling_ends_a_live_session(relay, sim1, records, connect):
+async def test_disabling_ends_a_live_session(relay, sim1, memory_database, connect):
     """Disabling a robot ends session and media with robot_disabled."""
     session, media = await configured(await connect()), await connect("media")
-    records.robots = {sim1.id: replace(sim1, state="disabled")}
+    memory_database.robots = {sim1.id: replace(sim1, state="disabled")}
     assert await ended(session) == "robot_disabled"
     assert await ended(media) == "robot_disabled"
     assert not presence(relay, sim1).online
 
 
-async def test_another_key_is_told(relay, sim1, records, connect):
+async def test_another_key_is_told(relay, sim1, memory_database, connect):
     """Only the robot's key and the one that it rotated from may come in."""
-    records.robots = {
+    memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
     }
     await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
@@ -85,18 +85,18 @@ async def test_another_key_is_told(relay, sim1, records, connect):
 
 
 async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
-    relay, sim1, records, connect
+    relay, sim1, memory_database, connect
 ):
     """A link lives on through one rotation; another key in the row ends it."""
-    records.robots = {sim1.id: replace(sim1, fingerprint="SHA256:a")}
+    memory_database.robots = {sim1.id: replace(sim1, fingerprint="SHA256:a")}
     await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:a", "it is known")
     links = [await configured(await connect(kind, fingerprint="SHA256:a")) for kind in KINDS]
-    records.robots = {
+    memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
     }
     await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
     assert [link.bye for link in links] == [None, None]
-    records.robots = {
+    memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:c", previous_fingerprint="SHA256:b")
     }
     assert [await ended(link) for link in links] == ["key_changed"] * 2
@@ -109,17 +109,17 @@ async def test_a_login_from_before_a_move_of_ports_is_told(sim1, connect):
     assert await ended(await connect(ports=(*theirs, 24000))) == "ports_changed"
 
 
-async def test_removing_ends_a_live_session(relay, records, connect):
+async def test_removing_ends_a_live_session(relay, memory_database, connect):
     """A robot whose row is gone hears robot_unknown."""
     session = await configured(await connect())
-    records.robots = {}
+    memory_database.robots = {}
     assert await ended(session) == "robot_unknown"
 
 
-async def test_a_relay_that_has_never_read_the_records_says_so(records):
+async def test_a_relay_that_has_never_read_the_database_says_so(memory_database):
     """Without a first snapshot a robot hears not_ready, and comes again."""
-    records.down = True
-    async with running_relay(records) as relay:
+    memory_database.down = True
+    async with running_relay(memory_database) as relay:
         session = RobotSession(7, kind="session", session_key=SESSION_KEY)
         await session.connect(relay.relay.session_port)
         assert await ended(session) == "not_ready"

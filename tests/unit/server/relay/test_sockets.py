@@ -16,11 +16,11 @@ from fake_robot import HOST, WAIT_S
 from relay_clients import closing
 from relay_server import until
 from robotether_server.relay import sockets as module
-from robotether_server.relay.endings import Ending
-from robotether_server.relay.pictures import WHOLE_BINARY, frame_header
+from robotether_server.relay.close_reasons import CloseReason
+from robotether_server.relay.frame_protocol import WHOLE_BINARY, websocket_header
 from robotether_server.relay.sockets import NEVER_SENT, OperatorSocket, RobotSocket, ViewerSocket
 
-OFFLINE = Ending(4503, "robot_offline", "robot sim1 is offline")
+OFFLINE = CloseReason(4503, "robot_offline", "robot sim1 is offline")
 CLOSE_FRAME = struct.pack("!H", 1000)
 
 Talk = Callable[[OperatorSocket], Awaitable[None]]
@@ -88,7 +88,7 @@ async def test_nobody_but_finish_says_goodbye(operator):
 
 async def test_a_code_that_is_never_sent_cuts(operator):
     """A connection that broke is ended without a frame."""
-    async with operator(lambda socket: socket.finish(Ending(NEVER_SENT, "x", "x"))) as client:
+    async with operator(lambda socket: socket.finish(CloseReason(NEVER_SENT, "x", "x"))) as client:
         message = await client.receive(timeout=WAIT_S)
         assert message.type is not WSMsgType.CLOSE
         assert client.close_code == NEVER_SENT
@@ -203,8 +203,8 @@ async def test_a_broken_socket_gives_its_connection_back():
 
 async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(http):
     """A frame that is written already arrives as it is; what is not taken waits here, and little in the system."""
-    picture = b"x" * 8_000_000
-    frame = frame_header(WHOLE_BINARY, len(picture)) + picture
+    data = b"x" * 8_000_000
+    message = websocket_header(WHOLE_BINARY, len(data)) + data
     waited: list[int] = []
 
     async def handle(request: web.Request) -> ViewerSocket:
@@ -213,7 +213,7 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
         own = request.transport.get_extra_info("socket")
         assert own.getsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT) == module.UNSENT_BYTES
         assert request.transport.get_write_buffer_limits() == (0, 0)
-        socket.write_frame(frame)
+        socket.write_message(message)
         waited.append(socket.waiting_bytes())
         await socket.drained()
         waited.append(socket.waiting_bytes())
@@ -227,7 +227,7 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
         transport_of(client).pause_reading()
         await until(lambda: waited, "it is written")
         transport_of(client).resume_reading()
-        assert (await client.receive(timeout=WAIT_S)).data == picture
+        assert (await client.receive(timeout=WAIT_S)).data == data
         assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
     assert waited[0] > 0
     assert waited[1] == 0

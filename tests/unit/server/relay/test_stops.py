@@ -26,7 +26,9 @@ def orders(robot: FakeRobot) -> list[str]:
     return [order["type"] for order in robot.session.orders]
 
 
-async def test_a_stop_ends_the_drive_and_reaches_the_guard(relay, guarded, sim1, http, records):
+async def test_a_stop_ends_the_drive_and_reaches_the_guard(
+    relay, guarded, sim1, http, memory_database
+):
     """The driver hears 4003 with a name, the guard has it, and the row is written."""
     stops = relay.relay.control.stops
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
@@ -40,8 +42,12 @@ async def test_a_stop_ends_the_drive_and_reaches_the_guard(relay, guarded, sim1,
     assert reason.startswith("ben stopped sim1 at ")
     assert control(relay, sim1)["stopped"]["confirmed"] is True
     assert guarded.session.stopped_by == "ben"
-    await until(lambda: [e for e in records.written if isinstance(e, StopEntry)], "it is written")
-    await until(lambda: "robot_stopped" in {e.kind for e in audit_lines(records)}, "so is the log")
+    await until(
+        lambda: [e for e in memory_database.written if isinstance(e, StopEntry)], "it is written"
+    )
+    await until(
+        lambda: "robot_stopped" in {e.kind for e in audit_lines(memory_database)}, "so is the log"
+    )
 
 
 async def test_nobody_drives_a_stopped_robot(relay, guarded, sim1, http):
@@ -53,7 +59,7 @@ async def test_nobody_drives_a_stopped_robot(relay, guarded, sim1, http):
         await guarded.connections(1)
 
 
-async def test_a_release_needs_the_guard(relay, guarded, sim1, http, records):
+async def test_a_release_needs_the_guard(relay, guarded, sim1, http, memory_database):
     """Once the guard confirmed it, people drive again."""
     stops = relay.relay.control.stops
     stops.stop(sim1, "ben")
@@ -62,7 +68,7 @@ async def test_a_release_needs_the_guard(relay, guarded, sim1, http, records):
     assert orders(guarded) == ["stop", "release"]
     async with http.ws_connect(relay.ros_url(sim1)):
         await until(lambda: relay.relay.control.driver(sim1.id) == "ann", "ann drives")
-    entry = next(e for e in records.written if isinstance(e, StopEntry))
+    entry = next(e for e in memory_database.written if isinstance(e, StopEntry))
     assert entry.stop is None
 
 
@@ -114,7 +120,7 @@ async def test_a_stop_behind_the_answer_to_a_release_wins(relay, sim1):
     release = asyncio.create_task(stops.release(sim1, "ann"))
     await until(lambda: "release" in orders(robot), "the release is on its way")
     answers = next(each["id"] for each in robot.session.orders if each["type"] == "release")
-    registry.heard_guard(registry.session_of(7), GuardReport(state="ready"), answers)
+    registry.on_guard_status(registry.session_of(7), GuardReport(state="ready"), answers)
     stops.stop(sim1, "carl")
     with pytest.raises(NotPossible, match="carl has stopped it again"):
         await release
@@ -144,7 +150,7 @@ async def test_a_release_that_is_given_up_leaves_a_stop_that_is_repeated(relay, 
     await robot.stop()
 
 
-async def test_who_stops_without_end_does_not_fill_the_session(relay, sim1, records):
+async def test_who_stops_without_end_does_not_fill_the_session(relay, sim1, memory_database):
     """A session that is full would end, and the robot were offline; nor does it fill the log."""
     robot, stops = await misbehaving(relay, sim1, "guard_silent"), relay.relay.control.stops
     await until(lambda: relay.relay.registry.presence(7).guard == "ready", "the guard is known")
@@ -159,7 +165,7 @@ async def test_who_stops_without_end_does_not_fill_the_session(relay, sim1, reco
     await until(lambda: orders(robot)[-1] == "stop", "the last stop is told")
     assert len(orders(robot)) < 10
     await until(
-        lambda: len([e for e in audit_lines(records) if e.kind == "robot_stopped"]) == 2, ""
+        lambda: len([e for e in audit_lines(memory_database) if e.kind == "robot_stopped"]) == 2, ""
     )
     await robot.stop()
 
@@ -177,7 +183,7 @@ async def test_an_offline_robot_is_stopped_when_it_comes(relay, sim1):
     await robot.stop()
 
 
-async def test_a_robot_that_comes_back_stopped_is_stopped_here(relay, sim1, http, records):
+async def test_a_robot_that_comes_back_stopped_is_stopped_here(relay, sim1, http, memory_database):
     """Its own latch makes the server's."""
     robot = await misbehaving(relay, sim1, "comes_back_stopped")
     await until(lambda: relay.relay.control.stops.of(sim1.id), "it is stopped")
@@ -192,7 +198,7 @@ async def test_a_name_that_only_a_robot_tells_is_shown_as_such(relay, guarded, s
     """Nobody's deed is made up by a robot; a name that went to it and came back stays as it was."""
     stops = relay.relay.control.stops
     guarded.session.stopped, guarded.session.stopped_by = True, name
-    guarded.session.tell_guard()
+    guarded.session.send_guard_status()
     await until(lambda: stops.of(sim1.id), "it is stopped")
     shown = control(relay, sim1)["stopped"]["by"]
     assert shown.startswith("somebody at the robot (b")
@@ -213,21 +219,23 @@ async def test_a_robot_without_a_guard_is_stopped_here_alone(relay, robot, sim1,
 
 
 async def test_a_stop_without_a_database_is_written_when_it_comes_back(
-    relay, guarded, sim1, records
+    relay, guarded, sim1, memory_database
 ):
     """It holds at once, and its row follows."""
-    records.down = True
+    memory_database.down = True
     relay.relay.control.stops.stop(sim1, "ben")
     assert await relay.relay.control.stops.confirmation(sim1.id)
-    assert [e for e in records.written if isinstance(e, StopEntry)] == []
-    records.down = False
-    await until(lambda: [e for e in records.written if isinstance(e, StopEntry)], "it is written")
+    assert [e for e in memory_database.written if isinstance(e, StopEntry)] == []
+    memory_database.down = False
+    await until(
+        lambda: [e for e in memory_database.written if isinstance(e, StopEntry)], "it is written"
+    )
 
 
-async def test_a_relay_knows_stops_before_it_serves(records, sim1):
+async def test_a_relay_knows_stops_before_it_serves(memory_database, sim1):
     """What the relay before it kept is in force from the first request on."""
-    records.stops = [Stop(sim1.id, NOON, "ben")]
-    async with running_relay(records) as server:
+    memory_database.stops = [Stop(sim1.id, NOON, "ben")]
+    async with running_relay(memory_database) as server:
         assert server.relay.control.stops.of(sim1.id).by == "ben"
         robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
         await robot.start(server.relay.session_port)
@@ -235,7 +243,7 @@ async def test_a_relay_knows_stops_before_it_serves(records, sim1):
         await robot.stop()
 
 
-async def test_who_stops_once_more_changes_nothing(relay, guarded, sim1, records):
+async def test_who_stops_once_more_changes_nothing(relay, guarded, sim1, memory_database):
     """It is one stop, with one line in the audit log."""
     stops = relay.relay.control.stops
     stops.stop(sim1, "ben")
@@ -244,11 +252,13 @@ async def test_who_stops_once_more_changes_nothing(relay, guarded, sim1, records
     stops.stop(sim1, "ben", reason="again")
     assert stops.of(sim1.id) is before
     assert orders(guarded) == ["stop"]
-    await relay.relay.journal.flush(5)
-    assert [e.kind for e in audit_lines(records)] == ["robot_stopped"]
+    await relay.relay.event_writer.flush(5)
+    assert [e.kind for e in audit_lines(memory_database)] == ["robot_stopped"]
 
 
-async def test_another_persons_stop_takes_the_place_of_the_first(relay, guarded, sim1, records):
+async def test_another_persons_stop_takes_the_place_of_the_first(
+    relay, guarded, sim1, memory_database
+):
     """Its name stands in the control object, the row, the audit log and the guard."""
     stops = relay.relay.control.stops
     stops.stop(sim1, "ann")
@@ -257,9 +267,9 @@ async def test_another_persons_stop_takes_the_place_of_the_first(relay, guarded,
     shown = control(relay, sim1)["stopped"]
     assert (shown["by"], shown["confirmed"]) == ("ben", True)
     await until(lambda: guarded.session.stopped_by == "ben", "the guard has the newest name")
-    await relay.relay.journal.flush(5)
-    assert next(e for e in records.written if isinstance(e, StopEntry)).stop.by == "ben"
-    told = [(e.actor, e.kind, e.details) for e in audit_lines(records)]
+    await relay.relay.event_writer.flush(5)
+    assert next(e for e in memory_database.written if isinstance(e, StopEntry)).stop.by == "ben"
+    told = [(e.actor, e.kind, e.details) for e in audit_lines(memory_database)]
     assert told == [
         ("ann", "robot_stopped", {}),
         ("ben", "robot_stopped", {"reason": "smoke"}),
@@ -279,7 +289,9 @@ async def test_one_press_on_two_ways_does_not_hide_a_stop_between_them(
     assert stops.of(sim1.id).by == "ann"
 
 
-async def test_two_who_stop_without_end_do_not_fill_the_session(relay, guarded, sim1, records):
+async def test_two_who_stop_without_end_do_not_fill_the_session(
+    relay, guarded, sim1, memory_database
+):
     """Each counts once in a while, however often both stop; a release lets both begin anew."""
     stops = relay.relay.control.stops
     for _ in range(500):

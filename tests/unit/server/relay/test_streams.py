@@ -18,7 +18,7 @@ def video_url(relay, robot, rest: str) -> str:
     return f"{relay.url}/robots/{robot.name}/video/{rest}"
 
 
-async def head_and_picture(
+async def head_and_frame(
     answer: aiohttp.ClientResponse, size: int = len(JPEG)
 ) -> tuple[dict[str, str], bytes]:
     """Read one part and the boundary behind it."""
@@ -26,11 +26,11 @@ async def head_and_picture(
         lines = (await answer.content.readuntil(b"\r\n\r\n")).decode().split("\r\n")
         headers = dict(line.split(": ") for line in lines if ": " in line)
         assert int(headers["Content-Length"]) == size
-        picture = await answer.content.readexactly(size)
+        frame = await answer.content.readexactly(size)
         boundary = answer.headers["Content-Type"].partition("boundary=")[2]
         assert await answer.content.readuntil(b"\n") == b"\r\n"
         assert await answer.content.readuntil(b"\n") == f"--{boundary}\r\n".encode()
-    return headers, picture
+    return headers, frame
 
 
 async def showing(camera) -> None:
@@ -60,17 +60,17 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
         await answer.content.readuntil(b"\r\n")
         numbers = []
         for _ in range(3):
-            headers, picture = await head_and_picture(answer)
-            assert picture == JPEG
+            headers, frame = await head_and_frame(answer)
+            assert frame == JPEG
             assert 0 <= time.time() - float(headers["X-Timestamp"]) < 1
             numbers.append(int(headers["X-Number"]))
         assert sorted(set(numbers)) == numbers
     assert on_air.topics == ["/a"]
     assert robot.video_requests == []
     await until(lambda: not on_air.connections, "the feed is closed")
-    delivered = relay.relay.deliveries.of(7, ANN.id)
-    assert delivered.pictures >= 3
-    assert delivered.bytes == delivered.pictures * len(JPEG)
+    delivered = relay.relay.viewer_stats.of(7, ANN.id)
+    assert delivered.frames >= 3
+    assert delivered.bytes == delivered.frames * len(JPEG)
 
 
 async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_air, watch):
@@ -79,9 +79,9 @@ async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_a
     url = video_url(relay, sim1, "stream?topic=/a&quality=35&width=320&height=240")
     async with http.get(url, headers=login) as answer:
         await answer.content.readuntil(b"\r\n")
-        await head_and_picture(answer)
+        await head_and_frame(answer)
         await viewer.credit()
-        assert (await viewer.picture()).jpeg == JPEG
+        assert (await viewer.frame()).jpeg == JPEG
     assert on_air.topics == ["/a"]
 
 
@@ -90,7 +90,7 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
     url = video_url(relay, sim1, "stream?topic=/a&quality=15&width=320&height=240")
     async with http.get(url, headers=login) as answer:
         assert answer.status == 200
-    await on_air.heard("want", quality_min=15, quality_max=15, width=320, height=240)
+    await on_air.wait_for("want", quality_min=15, quality_max=15, width=320, height=240)
 
 
 @pytest.mark.parametrize(
@@ -141,15 +141,15 @@ async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
         assert await answer.read() == b""
 
 
-async def test_a_camera_without_a_picture_is_video_down(
+async def test_a_camera_without_a_frame_is_video_down(
     *, relay, sim1, http, login, camera, monkeypatch
 ):
     """502 with what the robot says of it, and no answer that never begins."""
-    monkeypatch.setattr("robotether_server.relay.streams.FIRST_PICTURE_WITHIN_S", 0.5)
+    monkeypatch.setattr("robotether_server.relay.streams.FIRST_FRAME_WITHIN_S", 0.5)
     url = video_url(relay, sim1, "stream?topic=/a")
     asking = asyncio.create_task(http.get(url, headers=login))
-    await camera.heard("want")
-    await camera.tell(state="down", detail="nobody publishes /a")
+    await camera.wait_for("want")
+    await camera.send_status(state="down", detail="nobody publishes /a")
     async with await asking as answer:
         problem = await answer.json()
     assert (answer.status, problem["code"]) == (502, "video_down")
@@ -181,16 +181,16 @@ async def test_who_takes_nothing_skips_and_is_cut(
     monkeypatch.setattr("robotether_server.relay.streams.VIEWER_SLOW_AFTER_S", 0.5)
     # Under what aiohttp waits for by itself.
     viewer, large = await watch(User(2, "bob")), b"x" * 60_000
-    await camera.heard("credit")
+    await camera.wait_for("credit")
     await camera.show(large)
     await viewer.credit()
-    await viewer.picture()
+    await viewer.frame()
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         answer.connection.transport.pause_reading()
         for _ in range(100):
             await viewer.credit()
-            number = await camera.show(large)
-            assert (await viewer.picture()).number == number
-        assert relay.relay.deliveries.of(7, ANN.id).pictures <= 50
+            sequence = await camera.show(large)
+            assert (await viewer.frame()).sequence == sequence
+        assert relay.relay.viewer_stats.of(7, ANN.id).frames <= 50
         await until(lambda: relay.relay.connections.count("video") == 1, "it is cut")
         answer.close()

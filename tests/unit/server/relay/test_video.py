@@ -33,9 +33,11 @@ async def test_a_snapshot_passes_with_what_describes_it(relay, robot, sim1, http
         assert "Access-Control-Allow-Origin" not in answer.headers
 
 
-async def test_the_robot_learns_nothing_of_who_asks(*, relay, robot, sim1, http, records, login):
+async def test_the_robot_learns_nothing_of_who_asks(
+    *, relay, robot, sim1, http, memory_database, login
+):
     """Cookie, token, ticket and address stay at the relay; path and query pass as they are."""
-    token = records.add_credential("token", ANN)
+    token = memory_database.add_credential("token", ANN)
     url = video_url(relay, sim1, f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50")
     headers = login | {
         "Authorization": f"Bearer {token}",
@@ -92,10 +94,10 @@ async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
             assert answer.status == 200
 
 
-async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, records, login):
+async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, memory_database, login):
     """Each refusal of video has its status and code."""
-    records.add_robot(8, "sim2")
-    stranger = records.add_credential("token", User(9, "eve"))
+    memory_database.add_robot(8, "sim2")
+    stranger = memory_database.add_credential("token", User(9, "eve"))
     url = video_url(relay, sim1, "snapshot")
     for headers, target, expected in [
         ({}, url, (401, "login_missing")),
@@ -195,20 +197,20 @@ async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
         await _read_until_cut(answer)
 
 
-async def test_an_ended_right_ends_the_stream(*, relay, robot, sim1, http, login, records):
+async def test_an_ended_right_ends_the_stream(*, relay, robot, sim1, http, login, memory_database):
     """Taking the grant away cuts the stream."""
     async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
         await answer.content.readuntil(JPEG)
-        del records.grants[1, sim1.id]
+        del memory_database.grants[1, sim1.id]
         await _read_until_cut(answer)
 
 
-async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login, records):
+async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login, memory_database):
     """Logging out cuts the streams that the login opened."""
     async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
         await answer.content.readuntil(JPEG)
         await relay.relay.fleet.poll()
-        records.credentials.clear()
+        memory_database.credentials.clear()
         await _read_until_cut(answer)
 
 
@@ -225,12 +227,12 @@ async def test_too_many_streams_are_refused(*, relay, robot, sim1, http, login):
         assert answer.status == 200
 
 
-async def test_a_tickets_stream_ends_with_its_login(*, relay, robot, sim1, http, records):
+async def test_a_tickets_stream_ends_with_its_login(*, relay, robot, sim1, http, memory_database):
     """The stream that a ticket opened is cut when the login that asked for the ticket is over."""
     async with http.get(video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")) as answer:
         await answer.content.readuntil(JPEG)
         await relay.relay.fleet.poll()
-        records.credentials.clear()
+        memory_database.credentials.clear()
         await _read_until_cut(answer)
 
 
@@ -252,9 +254,11 @@ async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
         answer.close()
 
 
-async def test_login_video_without_a_database_says_so(*, relay, robot, sim1, http, login, records):
+async def test_login_video_without_a_database_says_so(
+    *, relay, robot, sim1, http, login, memory_database
+):
     """A login that cannot be looked up gets 503 store_unavailable; a ticket still works."""
-    records.down = True
+    memory_database.down = True
     async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
         assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
     url = video_url(relay, sim1, f"snapshot?ticket={relay.ticket(sim1)}")
@@ -262,13 +266,15 @@ async def test_login_video_without_a_database_says_so(*, relay, robot, sim1, htt
         assert answer.status == 200
 
 
-async def test_many_pictures_ask_the_database_once(*, relay, robot, sim1, http, login, records):
+async def test_many_pictures_ask_the_database_once(
+    *, relay, robot, sim1, http, login, memory_database
+):
     """A login is looked up once for the requests of a few seconds, and now and then while one is answered."""
-    before, pictures = records.lookups, 20
+    before, pictures = memory_database.lookups, 20
     for _ in range(pictures):
         async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
             assert answer.status == 200
-    assert records.lookups - before < pictures / 2
+    assert memory_database.lookups - before < pictures / 2
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.relay.feeds import Feed, FeedTraffic
-from robotether_server.relay.pictures import HEADER, Picture
+from robotether_server.relay.frame_protocol import HEADER, Frame
 from robotether_server.relay.viewers import Cursor
 
 
@@ -15,12 +15,14 @@ class Books(Feed):
         super().__init__(robot, "/a", FeedTraffic())
         self.was_taken: list[int] = []
 
-    def taken(self, number: int) -> None:
-        self.was_taken.append(number)
+    def taken(self, sequence: int) -> None:
+        self.was_taken.append(sequence)
 
-    def show(self, place: int, came_s: float = 0.0) -> Picture:
+    def show(self, position: int, received_s: float = 0.0) -> Frame:
         data = HEADER.pack(1, 0, 70, 0, 0) + b"jpeg"
-        self.newest = Picture(data, number=place, place=place, moment_s=0.0, came_s=came_s)
+        self.newest = Frame(
+            data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
+        )
         return self.newest
 
     @property
@@ -51,31 +53,31 @@ async def test_the_newest_comes_next_and_once(feed):
     assert feed.skipped == 2
 
 
-async def test_a_fresh_picture_is_shown_to_who_comes(feed):
+async def test_a_fresh_frame_is_shown_to_who_comes(feed):
     """At once, and nothing was skipped."""
-    picture = feed.show(7, came_s=10.0)
+    frame = feed.show(7, received_s=10.0)
     cursor = Cursor(feed, 10.9)
-    assert cursor.next() is picture
-    cursor.sent(picture)
+    assert cursor.next() is frame
+    cursor.sent(frame)
     assert cursor.next() is None
     assert (feed.was_taken, feed.skipped) == ([], 0)
 
 
-async def test_an_old_picture_is_given_back(feed):
+async def test_an_old_frame_is_given_back(feed):
     """Who comes waits for the next, which the robot can only send when it has credit."""
-    feed.show(7, came_s=10.0)
+    feed.show(7, received_s=10.0)
     cursor = Cursor(feed, 11.1)
     assert cursor.next() is None
     assert feed.was_taken == [7]
-    picture = feed.show(8)
-    assert cursor.next() is picture
-    cursor.sent(picture)
+    frame = feed.show(8)
+    assert cursor.next() is frame
+    cursor.sent(frame)
     assert feed.skipped == 0
 
 
-async def test_who_comes_before_a_picture_skips_what_it_did_not_take(feed):
+async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
     """Also before its first."""
-    feed.show(7, came_s=10.0)
+    feed.show(7, received_s=10.0)
     cursor = Cursor(feed, 10.5)
     feed.show(8)
     last = feed.show(9)

@@ -6,7 +6,7 @@ import inspect
 import re
 from typing import get_args
 
-from robotether_server.relay import endings
+from robotether_server.relay import close_reasons
 from robotether_server.relay.sessions import ByeCode
 from robotether_server.web.ending_texts import DRIVES, SESSIONS, drive_end, session_end
 
@@ -18,7 +18,7 @@ OF_VIDEO = {"video_down"}
 
 def test_every_ending_of_a_drive_has_words() -> None:
     """Those of the relay's own list, and no other."""
-    written = set(re.findall(r'Ending\(\s*\d+, "([a-z_]+)"', inspect.getsource(endings)))
+    written = set(re.findall(r'CloseReason\(\s*\d+, "([a-z_]+)"', inspect.getsource(close_reasons)))
     assert len(written) > 15
     assert set(DRIVES) == written - OF_VIDEO | BY_THE_NEXT_RELAY
     assert written >= OF_VIDEO

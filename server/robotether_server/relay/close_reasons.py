@@ -1,0 +1,176 @@
+"""Why an operator's connection ends: WebSocket close codes with reasons that a person can read.
+
+The table in docs/protocols.md is the contract; the short names stand in logs and metrics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+# RFC 6455: a control frame carries at most 125 bytes, two of which are the code.
+MAX_REASON_BYTES = 123
+MEGABYTE = 1024 * 1024
+
+
+@dataclass(frozen=True)
+class CloseReason:
+    """A close code, its short name, and the sentence for the operator."""
+
+    code: int
+    name: str
+    reason: str
+
+    @property
+    def reason_bytes(self) -> bytes:
+        """The reason as UTF-8 that fits a close frame, cut between characters."""
+        raw = self.reason.encode()[:MAX_REASON_BYTES]
+        return raw.decode(errors="ignore").encode()
+
+
+class ConnectionClosedError(Exception):
+    """Carries an ending out of code that connects."""
+
+    def __init__(self, close_reason: CloseReason) -> None:
+        super().__init__(close_reason.reason)
+        self.close_reason = close_reason
+
+
+def client_left(robot: str) -> CloseReason:
+    """The operator closed the connection."""
+    return CloseReason(1000, "client_left", f"connection to robot {robot} closed")
+
+
+def client_vanished(robot: str) -> CloseReason:
+    """The operator's connection broke; nobody reads this code."""
+    return CloseReason(1006, "client_vanished", f"connection to robot {robot} broke")
+
+
+def relay_stopping() -> CloseReason:
+    """The relay is asked to stop."""
+    return CloseReason(1001, "relay_stopping", "the relay is stopping; connect again in a moment")
+
+
+def message_too_big(limit_bytes: int, sender: str) -> CloseReason:
+    """Somebody sent more in one message than the limit."""
+    small = limit_bytes < MEGABYTE
+    limit = f"{limit_bytes / 1024:g} KB" if small else f"{limit_bytes / MEGABYTE:g} MB"
+    return CloseReason(1009, "message_too_big", f"{sender} sent a message over {limit}")
+
+
+def protocol_broken(sender: str) -> CloseReason:
+    """Somebody sent what is not WebSocket."""
+    return CloseReason(1002, "protocol_broken", f"{sender} broke the WebSocket protocol")
+
+
+def relay_failed() -> CloseReason:
+    """A defect of the relay; its log has the traceback."""
+    return CloseReason(1011, "relay_failed", "the relay failed; connect again, and see its log")
+
+
+def rights_ended(robot: str) -> CloseReason:
+    """Grant, user or robot went away or changed."""
+    return CloseReason(4001, "rights_ended", f"your rights on robot {robot} have ended or changed")
+
+
+def superseded(robot: str) -> CloseReason:
+    """The same user drives with a newer connection."""
+    return CloseReason(4002, "superseded", f"you drive robot {robot} with a newer connection now")
+
+
+def robot_stopped(robot: str, by: str, at: datetime) -> CloseReason:
+    """Somebody stopped the robot."""
+    why = f"{stopped_sentence(robot, by, at)}; a driver must release it"
+    return CloseReason(4003, "robot_stopped", why)
+
+
+def lease_held(robot: str, by: str, since: datetime | None) -> CloseReason:
+    """Somebody else drives, or is about to."""
+    if since is None:
+        return CloseReason(
+            4009, "lease_held", f"the control of {robot} is kept for {by}; wait a moment"
+        )
+    timestamp = since.astimezone(timezone.utc).strftime("%H:%M UTC")
+    why = f"{by} drives {robot} since {timestamp}; ask for the control, or wait"
+    return CloseReason(4009, "lease_held", why)
+
+
+def lease_lost(robot: str, to: str) -> CloseReason:
+    """The control was handed over, passed on or taken."""
+    return CloseReason(4010, "lease_lost", f"the control of {robot} is {to}'s now")
+
+
+def lease_unavailable(robot: str) -> CloseReason:
+    """The database, which numbers drives, does not answer."""
+    why = f"cannot let you drive {robot}: the database does not answer; try again shortly"
+    return CloseReason(4510, "lease_unavailable", why)
+
+
+def client_silent(robot: str, limit_s: float) -> CloseReason:
+    """Neither pong nor message came in time."""
+    return CloseReason(
+        4408, "client_silent", f"nothing came from you for {limit_s:g} s; robot {robot} let go"
+    )
+
+
+def client_slow(robot: str, limit_s: float) -> CloseReason:
+    """The operator does not take what the robot sends."""
+    return CloseReason(
+        4413, "client_slow", f"you took nothing of what robot {robot} sent for {limit_s:g} s"
+    )
+
+
+def client_floods(robot: str) -> CloseReason:
+    """The client sends far more than it may, and does not stop."""
+    return CloseReason(1008, "client_floods", f"you sent robot {robot} too much for too long")
+
+
+def too_many_connections(why: str) -> CloseReason:
+    """The user has, or the robot has, as many connections as may be."""
+    return CloseReason(4429, "too_many_connections", why)
+
+
+def robot_offline(robot: str, since: datetime | None, now: datetime) -> CloseReason:
+    """The robot has no tunnel."""
+    return CloseReason(4503, "robot_offline", offline_sentence(robot, since, now))
+
+
+def rosbridge_down(robot: str, why: str) -> CloseReason:
+    """The tunnel is there, rosbridge is not."""
+    return CloseReason(4504, "rosbridge_down", f"rosbridge on robot {robot} does not answer: {why}")
+
+
+def video_down(robot: str, why: str) -> CloseReason:
+    """The tunnel is there, the robot's media service is not."""
+    return CloseReason(4506, "video_down", f"video of {robot} is down: {why}")
+
+
+def frames_unknown(robot: str) -> CloseReason:
+    """The robot's agent is from before the frames protocol; clients look for the first word."""
+    why = f"frames_unknown: {robot} has no frames service; upgrade its agent"
+    return CloseReason(4506, "video_down", why)
+
+
+def frames_broken(why: str) -> CloseReason:
+    """A viewer sent what is not the frames protocol."""
+    return CloseReason(1002, "protocol_broken", f"you broke the frames protocol: {why}")
+
+
+def link_lost(robot: str) -> CloseReason:
+    """The tunnel went away during the connection."""
+    return CloseReason(4505, "link_lost", f"the link to robot {robot} is lost")
+
+
+def stopped_sentence(robot: str, by: str, at: datetime) -> str:
+    """Say who stopped a robot, and when."""
+    timestamp = at.astimezone(timezone.utc).strftime("%H:%M UTC")
+    return f"{by} stopped {robot} at {timestamp}"
+
+
+def offline_sentence(robot: str, since: datetime | None, now: datetime) -> str:
+    """Say since when a robot is offline; the day only when it is not today (UTC)."""
+    if since is None:
+        return f"robot {robot} is offline: it has not connected yet"
+    since, now = since.astimezone(timezone.utc), now.astimezone(timezone.utc)
+    layout = "%H:%M UTC" if since.date() == now.date() else "%Y-%m-%d %H:%M UTC"
+    return f"robot {robot} is offline since {since.strftime(layout)}"

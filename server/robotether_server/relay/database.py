@@ -1,0 +1,125 @@
+"""The relay's way to the database: questions from the event loop, answered on threads of its own.
+
+`fleet`, `credentials` and `event_writer` ask here. Nothing on the way of a message does. A database that
+hangs must not take the loop's shared threads, where names are resolved for new connections.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from typing import Protocol, TypeVar
+
+from robotether_server.problems import StoreUnavailable
+from robotether_server.store import Database, Transaction, control, fleet
+from robotether_server.store.control import Kept, NewLease
+from robotether_server.store.fleet import Changes, Credential, Entry, Snapshot, User
+
+T = TypeVar("T")
+
+THREADS = 4
+# A question that waits behind so many others would come too late anyway.
+MAX_OPEN_QUESTIONS = 64
+
+
+class RelayDatabase(Protocol):
+    """What the relay asks the database; StoreUnavailable when it does not answer."""
+
+    async def changes(self) -> Changes:
+        """Tell whether anything changed."""
+
+    async def load(self) -> Snapshot:
+        """Read robots and rights."""
+
+    async def last_seen(self) -> list[tuple[int, datetime]]:
+        """Read since when robots are offline."""
+
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+        """Read who credentials belong to."""
+
+    async def kept(self) -> Kept:
+        """Read the newest numbers of drives, and which robots are stopped."""
+
+    async def next_fence(self, lease: NewLease) -> int:
+        """Number a drive; the number is committed."""
+
+    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+        """Write entries in one transaction; return new rows' ids by the entry's place."""
+
+    def close(self) -> None:
+        """Let the threads go; does not wait for a database that hangs."""
+
+
+class ThreadedDatabase:
+    """Records in MariaDB."""
+
+    def __init__(self, database: Database, answer_within_s: float = 3.0) -> None:
+        self._database = database
+        self._answer_within_s = answer_within_s
+        self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="records")
+        self._open = 0
+
+    async def changes(self) -> Changes:
+        """Tell whether anything changed."""
+        return await self._ask(fleet.changes)
+
+    async def load(self) -> Snapshot:
+        """Read robots and rights."""
+        return await self._ask(fleet.load)
+
+    async def last_seen(self) -> list[tuple[int, datetime]]:
+        """Read since when robots are offline."""
+        return await self._ask(fleet.last_seen)
+
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+        """Read who credentials belong to."""
+        return await self._ask(lambda tx: fleet.users_of(tx, credentials))
+
+    async def kept(self) -> Kept:
+        """Read the newest numbers of drives, and which robots are stopped."""
+        return await self._ask(control.kept)
+
+    async def next_fence(self, lease: NewLease) -> int:
+        """Number a drive; the number is committed."""
+        return await self._ask(lambda tx: control.next_fence(tx, lease))
+
+    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+        """Write entries in one transaction; return new rows' ids by the entry's place."""
+        # Not cut short: a write that goes on in its thread and is tried again would stand twice.
+        return await self._in_thread(lambda tx: fleet.write(tx, entries))
+
+    def close(self) -> None:
+        """Let the threads go; does not wait for a database that hangs."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    async def _ask(self, question: Callable[[Transaction], T]) -> T:
+        try:
+            async with asyncio.timeout(self._answer_within_s):
+                return await self._in_thread(question)
+        except TimeoutError as exc:
+            raise StoreUnavailable(
+                f"cannot reach the records: no answer in {self._answer_within_s:g} s; "
+                "try again shortly"
+            ) from exc
+
+    async def _in_thread(self, question: Callable[[Transaction], T]) -> T:
+        if self._open >= MAX_OPEN_QUESTIONS:
+            raise StoreUnavailable("cannot reach the records: too many questions wait already")
+        self._open += 1
+        future = asyncio.get_running_loop().run_in_executor(
+            self._threads, self._in_transaction, question
+        )
+        future.add_done_callback(self._answered)
+        return await asyncio.shield(future)
+
+    def _in_transaction(self, question: Callable[[Transaction], T]) -> T:
+        with self._database.transaction() as tx:
+            return question(tx)
+
+    def _answered(self, future: asyncio.Future[T]) -> None:
+        self._open -= 1
+        if not future.cancelled():
+            # Whoever asked may have stopped waiting; its problem has then been told already.
+            future.exception()

@@ -1,0 +1,28 @@
+"""What the handlers of rosbridge and of video need alike to let somebody through to a robot. Made by `relay`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from aiohttp import ClientSession
+
+from robotether_server.relay.access import Access
+from robotether_server.relay.connections import Connections
+from robotether_server.relay.credentials import Credentials
+from robotether_server.relay.feeds import Feeds
+from robotether_server.relay.sessions import SessionRegistry
+from robotether_server.relay.viewer_stats import ViewerStats
+
+
+@dataclass(frozen=True)
+class HandlerContext:
+    """Who may, who is there, and the way to the tunnels: robots' ports listen at `tunnel_host`."""
+
+    access: Access
+    credentials: Credentials
+    registry: SessionRegistry
+    connections: Connections
+    client: ClientSession
+    tunnel_host: str
+    feeds: Feeds
+    viewer_stats: ViewerStats

@@ -1,0 +1,167 @@
+"""Tells log, journal and metrics of what happens to robots and operators.
+
+`relay` hands it to the registry as a listener and to the handlers as their report. It never waits.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+
+from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.event_writer import EventWriter
+from robotether_server.relay.guard_counts import GuardCounts
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.rosbridge import ConnectionReport
+from robotether_server.relay.sessions import Change, utc_now
+from robotether_server.store.control import DriveEntry
+from robotether_server.store.fleet import AuditEntry, SessionEntry, Snapshot
+
+log = logging.getLogger(__name__)
+
+# A guard tells what it refused a second later, or when its robot is back.
+GUARD_REPORTS_WITHIN_S = 10.0
+
+
+class RelayObserver:
+    """Writes down what happens."""
+
+    def __init__(
+        self, event_writer: EventWriter, metrics: Metrics, snapshot: Callable[[], Snapshot]
+    ) -> None:
+        self._event_writer = event_writer
+        self._metrics = metrics
+        self._snapshot = snapshot
+        self._sessions: dict[int, SessionEntry] = {}
+        self._drives: set[DriveLog] = set()
+        # Of each robot, which the guard's refusals belong to.
+        self._newest: dict[int, DriveLog] = {}
+        self._guards = GuardCounts()
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot."""
+        if change.what == "connected":
+            self._on_connected(change)
+        elif change.what == "disconnected":
+            self._on_disconnected(change)
+        elif change.what == "updated":
+            self._on_updated(change)
+        elif change.what == "guard_status":
+            self._on_guard_status(change)
+
+    def session_refused(self, code: str) -> None:
+        """A robot's connection was refused."""
+        self._metrics.session_refusals.labels(code).inc()
+
+    def port_checked(self, service: str, health: str) -> None:
+        """A robot's port was tried."""
+        self._metrics.port_checks.labels(service, health).inc()
+
+    def connection(self, report: ConnectionReport) -> None:
+        """An operator's connection began or ended."""
+        connection, close_reason = report.connection, report.close_reason
+        what = (
+            "began"
+            if close_reason is None
+            else f"ended after {report.lasted_s:.1f} s: {close_reason.name}"
+        )
+        user, robot = connection.user, connection.robot.name
+        log.info("robot %s: %s's %s connection %s", robot, user, connection.use, what)
+        if close_reason is not None:
+            self._metrics.close_reasons.labels(close_reason.name).inc()
+        # A page that waits for a robot that is offline tries again and again; that is no driving.
+        if report.drive is not None:
+            self._drive(report, report.drive)
+        if close_reason is not None and report.refused:
+            self._event_writer.add(_audit(report, "operations_refused", dict(report.refused)))
+
+    def write_drives(self) -> None:
+        """Write the drives that last, so that a relay that is killed loses little of them."""
+        for drive in self._drives:
+            self._event_writer.add(drive.written())
+        self._newest = {
+            robot_id: one for robot_id, one in self._newest.items() if _accepts_refusals(one)
+        }
+        self._guards.keep_only(self._snapshot().robots)
+
+    def _drive(self, report: ConnectionReport, drive: DriveLog) -> None:
+        close_reason = report.close_reason
+        if close_reason is None:
+            self._drives.add(drive)
+            self._newest[drive.entry.robot_id] = drive
+            self._event_writer.add(_audit(report, "drive_started", {"fence": drive.entry.fence}))
+            self._event_writer.add(drive.written())
+            return
+        self._drives.discard(drive)
+        entry = drive.end(time.monotonic(), utc_now(), close_reason.name)
+        self._metrics.dropped_old.inc(entry.dropped_old)
+        self._event_writer.add(entry)
+        self._event_writer.add(_audit(report, "drive_ended", _summary(entry, report)))
+
+    def _on_connected(self, change: Change) -> None:
+        presence = change.presence
+        log.info("robot %s is online from %s", self._name(change.robot_id), presence.address)
+        entry = SessionEntry(
+            robot_id=change.robot_id,
+            started_at=presence.since or utc_now(),
+            address=presence.address or "",
+        )
+        self._sessions[change.robot_id] = entry
+        self._event_writer.add(entry)
+
+    def _on_disconnected(self, change: Change) -> None:
+        log.info("robot %s is offline: %s", self._name(change.robot_id), change.code)
+        self._metrics.session_close_codes.labels(change.code or "").inc()
+        entry = self._sessions.pop(change.robot_id, None)
+        if entry is not None:
+            entry.ended_at, entry.end_code = change.presence.since, change.code
+            self._event_writer.add(entry)
+
+    def _on_updated(self, change: Change) -> None:
+        entry, presence = self._sessions.get(change.robot_id), change.presence
+        reported = (presence.agent_version, presence.ros_exposed)
+        if entry is not None and (entry.agent_version, entry.ros_exposed) != reported:
+            entry.agent_version, entry.ros_exposed = reported
+            self._event_writer.add(entry)
+
+    def _on_guard_status(self, change: Change) -> None:
+        more = self._guards.new_refusals(change.robot_id, change.presence.report.refused)
+        for kind, count in more.items():
+            self._metrics.guard_refusals.labels(kind).inc(count)
+        drive = self._newest.get(change.robot_id)
+        if not more or drive is None or not _accepts_refusals(drive):
+            return
+        drive.refused_by_guard(more)
+        if drive.ended_s is not None:
+            self._event_writer.add(drive.written())
+
+    def _name(self, robot_id: int) -> str:
+        robot = self._snapshot().robots.get(robot_id)
+        return robot.name if robot is not None else str(robot_id)
+
+
+def _accepts_refusals(drive: DriveLog) -> bool:
+    """Tell whether what a guard tells now may belong to the drive."""
+    return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_REPORTS_WITHIN_S
+
+
+def _audit(report: ConnectionReport, kind: str, details: Mapping[str, object]) -> AuditEntry:
+    return AuditEntry(
+        at=utc_now(),
+        actor=report.connection.user,
+        kind=kind,
+        robot=report.connection.robot.name,
+        address=report.address,
+        details=details,
+    )
+
+
+def _summary(entry: DriveEntry, report: ConnectionReport) -> dict[str, object]:
+    return {
+        "end_code": entry.end_code,
+        "fence": entry.fence,
+        "lasted_s": round(report.lasted_s, 1),
+        "distance_m": round(entry.distance_m, 3),
+        "top_speed_m_s": round(entry.top_speed_m_s, 3),
+    }

@@ -1,0 +1,216 @@
+"""What happens, as log, journal and metrics learn it; without a network."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from relay_server import MemoryDatabase, utc
+from robotether_server.relay import close_reasons
+from robotether_server.relay.bridge import Traffic
+from robotether_server.relay.connections import Connection
+from robotether_server.relay.drive_log import DriveLog
+from robotether_server.relay.event_writer import EventWriter
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.rosbridge import ConnectionReport
+from robotether_server.relay.sessions import Change, GuardReport, Presence
+from robotether_server.store.control import DriveEntry
+from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
+
+CAME, LEFT = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
+ONLINE = Presence(online=True, since=CAME, address="198.51.100.7")
+
+
+class Notes(EventWriter):
+    """A journal that keeps each entry as it was when it was added."""
+
+    def __init__(self, memory_database: MemoryDatabase) -> None:
+        super().__init__(memory_database)
+        self.notes: list[Entry] = []
+
+    def add(self, entry: Entry) -> None:
+        self.notes.append(replace(entry))
+        super().add(entry)
+
+
+@pytest.fixture
+def event_writer(memory_database: MemoryDatabase) -> Notes:
+    """A journal that nobody writes down."""
+    return Notes(memory_database)
+
+
+@pytest.fixture
+def metrics() -> Metrics:
+    """Numbers at zero."""
+    return Metrics(Traffic())
+
+
+@pytest.fixture
+def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
+    """Reports to this journal, these metrics and the test's log."""
+    caplog.set_level(logging.INFO)
+    return RelayObserver(
+        event_writer, metrics, lambda: Snapshot(memory_database.robots, memory_database.grants)
+    )
+
+
+def driving(robot: Robot, *, use: str = "drive", reached: bool = True) -> Connection:
+    return Connection(1, "ann", robot, use, lambda _close_reason: None, reached)
+
+
+def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer):
+    """Coming, telling a version and leaving are three states of one row."""
+    observer.on_robot_change(Change("connected", 7, ONLINE))
+    observer.on_robot_change(Change("updated", 7, replace(ONLINE, agent_version="0.1.0")))
+    observer.on_robot_change(Change("disconnected", 7, Presence(since=LEFT), "timeout"))
+    begun = SessionEntry(7, CAME, "198.51.100.7")
+    assert event_writer.notes == [
+        begun,
+        replace(begun, agent_version="0.1.0"),
+        replace(begun, agent_version="0.1.0", ended_at=LEFT, end_code="timeout"),
+    ]
+    assert event_writer.waiting() == 1
+
+
+def test_rosbridge_that_its_network_reaches_is_written(observer, event_writer):
+    """When it is told first, and when it is mended."""
+    observer.on_robot_change(Change("connected", 7, ONLINE))
+    for exposed in (True, True, False):
+        observer.on_robot_change(Change("updated", 7, replace(ONLINE, ros_exposed=exposed)))
+    begun = SessionEntry(7, CAME, "198.51.100.7")
+    assert event_writer.notes == [begun, replace(begun, ros_exposed=True), begun]
+
+
+def test_health_and_heartbeats_are_not_written(observer, event_writer):
+    """A robot that tells of itself all the time costs the database nothing."""
+    observer.on_robot_change(Change("connected", 7, ONLINE))
+    observer.on_robot_change(Change("updated", 7, replace(ONLINE, ros="down")))
+    observer.on_robot_change(Change("heartbeat", 7, replace(ONLINE, rtt_ms=1.0)))
+    assert len(event_writer.notes) == 1
+
+
+def test_robots_are_logged_by_name_and_their_close_reasons_counted(
+    observer, memory_database, metrics, caplog
+):
+    """Every line names the robot; one whose row is gone, its id."""
+    observer.on_robot_change(Change("connected", 7, ONLINE))
+    memory_database.robots = {}
+    observer.on_robot_change(Change("disconnected", 7, Presence(since=LEFT), "robot_unknown"))
+    observer.session_refused("preface")
+    assert caplog.messages == [
+        "robot sim1 is online from 198.51.100.7",
+        "robot 7 is offline: robot_unknown",
+    ]
+    assert b'session_endings_total{code="robot_unknown"} 1.0' in metrics.render()
+    assert b'session_refusals_total{code="preface"} 1.0' in metrics.render()
+
+
+def test_a_drive_is_two_audit_lines_and_one_record(observer, event_writer, sim1, metrics):
+    """Who drove which robot from where, how long, how far, and why it ended."""
+    connection, drive = driving(sim1), a_drive()
+    observer.connection(ConnectionReport(connection, "203.0.113.9", drive=drive))
+    drive.command(10.0, 1.0, None)
+    drive.command(10.1, 0.0, None)
+    drive.dropped()
+    close_reason = close_reasons.link_lost("sim1")
+    observer.connection(ConnectionReport(connection, "203.0.113.9", close_reason, 12.345, drive))
+    lines = [entry for entry in event_writer.notes if isinstance(entry, AuditEntry)]
+    assert [entry.kind for entry in lines] == ["drive_started", "drive_ended"]
+    assert lines[0].details == {"fence": 13}
+    came_to = {"end_code": "link_lost", "fence": 13, "lasted_s": 12.3, "distance_m": 0.1}
+    assert lines[1].details == came_to | {"top_speed_m_s": 1.0}
+    assert {(entry.actor, entry.robot, entry.address) for entry in lines} == {
+        ("ann", "sim1", "203.0.113.9")
+    }
+    memory_database = [entry for entry in event_writer.notes if isinstance(entry, DriveEntry)]
+    assert [entry.end_code for entry in memory_database] == [None, "link_lost"]
+    assert b"commands_dropped_total 1.0" in metrics.render()
+
+
+def test_a_drive_is_written_while_it_lasts(observer, event_writer, sim1):
+    """A relay that is killed loses little of it; a drive that ended is written no more."""
+    connection, drive = driving(sim1), a_drive()
+    observer.connection(ConnectionReport(connection, None, drive=drive))
+    drive.message()
+    observer.write_drives()
+    assert event_writer.notes[-1].messages == 1
+    observer.connection(
+        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
+    )
+    count = len(event_writer.notes)
+    observer.write_drives()
+    assert len(event_writer.notes) == count
+
+
+def guard_refused(**kinds: int) -> Change:
+    return Change(
+        "guard_status",
+        7,
+        replace(ONLINE, report=GuardReport("ready", refused=tuple(kinds.items()))),
+    )
+
+
+def refused_in(event_writer: Notes) -> list[dict[str, int]]:
+    return [entry.refused for entry in event_writer.notes if isinstance(entry, DriveEntry)]
+
+
+def test_what_the_guard_refused_is_the_drives(observer, event_writer, sim1, metrics):
+    """Not what it refused before, nor twice; what it tells after the end is added to the record."""
+    connection, drive = driving(sim1), a_drive()
+    observer.on_robot_change(guard_refused(old=4, held=0))
+    observer.connection(ConnectionReport(connection, None, drive=drive))
+    observer.on_robot_change(guard_refused(old=6, held=0))
+    observer.connection(
+        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
+    )
+    observer.on_robot_change(guard_refused(old=6, held=0))
+    observer.on_robot_change(guard_refused(old=0, held=1))
+    assert refused_in(event_writer) == [{}, {"guard_old": 2}, {"guard_old": 2, "guard_held": 1}]
+    assert b'guard_refusals_total{kind="old"} 2.0' in metrics.render()
+    assert b'guard_refusals_total{kind="held"} 1.0' in metrics.render()
+
+
+def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
+    *, observer, event_writer, sim1, metrics, monkeypatch
+):
+    """Only the numbers have it."""
+    connection, drive = driving(sim1), a_drive()
+    observer.on_robot_change(guard_refused(old=0))
+    observer.connection(ConnectionReport(connection, None, drive=drive))
+    observer.connection(
+        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
+    )
+    monkeypatch.setattr("robotether_server.relay.observers.GUARD_REPORTS_WITHIN_S", -1.0)
+    observer.on_robot_change(guard_refused(old=1))
+    observer.write_drives()
+    assert refused_in(event_writer) == [{}, {}]
+    assert b'guard_refusals_total{kind="old"} 1.0' in metrics.render()
+
+
+def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer, sim1):
+    """Summed by kind, at the end, observers' too."""
+    close_reason = close_reasons.client_left("sim1")
+    connection = driving(sim1, use="observe")
+    observer.connection(ConnectionReport(connection, None, close_reason, refused={"topic": 3}))
+    (line,) = event_writer.notes
+    assert (line.kind, line.details) == ("operations_refused", {"topic": 3})
+
+
+def a_drive() -> DriveLog:
+    return DriveLog(DriveEntry(7, "sim1", "ann", 13, CAME), 0.5, Counter())
+
+
+@pytest.mark.parametrize("changes", [{"use": "observe"}, {"reached": False}])
+def test_watching_and_waiting_are_logged_and_counted_but_no_audit(
+    *, observer, event_writer, metrics, sim1, caplog, changes
+):
+    """Only who reached the robot to drive it stands in the audit log."""
+    connection, close_reason = driving(sim1, **changes), close_reasons.client_left("sim1")
+    observer.connection(ConnectionReport(connection, None, close_reason, lasted_s=1.0))
+    assert event_writer.notes == []
+    use = connection.use
+    assert caplog.messages == [f"robot sim1: ann's {use} connection ended after 1.0 s: client_left"]
+    assert b'connection_endings_total{name="client_left"} 1.0' in metrics.render()
