@@ -32,12 +32,11 @@ from robotether_server.relay.frame_protocol import (
     parse_want,
     text_message,
 )
-from robotether_server.relay.handler_context import HandlerContext
 from robotether_server.relay.liveness import Liveness, LivenessLimits
 from robotether_server.relay.rate_limiter import RateLimiter
 from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.sockets import ViewerSocket
-from robotether_server.relay.viewers import Cursor, connection_of, counted, topic_of
+from robotether_server.relay.viewers import Cursor, VideoContext, connection_of, counted, topic_of
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +48,7 @@ MESSAGES_AT_ONCE = 400
 class FramesHandler:
     """Answers /robots/NAME/video/frames."""
 
-    def __init__(self, context: HandlerContext, limits: LivenessLimits) -> None:
+    def __init__(self, context: VideoContext, limits: LivenessLimits) -> None:
         self._context = context
         self._limits = limits
 
@@ -77,7 +76,7 @@ class FramesSession:
     """One viewer of one camera, from the upgrade to the end."""
 
     def __init__(
-        self, socket: ViewerSocket, permit: Permit, context: HandlerContext, limits: LivenessLimits
+        self, socket: ViewerSocket, permit: Permit, context: VideoContext, limits: LivenessLimits
     ) -> None:
         self._socket = socket
         self._permit = permit

@@ -9,9 +9,7 @@ from aiohttp import ClientSession
 from robotether_server.relay.access import Access
 from robotether_server.relay.connections import Connections
 from robotether_server.relay.credentials import Credentials
-from robotether_server.relay.feeds import Feeds
 from robotether_server.relay.sessions import SessionRegistry
-from robotether_server.relay.viewer_stats import ViewerStats
 
 
 @dataclass(frozen=True)
@@ -24,5 +22,3 @@ class HandlerContext:
     connections: Connections
     client: ClientSession
     tunnel_host: str
-    feeds: Feeds
-    viewer_stats: ViewerStats

@@ -30,7 +30,6 @@ from robotether_server.relay.feeds import Feeds
 from robotether_server.relay.fleet import Fleet
 from robotether_server.relay.fleet_events import FleetEvents
 from robotether_server.relay.frames_handler import FramesHandler
-from robotether_server.relay.handler_context import HandlerContext
 from robotether_server.relay.liveness import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
@@ -43,6 +42,7 @@ from robotether_server.relay.sessions import SessionRegistry, utc_now
 from robotether_server.relay.sockets import RobotSocket
 from robotether_server.relay.video import VideoHandler
 from robotether_server.relay.viewer_stats import ViewerStats
+from robotether_server.relay.viewers import VideoContext
 from robotether_server.settings import RelaySettings
 from robotether_server.store.fleet import FormerSessions, Snapshot
 from robotether_server.tickets import TicketSigner
@@ -231,7 +231,7 @@ class Relay:
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
         )
-        context = HandlerContext(
+        context = VideoContext(
             access=access,
             credentials=self.credentials,
             registry=self.registry,
@@ -246,6 +246,7 @@ class Relay:
             self.control,
             rules=self._bridge_rules(),
             report=self.observer.connection,
+            viewer_stats=self.viewer_stats,
         )
         frames, video = FramesHandler(context, self._timing.limits), VideoHandler(context)
         events = EventsHandler(

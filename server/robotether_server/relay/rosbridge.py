@@ -29,6 +29,7 @@ from robotether_server.relay.own_operations import OwnOperations
 from robotether_server.relay.robot_dialer import RobotDialer
 from robotether_server.relay.sessions import utc_now
 from robotether_server.relay.sockets import OperatorSocket
+from robotether_server.relay.viewer_stats import ViewerStats
 from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import Credential
 
@@ -68,11 +69,13 @@ class RosbridgeHandler:
         *,
         rules: BridgeRules,
         report: Callable[[ConnectionReport], None],
+        viewer_stats: ViewerStats,
     ) -> None:
         self._context = context
         self._control = control
         self._rules = rules
         self._report = report
+        self._viewer_stats = viewer_stats
         self._dialer = RobotDialer(
             context.client, context.tunnel_host, context.registry, rules.message_limit
         )
@@ -113,6 +116,7 @@ class RosbridgeHandler:
                     self._control,
                     self._dialer,
                     self._report,
+                    self._viewer_stats,
                     address,
                 ).run()
             await bridge.farewell(close_reason)
@@ -146,6 +150,7 @@ class OperatorSession:
     control: Control
     dialer: RobotDialer
     report: Callable[[ConnectionReport], None]
+    viewer_stats: ViewerStats
     address: str | None
     drive: DriveLog | None = None
 
@@ -218,7 +223,7 @@ class OperatorSession:
         return DriveCounters(
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: registry.presence(robot_id).rtt_ms,
-            viewer_counts=partial(self.context.viewer_stats.of, robot_id, user_id),
+            viewer_counts=partial(self.viewer_stats.of, robot_id, user_id),
         )
 
     def _end_lease(self) -> None:

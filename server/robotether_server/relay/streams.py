@@ -19,10 +19,9 @@ from robotether_server.relay.access import Permit
 from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.feeds import Feed
 from robotether_server.relay.frame_protocol import BrokenFramesError, Frame, Want, parse_want
-from robotether_server.relay.handler_context import HandlerContext
 from robotether_server.relay.sockets import keep_little_unsent
 from robotether_server.relay.video_headers import headers_of_stream
-from robotether_server.relay.viewers import Cursor, topic_of
+from robotether_server.relay.viewers import Cursor, VideoContext, topic_of
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +74,7 @@ class StreamViewer:
 class Streams:
     """Writes feeds as multipart answers."""
 
-    def __init__(self, context: HandlerContext) -> None:
+    def __init__(self, context: VideoContext) -> None:
         self._context = context
 
     async def show(
@@ -115,7 +114,7 @@ class StreamSession:
 
     def __init__(
         self,
-        context: HandlerContext,
+        context: VideoContext,
         permit: Permit,
         feed: Feed,
         viewer: StreamViewer,

@@ -22,7 +22,6 @@ from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnect
 from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Permit, request_of
 from robotether_server.relay.close_reasons import CloseReason
-from robotether_server.relay.handler_context import HandlerContext
 from robotether_server.relay.robot_dialer import connect_timeout_s
 from robotether_server.relay.sessions import Presence, utc_now
 from robotether_server.relay.streams import Streams, is_for_feed
@@ -31,7 +30,7 @@ from robotether_server.relay.video_headers import (
     headers_for_robot,
     headers_for_viewer,
 )
-from robotether_server.relay.viewers import connection_of, counted
+from robotether_server.relay.viewers import VideoContext, connection_of, counted
 from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
@@ -47,7 +46,7 @@ ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
 class VideoHandler:
     """Answers /robots/NAME/video/..."""
 
-    def __init__(self, context: HandlerContext) -> None:
+    def __init__(self, context: VideoContext) -> None:
         self._context = context
         self._streams = Streams(context)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 
 from aiohttp import web
@@ -16,11 +17,20 @@ from robotether_server.relay import close_reasons
 from robotether_server.relay.access import Permit
 from robotether_server.relay.close_reasons import CloseReason
 from robotether_server.relay.connections import Connection
-from robotether_server.relay.feeds import Feed
+from robotether_server.relay.feeds import Feed, Feeds
 from robotether_server.relay.frame_protocol import Frame
 from robotether_server.relay.handler_context import HandlerContext
+from robotether_server.relay.viewer_stats import ViewerStats
 
 MAX_TOPIC = 255
+
+
+@dataclass(frozen=True)
+class VideoContext(HandlerContext):
+    """What the handlers of video need besides: the cameras' feeds, and who got how much of them."""
+
+    feeds: Feeds
+    viewer_stats: ViewerStats
 
 
 def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None]) -> Connection:
