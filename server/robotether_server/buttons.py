@@ -111,7 +111,7 @@ def _fields(given: object, path: str) -> str:
 
 
 def _check(value: Any, path: str, depth: int) -> None:
-    """Refuse what the relay would not pass on (relay/json_text.py), or no robot reads."""
+    """Refuse what the relay would not pass on (relay/rosbridge/json_text.py), or no robot reads."""
     if depth > DEEPEST_FIELDS:
         raise FieldInvalid(f"cannot use {path}: it is nested more than {DEEPEST_FIELDS} deep")
     if isinstance(value, dict):

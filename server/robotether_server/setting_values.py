@@ -17,7 +17,7 @@ T = TypeVar("T", bound=str)
 
 MOST_GLOBS = 64
 LONGEST_ROS_NAME = 255
-# As the relay takes names in messages (relay/fields.py), with their first `/`.
+# As the relay takes names in messages (relay/rosbridge/fields.py), with their first `/`.
 ROS_NAME = re.compile(r"(?:/[A-Za-z0-9_]+)+")
 
 

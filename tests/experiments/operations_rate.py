@@ -18,8 +18,8 @@ from sections import Section
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
 
-from robotether_server.relay.drive_commands import stamped
-from robotether_server.relay.message_validator import MessageValidator
+from robotether_server.relay.rosbridge.drive_commands import stamped
+from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS, Limits
 
 # The check alone is measured, not how soon it says that there were too many.

@@ -15,9 +15,9 @@ from datetime import datetime, timezone
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
 from robotether_server.problems import StoreUnavailable
-from robotether_server.relay.credentials import credential_of
-from robotether_server.relay.database import RelayDatabase
-from robotether_server.relay.liveness import LivenessLimits
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.http.liveness import LivenessLimits
 from robotether_server.relay.relay import Listen, Relay, Timing
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.store.control import Kept, NewLease, Stop

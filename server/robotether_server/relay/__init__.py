@@ -4,35 +4,20 @@ The container `relay` starts it with `python -m robotether_server.relay`. It mus
 comes back from a robot, never wait for the database on the way of a message, and never keep an
 unbounded buffer for anybody.
 
-    main             the process: settings, log, signals
-    relay            makes the parts, joins them, starts and stops them in order
-    app              HTTP routes, and the border that turns problems into answers
-    handler_context, backoff  what the handlers need alike; how long to wait before the next try
+    main         the process: makes the parts, joins them, starts and stops them in order
+    app          HTTP routes, and the border that turns problems into answers
+    observers    log, audit and metrics of what happens
+    metrics      the numbers for Prometheus
 
-    fleet            the newest robots and rights, read from the database
-    sessions         which robots are connected, and what is known of them
-    connections      operators' live connections, for rights that end and links that are lost
-    control          who drives, who waits, who stopped; `leasing` gives leases by the rules of `leases`,
-                     `stops` stops and releases
-    fleet_events  the fleet as operators see it, and who has yet to be told of what
-    observers  log, audit and metrics of what happens
+    events/      the fleet as operators see it, as server-sent events
+    video/       a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
+    rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written anew
+    drives/      what a drive came to, for its record
+    control/     who drives, who waits, who stopped; leases, stops, and the requests for them
+    auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
+    robots/      robots' sessions over TCP, what is known of each robot, and the way to its ports
+    db/          the database on threads of its own: reads robots and rights, writes what happens
+    http/        sockets, close reasons, rates
 
-    access           who asks, and what for: ticket, login, token, origin; `credentials` looks up
-    rosbridge        lets an operator in; `robot_dialer` opens the way to the robot, `bridge` passes the
-                     messages on, `message_validator` says which by `policy` and checks their `fields`,
-                     `liveness` when a side is slow or silent, `sockets` are its two ends,
-                     `close_reasons` its close codes, `own_operations` are for the relay itself;
-                     `json_text` reads and writes messages, `drive_commands` are the ones that move,
-                     `subscriptions` are counted, `redirects` of a robot are not followed
-    drive_path       a driver's commands: their age by `command_age` and `robot_clock`, the newest first, and the
-                     drive's books in `drive_log`, its round trips in `latency_histogram`
-    control_api      stop, release and lease over HTTP
-    video            a robot's web_video_server, streamed through; `video_headers` says what of it
-    events           the fleet as server-sent events
-
-    session_server   robots' sessions over TCP; `robot_link` is one, `session_messages` its lines,
-                     `authorization` says who may connect and stay, `rate_limiter` how many lines,
-                     `ports` waits until a robot's port is free, `port_checks` tries what is behind it
-    event_writer  writes sessions and audit lines in the background
-    database  the way to the database, on threads of its own
+Each folder imports only from those below it; events, video and rosbridge not from each other, nor robots and db.
 """

@@ -14,13 +14,13 @@ from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throttled
-from robotether_server.relay.control_api import ControlApi
-from robotether_server.relay.cors import Cors
-from robotether_server.relay.events import EventsHandler
-from robotether_server.relay.frames_handler import FramesHandler
+from robotether_server.relay.control.control_api import ControlApi
+from robotether_server.relay.events.handler import EventsHandler
+from robotether_server.relay.http.cors import Cors
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.rosbridge import RosbridgeHandler
-from robotether_server.relay.video import VideoHandler
+from robotether_server.relay.rosbridge.handler import RosbridgeHandler
+from robotether_server.relay.video.frames_handler import FramesHandler
+from robotether_server.relay.video.handler import VideoHandler
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.

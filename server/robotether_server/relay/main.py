@@ -11,7 +11,7 @@ import sys
 import uvloop
 
 from robotether_server.problems import SettingsError
-from robotether_server.relay.database import ThreadedDatabase
+from robotether_server.relay.db.database import ThreadedDatabase
 from robotether_server.relay.relay import Listen, Relay
 from robotether_server.settings import RelaySettings, load_relay
 from robotether_server.store import Database

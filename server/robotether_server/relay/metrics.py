@@ -19,8 +19,8 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily
 from prometheus_client.registry import Collector
 
-from robotether_server.relay.bridge import Traffic
-from robotether_server.relay.feeds import FeedTraffic
+from robotether_server.relay.rosbridge.bridge import Traffic
+from robotether_server.relay.video.feeds import FeedTraffic
 
 
 class Metrics:

@@ -9,12 +9,12 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 
-from robotether_server.relay.drive_log import DriveLog
-from robotether_server.relay.event_writer import EventWriter
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.guard_counts import GuardCounts
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.rosbridge import ConnectionReport
-from robotether_server.relay.sessions import Change, utc_now
+from robotether_server.relay.robots.sessions import Change, utc_now
+from robotether_server.relay.rosbridge.handler import ConnectionReport
 from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, SessionEntry, Snapshot
 

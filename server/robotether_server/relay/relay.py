@@ -13,36 +13,36 @@ from typing import cast
 
 from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
 
-from robotether_server.relay import close_reasons
-from robotether_server.relay.access import Access
 from robotether_server.relay.app import Handlers, inside_app, public_app, server_log
-from robotether_server.relay.bridge import Traffic
-from robotether_server.relay.connections import Connections
-from robotether_server.relay.control import Control
-from robotether_server.relay.control_api import ControlApi
-from robotether_server.relay.cors import Cors
-from robotether_server.relay.credentials import Credentials
-from robotether_server.relay.database import RelayDatabase
-from robotether_server.relay.event_writer import EventWriter
-from robotether_server.relay.events import EventsHandler
-from robotether_server.relay.feed_link import FeedConnector
-from robotether_server.relay.feeds import Feeds
-from robotether_server.relay.fleet import Fleet
-from robotether_server.relay.fleet_events import FleetEvents
-from robotether_server.relay.frames_handler import FramesHandler
-from robotether_server.relay.liveness import DRIVER_LIMITS, LivenessLimits
+from robotether_server.relay.auth.access import Access
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.control_api import ControlApi
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.db.fleet import Fleet
+from robotether_server.relay.drives.viewer_stats import ViewerStats
+from robotether_server.relay.events.fleet_events import FleetEvents
+from robotether_server.relay.events.handler import EventsHandler
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.cors import Cors
+from robotether_server.relay.http.liveness import DRIVER_LIMITS, LivenessLimits
+from robotether_server.relay.http.redirects import refuse_redirects
+from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
-from robotether_server.relay.port_checks import PortChecker
-from robotether_server.relay.redirects import refuse_redirects
-from robotether_server.relay.robot_link import LinkRules
-from robotether_server.relay.rosbridge import BridgeRules, RosbridgeHandler
-from robotether_server.relay.session_server import BACKLOG, SessionServer
-from robotether_server.relay.sessions import SessionRegistry, utc_now
-from robotether_server.relay.sockets import RobotSocket
-from robotether_server.relay.video import VideoHandler
-from robotether_server.relay.viewer_stats import ViewerStats
-from robotether_server.relay.viewers import VideoContext
+from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.robot_link import LinkRules
+from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.rosbridge.bridge import Traffic
+from robotether_server.relay.rosbridge.handler import BridgeRules, RosbridgeHandler
+from robotether_server.relay.video.feed_link import FeedConnector
+from robotether_server.relay.video.feeds import Feeds
+from robotether_server.relay.video.frames_handler import FramesHandler
+from robotether_server.relay.video.handler import VideoHandler
+from robotether_server.relay.video.viewers import VideoContext
 from robotether_server.settings import RelaySettings
 from robotether_server.store.fleet import FormerSessions, Snapshot
 from robotether_server.tickets import TicketSigner

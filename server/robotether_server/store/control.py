@@ -29,7 +29,7 @@ class LeaseEnd:
 
 @dataclass(frozen=True)
 class Stop:
-    """A robot that is stopped; `by` is a user's name, or what the robot itself told (relay/stops.py)."""
+    """A robot that is stopped; `by` is a user's name, or what the robot itself told (relay/control/stops.py)."""
 
     robot_id: int
     at: datetime

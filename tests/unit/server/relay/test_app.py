@@ -40,7 +40,7 @@ async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch
     async def broken(*_args: object) -> None:
         raise ZeroDivisionError("secret detail")
 
-    monkeypatch.setattr("robotether_server.relay.access.Access.for_events", broken)
+    monkeypatch.setattr("robotether_server.relay.auth.access.Access.for_events", broken)
     async with http.get(f"{relay.url}/api/v1/events") as answer:
         assert answer.status == 500
         assert "secret" not in await answer.text()

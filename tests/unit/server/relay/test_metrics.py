@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.relay.bridge import Traffic
-from robotether_server.relay.feeds import FeedTraffic
 from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.rosbridge.bridge import Traffic
+from robotether_server.relay.video.feeds import FeedTraffic
 
 
 @pytest.fixture

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.relay import close_reasons
-from robotether_server.relay.bridge import Traffic
-from robotether_server.relay.connections import Connection
-from robotether_server.relay.drive_log import DriveLog
-from robotether_server.relay.event_writer import EventWriter
+from robotether_server.relay.auth.connections import Connection
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.drives.drive_log import DriveLog
+from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
-from robotether_server.relay.rosbridge import ConnectionReport
-from robotether_server.relay.sessions import Change, GuardReport, Presence
+from robotether_server.relay.robots.sessions import Change, GuardReport, Presence
+from robotether_server.relay.rosbridge.bridge import Traffic
+from robotether_server.relay.rosbridge.handler import ConnectionReport
 from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 

@@ -9,7 +9,7 @@ import pytest
 from granted import give
 from mariadb_server import MariaDb
 from robotether_server.problems import RecordRefused
-from robotether_server.relay.credentials import credential_of
+from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.robot_settings import DEFAULTS
 from robotether_server.store import (
     Database,

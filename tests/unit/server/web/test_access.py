@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.relay.access import LOGIN_COOKIE
+from robotether_server.relay.auth.access import LOGIN_COOKIE
 from robotether_server.store import Database, digests, users
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import access

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import get_args
 
-from robotether_server.relay.drive_log import GUARD
-from robotether_server.relay.message_validator import Kind
-from robotether_server.relay.session_messages import REFUSED_KINDS
+from robotether_server.relay.drives.drive_log import GUARD
+from robotether_server.relay.robots.session_messages import REFUSED_KINDS
+from robotether_server.relay.rosbridge.message_validator import Kind
 from robotether_server.web.refusal_texts import KINDS, refusal
 
 

@@ -1,0 +1,281 @@
+"""Who asks, and what for: tickets, logins, API tokens and the page's origin.
+
+The handlers of `app` ask here before anything else happens. A refusal is a Problem with its code.
+The ids of used tickets are remembered as long as a ticket is good, in bounded memory.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from urllib.parse import urlsplit
+
+from robotether_server.problems import (
+    CsrfRefused,
+    GrantMissing,
+    LoginMissing,
+    OriginRefused,
+    RobotUnknown,
+    TicketExpired,
+    TicketForeign,
+    TicketMissing,
+    TicketUsed,
+    TokenInvalid,
+)
+from robotether_server.relay.auth.connections import Use, permits
+from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.store.fleet import Credential, Robot, Snapshot, User
+from robotether_server.store.grants import Level
+from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
+
+LOGIN_COOKIE = "__Host-robotether_login"
+ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
+HTTPS_PORT = 443
+MAX_USED_TICKETS = 100_000
+# Longer texts are no credential of ours, and need not be hashed to know that.
+MAX_CREDENTIAL_LENGTH = 512
+
+
+@dataclass(frozen=True)
+class Request:
+    """What of an HTTP request tells who asks."""
+
+    host: str
+    origin: str | None
+    ticket: str | None
+    login: str | None
+    authorization: str | None
+
+
+@dataclass(frozen=True)
+class AuthenticatedUser:
+    """A user, and the credential that showed it."""
+
+    user: User
+    credential: Credential
+
+
+@dataclass(frozen=True)
+class Permit:
+    """A user may use this robot so, as long as the credential holds."""
+
+    user: User
+    robot: Robot
+    use: Use
+    credential: Credential
+    # What the connection may do: a manager's observing connection only observes.
+    level: Level = "observe"
+    # Whether the user could drive the robot, whatever this is for.
+    may_drive: bool = False
+
+
+class UsedTickets:
+    """The tickets that have opened a connection, as long as they could be shown again."""
+
+    def __init__(self, started_at: datetime, ttl_s: int, capacity: int = MAX_USED_TICKETS) -> None:
+        # A signature's moment has whole seconds. Older ones may have been used at a relay before.
+        self._floor = started_at.replace(microsecond=0)
+        self._ttl = timedelta(seconds=ttl_s)
+        self._capacity = capacity
+        self._issued: OrderedDict[str, datetime] = OrderedDict()
+
+    def refuse_too_old(self, issued_at: datetime) -> None:
+        """Raise TicketExpired when this relay cannot know whether the ticket was used."""
+        if issued_at < self._floor:
+            raise TicketExpired(
+                "cannot accept the ticket: the relay has started anew since; get a new one"
+            )
+
+    def use(self, ticket_id: str, issued_at: datetime, now: datetime) -> None:
+        """Remember the ticket; TicketUsed when it is known."""
+        self._drop_expired(now)
+        if ticket_id in self._issued:
+            raise TicketUsed("cannot accept the ticket: it was used already; get a new one")
+        self._issued[ticket_id] = issued_at
+        if len(self._issued) > self._capacity:
+            _, forgotten = self._issued.popitem(last=False)
+            self._floor = max(self._floor, forgotten + timedelta(seconds=1))
+
+    def _drop_expired(self, now: datetime) -> None:
+        # In order of use and not of issue: an expired one behind a good one just stays longer.
+        while self._issued:
+            ticket_id = next(iter(self._issued))
+            # One second more, because the signer counts whole seconds.
+            if self._issued[ticket_id] + self._ttl + timedelta(seconds=1) >= now:
+                return
+            del self._issued[ticket_id]
+
+
+class Access:
+    """Decides who may open what, with the newest rights."""
+
+    def __init__(
+        self,
+        *,
+        signer: TicketSigner,
+        credentials: Credentials,
+        snapshot: Callable[[], Snapshot],
+        allowed_origins: Collection[str],
+        clock: Callable[[], datetime],
+    ) -> None:
+        self._signer = signer
+        self._credentials = credentials
+        self._snapshot = snapshot
+        self._allowed_origins = frozenset(allowed_origins)
+        self._clock = clock
+        self._used = UsedTickets(clock(), signer.ttl_s)
+
+    def for_rosbridge(self, request: Request, name: str) -> Permit:
+        """Let a ticket open its one WebSocket to robot `name`, and use it up."""
+        _check_name(name)
+        self.check_origin(request)
+        if request.ticket is None:
+            raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
+        ticket, issued_at = self._verified(request.ticket)
+        permit = self._permit_of_ticket(ticket, name, ticket.mode)
+        self._used.use(ticket.id, issued_at, self._clock())
+        return permit
+
+    async def for_video(self, request: Request, name: str) -> Permit:
+        """Let a ticket, login or token see the video of robot `name`."""
+        _check_name(name)
+        self.check_origin(request)
+        if request.ticket is not None:
+            ticket, _ = self._verified(request.ticket)
+            return self._permit_of_ticket(ticket, name, "video")
+        asker = await self.asker(request)
+        robot = self.visible_robot(asker.user, name)
+        may_drive = permits(self._snapshot().level(asker.user.id, robot.id), "drive")
+        return Permit(asker.user, robot, "video", asker.credential, may_drive=may_drive)
+
+    async def for_frames(self, request: Request, name: str) -> Permit:
+        """Let a ticket open one connection to the pictures of robot `name`, and use it up; or a login or token."""
+        permit = await self.for_video(request, name)
+        if request.ticket is not None:
+            ticket, issued_at = self._verified(request.ticket)
+            self._used.use(ticket.id, issued_at, self._clock())
+        return permit
+
+    async def for_events(self, request: Request) -> AuthenticatedUser:
+        """Let a login or token follow the fleet."""
+        self.check_origin(request)
+        self._snapshot()
+        return await self.asker(request)
+
+    async def for_change(self, request: Request, csrf_header: str) -> AuthenticatedUser:
+        """Let a token change something, or a login that a page of this site uses.
+
+        A page of another site can send neither an Origin of ours nor a header of its own choice.
+        """
+        self.check_origin(request)
+        self._snapshot()
+        asker = await self.asker(request)
+        if asker.credential.kind == "login" and request.origin is None and not csrf_header:
+            raise CsrfRefused("cannot change anything: send the header X-CSRFToken with a login")
+        return asker
+
+    async def asker(self, request: Request) -> AuthenticatedUser:
+        """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
+
+        A page of another site shows a token: a login that its browser adds is not its word.
+        """
+        if request.authorization is not None:
+            return await self._asker_by_token(request.authorization)
+        is_ours = request.origin is None or _same_host(request.origin, request.host)
+        asker = await self._asker("login", (request.login or "") if is_ours else "")
+        if asker is None:
+            raise LoginMissing("cannot tell who asks: log in first")
+        return asker
+
+    def check_origin(self, request: Request) -> None:
+        """Refuse pages of other sites; programs send no Origin."""
+        origin = request.origin
+        if origin is None or origin in self._allowed_origins:
+            return
+        if not _same_host(origin, request.host):
+            raise OriginRefused(
+                f"cannot serve a page of {origin[:100]}: only this site's own pages and those in "
+                "ALLOWED_ORIGINS may ask"
+            )
+
+    async def _asker_by_token(self, authorization: str) -> AuthenticatedUser:
+        scheme, _, token = authorization.partition(" ")
+        asker = None
+        if scheme.lower() == "bearer":
+            asker = await self._asker("token", token.strip())
+        if asker is None:
+            raise TokenInvalid("cannot tell who asks: the token is unknown or has expired")
+        return asker
+
+    async def _asker(self, kind: CredentialKind, text: str) -> AuthenticatedUser | None:
+        if not 0 < len(text) <= MAX_CREDENTIAL_LENGTH:
+            return None
+        credential = credential_of(kind, text)
+        user = await self._credentials.user_of(credential)
+        return None if user is None else AuthenticatedUser(user, credential)
+
+    def _verified(self, text: str) -> tuple[Ticket, datetime]:
+        ticket, issued_at = self._signer.verify(text)
+        self._used.refuse_too_old(issued_at)
+        return ticket, issued_at
+
+    def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
+        user = User(ticket.user_id, ticket.user)
+        robot = self.visible_robot(user, name)
+        if robot.id != ticket.robot_id:
+            raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
+        granted = self._snapshot().level(user.id, robot.id)
+        if granted is None or not permits(granted, use):
+            raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
+        credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
+        level = granted if use == "drive" else "observe"
+        return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
+
+    def visible_robot(self, user: User, name: str) -> Robot:
+        """Return the robot; RobotUnknown when there is none for this user."""
+        _check_name(name)
+        snapshot = self._snapshot()
+        robot = snapshot.by_name.get(name)
+        if robot is None or snapshot.level(user.id, robot.id) is None:
+            raise RobotUnknown(f"cannot open robot {name}: there is no such robot for you")
+        return robot
+
+
+def request_of(
+    headers: Mapping[str, str], cookies: Mapping[str, str], query: Mapping[str, str]
+) -> Request:
+    """Pick out of an HTTP request what tells who asks."""
+    return Request(
+        host=headers.get("Host", ""),
+        origin=headers.get("Origin"),
+        ticket=query.get("ticket"),
+        login=cookies.get(LOGIN_COOKIE),
+        authorization=headers.get("Authorization"),
+    )
+
+
+def _check_name(name: str) -> None:
+    """Refuse what is no robot's name, before it stands in any sentence or log."""
+    if not ROBOT_NAME.fullmatch(name):
+        raise RobotUnknown("cannot open the robot: a robot's name has a-z, 0-9 and - only")
+
+
+def _same_host(origin: str, host: str) -> bool:
+    # Not http: whoever is between could write such a page, and this site serves none.
+    scheme, _, netloc = origin.partition("://")
+    own = _host_and_port(host)
+    return scheme == "https" and own is not None and own == _host_and_port(netloc)
+
+
+def _host_and_port(netloc: str) -> tuple[str, int] | None:
+    try:
+        parts = urlsplit(f"//{netloc}")
+        port = parts.port
+    except ValueError:
+        return None
+    if not parts.hostname or parts.netloc != netloc:
+        return None
+    return parts.hostname, HTTPS_PORT if port is None else port

@@ -1,0 +1,107 @@
+"""Logins and API tokens: who they belong to, and ending what hangs on one that is gone.
+
+`access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
+a page with many pictures asks the database once. `fleet` has those that something live hangs on
+asked again; such a one is believed as long as what hangs on it, with the database away, too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.store.digests import digest
+from robotether_server.store.fleet import Credential, User
+from robotether_server.tickets import CredentialKind
+
+KEEP_S = 3.0
+MAX_KEPT = 10_000
+
+
+def credential_of(kind: CredentialKind, text: str) -> Credential:
+    """Name a credential by its digest, which is all that the database keeps."""
+    return Credential(kind, digest(text))
+
+
+class Credentials:
+    """Looks credentials up, and watches those on which something live depends."""
+
+    def __init__(self, database: RelayDatabase) -> None:
+        self._database = database
+        self._kept: OrderedDict[Credential, tuple[float, User | None]] = OrderedDict()
+        self._held: dict[Credential, set[Callable[[], None]]] = {}
+        self._unsure: set[Credential] = set()
+        # Of those held, whose they were when last asked for; what hangs on one ends when it does.
+        self._live: dict[Credential, User] = {}
+        self._rechecks = 0
+
+    async def user_of(self, credential: Credential) -> User | None:
+        """Tell who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
+        if (live := self._live.get(credential)) is not None:
+            # Else nobody could stop a robot over HTTP while the database is away.
+            return live
+        now = asyncio.get_running_loop().time()
+        kept = self._kept.get(credential)
+        if kept is not None and now - kept[0] < KEEP_S:
+            return kept[1]
+        rechecks = self._rechecks
+        user = (await self._database.users_of([credential])).get(credential)
+        # An answer to a question of before a change may be the old one.
+        if rechecks == self._rechecks:
+            self._keep(credential, now, user)
+        return user
+
+    async def holds(self, credential: Credential) -> bool:
+        """Ask the database, whatever is remembered. May raise StoreUnavailable."""
+        return credential in await self._database.users_of([credential])
+
+    @contextmanager
+    def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
+        """Call `end` when the credential stops holding inside the block, or did so just before."""
+        ends = self._held.setdefault(credential, set())
+        ends.add(end)
+        self._unsure.add(credential)
+        try:
+            yield
+        finally:
+            ends.discard(end)
+            if not ends and self._held.get(credential) is ends:
+                del self._held[credential]
+                self._unsure.discard(credential)
+                self._live.pop(credential, None)
+
+    async def recheck(self) -> None:
+        """Ask again for all that is held, and end what hangs on the rest."""
+        self._kept.clear()
+        self._rechecks += 1
+        await self._ask_again(list(self._held))
+
+    async def check_new(self) -> None:
+        """Ask for those held since the last time: they may have ended while the way was long."""
+        await self._ask_again(list(self._unsure))
+
+    async def _ask_again(self, asked: list[Credential]) -> None:
+        if not asked:
+            return
+        valid = await self._database.users_of(asked)
+        self._unsure.difference_update(asked)
+        for credential in asked:
+            if credential in valid:
+                self._note_live(credential, valid[credential])
+            else:
+                self._live.pop(credential, None)
+                for end in list(self._held.get(credential, ())):
+                    end()
+
+    def _note_live(self, credential: Credential, user: User) -> None:
+        if credential in self._held:
+            self._live[credential] = user
+
+    def _keep(self, credential: Credential, now: float, user: User | None) -> None:
+        self._kept[credential] = (now, user)
+        self._kept.move_to_end(credential)
+        while len(self._kept) > MAX_KEPT:
+            self._kept.popitem(last=False)

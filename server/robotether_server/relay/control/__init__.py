@@ -1,0 +1,1 @@
+"""Who drives a robot, who waits, and who stopped it."""

@@ -1,0 +1,160 @@
+"""The control of all robots in one place: who drives, who waits, who stopped, and the object that tells it.
+
+`relay` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from robotether_server.relay.control.leases import Driver, Now, Reserved
+from robotether_server.relay.control.leasing import Leasing, now
+from robotether_server.relay.control.stops import Stops
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.sessions import Change, SessionRegistry
+from robotether_server.store.control import Kept
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.store.grants import includes
+from robotether_server.times import rfc3339
+
+ControlObject = dict[str, Any]
+
+
+class Control:
+    """Leases and stops, and who hears of them."""
+
+    def __init__(
+        self,
+        *,
+        database: RelayDatabase,
+        event_writer: EventWriter,
+        registry: SessionRegistry,
+        snapshot: Callable[[], Snapshot],
+    ) -> None:
+        self._registry = registry
+        self._listeners: list[Callable[[int], None]] = []
+        self._watchers: dict[int, set[Callable[[], None]]] = {}
+        self.leasing = Leasing(
+            database=database,
+            event_writer=event_writer,
+            registry=registry,
+            stopped=self._why_stopped,
+            changed=self._changed,
+        )
+        self.stops = Stops(
+            event_writer=event_writer,
+            registry=registry,
+            robots=lambda: snapshot().robots,
+            revoke=self.leasing.revoke,
+            changed=self._changed,
+        )
+
+    def listen(self, listener: Callable[[int], None]) -> None:
+        """Tell this of each robot whose control changes."""
+        self._listeners.append(listener)
+
+    @contextmanager
+    def watched(self, robot_id: int, changed: Callable[[], None]) -> Iterator[None]:
+        """Tell of changes of one robot's control inside the block."""
+        watchers = self._watchers.setdefault(robot_id, set())
+        watchers.add(changed)
+        try:
+            yield
+        finally:
+            watchers.discard(changed)
+            if not watchers and self._watchers.get(robot_id) is watchers:
+                del self._watchers[robot_id]
+
+    def remember(self, kept: Kept) -> None:
+        """Take over what the relay before this one kept."""
+        self.leasing.remember(kept.fences)
+        self.stops.remember(kept.stops)
+
+    def on_snapshot(self, snapshot: Snapshot) -> None:
+        """Rights or robots changed."""
+        self.leasing.forget_all_but(snapshot.robots)
+        self.stops.forget_all_but(snapshot.robots)
+        self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
+
+    def greeting(self, robot_id: int) -> list[bytes]:
+        """What a robot is told after its configuration."""
+        return [self.leasing.line(robot_id), *self.stops.greeting(robot_id)]
+
+    def driver(self, robot_id: int) -> str | None:
+        """Name who drives the robot."""
+        driver = self.leasing.of(robot_id).driver
+        return None if driver is None else driver.holder.user
+
+    def describe(self, robot_id: int) -> ControlObject:
+        """Build the control object of the contract."""
+        lease, timestamp = self.leasing.of(robot_id), now()
+        return {
+            "driver": _driver(lease.driver),
+            "waiting": self._waiting(robot_id),
+            "reserved": _reserved(lease.reserved(timestamp)),
+            "stopped": self._stopped(robot_id),
+            "guard": self._registry.presence(robot_id).guard,
+        }
+
+    def close(self) -> None:
+        """Let the timers go."""
+        self.leasing.close()
+        self.stops.close()
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot; who comes back stopped is stopped here, too."""
+        self.stops.on_robot_change(change)
+        if change.what != "heartbeat":
+            self._notify_watchers(change.robot_id)
+
+    def _why_stopped(self, robot: Robot) -> CloseReason | None:
+        return self.stops.close_reason(robot)
+
+    def _changed(self, robot_id: int) -> None:
+        for listener in self._listeners:
+            listener(robot_id)
+        self._notify_watchers(robot_id)
+
+    def _notify_watchers(self, robot_id: int) -> None:
+        for changed in list(self._watchers.get(robot_id, ())):
+            changed()
+
+    def _waiting(self, robot_id: int) -> ControlObject | None:
+        lease = self.leasing.of(robot_id)
+        if lease.waiting is None:
+            return None
+        return {
+            "user": lease.waiting.user.name,
+            "since": rfc3339(lease.waiting.since.utc),
+            "passes_at": _timestamp(lease.passes_at()),
+        }
+
+    def _stopped(self, robot_id: int) -> ControlObject | None:
+        stop = self.stops.shown(robot_id)
+        if stop is None:
+            return None
+        return {"by": stop.by, "at": stop.at, "confirmed": self.stops.confirmed(robot_id)}
+
+
+def _driver(driver: Driver | None) -> ControlObject | None:
+    if driver is None:
+        return None
+    since = rfc3339(driver.since.utc)
+    return {"user": driver.holder.user, "since": since, "fence": driver.fence}
+
+
+def _reserved(kept: Reserved | None) -> ControlObject | None:
+    return None if kept is None else {"user": kept.user.name, "until": rfc3339(kept.until.utc)}
+
+
+def _timestamp(timestamp: Now | None) -> str | None:
+    return None if timestamp is None else rfc3339(timestamp.utc)
+
+
+def _may_drive(snapshot: Snapshot, user_id: int, robot_id: int) -> bool:
+    level = snapshot.level(user_id, robot_id)
+    return level is not None and includes(level, "drive")

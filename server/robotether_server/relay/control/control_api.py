@@ -1,0 +1,185 @@
+"""The HTTP requests that concern control: stop, release, lease, and what is known of it.
+
+`app` routes them here. Who asks shows a login or a token, never a ticket; what a login changes must come
+from a page of this site. Handlers decide who may, `leasing` and `stops` do it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
+from typing import Any
+
+from aiohttp import web
+
+from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
+from robotether_server.relay.auth.access import Access, request_of
+from robotether_server.relay.control import leasing
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.stops import ShownStop
+from robotether_server.store.fleet import Robot, Snapshot, User
+from robotether_server.store.grants import Level, includes
+
+MAX_REASON = 255
+MAX_SITE = 63
+NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+
+
+class ControlApi:
+    """Answers what asks for control over HTTP."""
+
+    def __init__(self, access: Access, control: Control, snapshot: Callable[[], Snapshot]) -> None:
+        self._access = access
+        self._control = control
+        self._snapshot = snapshot
+        self._actions: Mapping[str, Callable[[Robot, leasing.LeaseRequester], None]] = {
+            "ask": control.leasing.ask,
+            "withdraw": control.leasing.withdraw,
+            "hand_over": control.leasing.hand_over,
+            "refuse": control.leasing.refuse,
+            "take": control.leasing.take,
+        }
+
+    def add_routes(self, app: web.Application) -> None:
+        """Route the paths of the contract here."""
+        app.router.add_get("/api/v1/robots/{name}/control", self.show, allow_head=False)
+        app.router.add_post("/api/v1/robots/{name}/stop", self.stop)
+        app.router.add_post("/api/v1/robots/{name}/release", self.release)
+        app.router.add_post("/api/v1/robots/{name}/lease", self.lease)
+        app.router.add_post("/api/v1/stop", self.stop_many)
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Tell the control object."""
+        asked = request_of(request.headers, request.cookies, request.query)
+        asker = await self._access.for_events(asked)
+        return self._answer(self._access.visible_robot(asker.user, request.match_info["name"]))
+
+    async def stop(self, request: web.Request) -> web.Response:
+        """Stop a robot: whoever may see it."""
+        user, robot = await self._who_and_what(request)
+        reason = _text(await _members(request, ("reason",)), "reason", MAX_REASON)
+        self._control.stops.stop(robot, user.name, reason=reason, address=_address(request))
+        await self._control.stops.confirmation(robot.id)
+        return self._answer(robot)
+
+    async def release(self, request: web.Request) -> web.Response:
+        """Release a robot: a driver."""
+        user, robot = await self._who_and_what(request)
+        seen = _seen_stop(await _members(request, ("by", "at")))
+        self._check_level(user, robot, "drive", "release")
+        stops = self._control.stops
+        await stops.release(robot, user.name, seen=seen, address=_address(request))
+        return self._answer(robot)
+
+    async def lease(self, request: web.Request) -> web.Response:
+        """Ask for the control, answer who asks, or take it."""
+        user, robot = await self._who_and_what(request)
+        members = await _members(request, ("action", "to"))
+        name = _text(members, "action", MAX_SITE)
+        action = self._actions.get(name or "")
+        if action is None:
+            known = ", ".join(self._actions)
+            raise FieldInvalid(f"cannot use action: it must be one of {known}")
+        if "to" in members:
+            action = self._handing_over_to(name, members["to"])
+        self._check_level(user, robot, "manage" if name == "take" else "drive", f"{name}")
+        action(robot, leasing.LeaseRequester(user, _address(request)))
+        return self._answer(robot)
+
+    async def stop_many(self, request: web.Request) -> web.Response:
+        """Stop all robots, or those of a site, that the caller manages."""
+        user = await self._changer(request)
+        members = await _members(request, ("site", "reason"))
+        site = _text(members, "site", MAX_SITE)
+        reason = _text(members, "reason", MAX_REASON)
+        robots = [robot for robot in self._managed(user) if site is None or robot.site == site]
+        if not robots:
+            where = "" if site is None else f" of site {site}"
+            raise GrantMissing(f"cannot stop all robots{where}: you manage none of them")
+        stops, address = self._control.stops, _address(request)
+        for robot in robots:
+            stops.stop(robot, user.name, reason=reason, address=address)
+        confirmed = await asyncio.gather(*(stops.confirmation(robot.id) for robot in robots))
+        found = [
+            {"name": robot.name, "stopped": stops.of(robot.id) is not None, "confirmed": has_it}
+            for robot, has_it in zip(robots, confirmed, strict=True)
+        ]
+        return web.json_response({"robots": found}, headers=NO_STORE)
+
+    def _handing_over_to(
+        self, action: str | None, to: object
+    ) -> Callable[[Robot, leasing.LeaseRequester], None]:
+        if action != "hand_over" or not isinstance(to, str):
+            raise FieldInvalid("cannot use to: it is a user's name, and goes with hand_over alone")
+        return partial(self._control.leasing.hand_over, to=to)
+
+    async def _who_and_what(self, request: web.Request) -> tuple[User, Robot]:
+        user = await self._changer(request)
+        return user, self._access.visible_robot(user, request.match_info["name"])
+
+    async def _changer(self, request: web.Request) -> User:
+        asked = request_of(request.headers, request.cookies, request.query)
+        csrf_header = request.headers.get("X-CSRFToken", "")
+        return (await self._access.for_change(asked, csrf_header)).user
+
+    def _managed(self, user: User) -> list[Robot]:
+        snapshot = self._snapshot()
+        return [
+            robot
+            for robot in snapshot.visible(user.id)
+            if robot.state == "active" and snapshot.level(user.id, robot.id) == "manage"
+        ]
+
+    def _check_level(self, user: User, robot: Robot, needed: Level, deed: str) -> None:
+        level = self._snapshot().level(user.id, robot.id)
+        if level is None or not includes(level, needed):
+            raise GrantMissing(
+                f"cannot {deed} at robot {robot.name}: you need the right to {needed}"
+            )
+
+    def _answer(self, robot: Robot) -> web.Response:
+        return web.json_response(self._control.describe(robot.id), headers=NO_STORE)
+
+
+def _address(request: web.Request) -> str | None:
+    return request.headers.get("X-Forwarded-For")
+
+
+async def _members(request: web.Request, known: Collection[str]) -> Mapping[str, Any]:
+    """Read a body, which may be missing."""
+    data = await request.read()
+    if not data:
+        return {}
+    if request.content_type != "application/json":
+        raise HttpProblem(415, "cannot read the body: send it as application/json")
+    try:
+        members = json.loads(data)
+    except (ValueError, RecursionError) as exc:
+        raise HttpProblem(400, "cannot read the body: it is no JSON") from exc
+    if not isinstance(members, dict):
+        raise FieldInvalid("cannot read the body: it must be an object")
+    for name in members:
+        if name not in known:
+            raise FieldInvalid(f"cannot use {name[:40]!r}: there is no such member here")
+    return members
+
+
+def _seen_stop(members: Mapping[str, Any]) -> ShownStop | None:
+    """Return which stop a release is for, None when it names none; it is compared and never shown."""
+    if not members:
+        return None
+    by, at = members.get("by"), members.get("at")
+    if not isinstance(by, str) or not isinstance(at, str):
+        raise FieldInvalid("cannot use by and at: give both, as the control object shows them")
+    return ShownStop(by, at)
+
+
+def _text(members: Mapping[str, Any], name: str, longest: int) -> str | None:
+    value = members.get(name)
+    if value is None:
+        return None
+    if not isinstance(value, str) or len(value) > longest or not value.isprintable():
+        raise FieldInvalid(f"cannot use {name}: it must be a text of at most {longest} characters")
+    return value

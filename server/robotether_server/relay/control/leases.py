@@ -1,0 +1,261 @@
+"""Who drives one robot, who waits for it, and for whom it is kept. Pure: no network, no clock, no database.
+
+`leasing` has one `Lease` a robot. At most one connection holds it, and the numbers (`fence`) only grow.
+A connection first claims the lease, which keeps everybody else out, and holds it once the number that the
+database gave is granted. Whoever loses it is returned to the caller, who ends the connection.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Protocol
+
+from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
+from robotether_server.relay.http.rate_limiter import RateLimiter
+from robotether_server.store.fleet import User
+
+PASSES_AFTER_S = 20.0
+RESERVED_FOR_S = 10.0
+# Of one user at one robot: each question stands before the eyes of who drives, and in the audit log.
+QUESTIONS_AT_ONCE = 3
+QUESTION_EVERY_S = 30.0
+
+
+class Holder(Protocol):
+    """A connection that drives or wants to."""
+
+    @property
+    def user_id(self) -> int:
+        """Whose it is."""
+
+    @property
+    def user(self) -> str:
+        """That user's name."""
+
+
+@dataclass(frozen=True)
+class Now:
+    """One moment on two clocks: seconds for durations, and the time for people."""
+
+    s: float
+    utc: datetime
+
+    def later(self, seconds: float) -> Now:
+        """Return the moment so much later."""
+        return Now(self.s + seconds, self.utc + timedelta(seconds=seconds))
+
+
+@dataclass
+class Driver:
+    """Who holds the lease; `input` is when a command came last."""
+
+    holder: Holder
+    fence: int
+    since: Now
+    input: Now
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Who asked for the control."""
+
+    user: User
+    since: Now
+
+
+@dataclass(frozen=True)
+class Reserved:
+    """For whom alone the lease is kept."""
+
+    user: User
+    until: Now
+
+
+@dataclass(frozen=True)
+class Passed:
+    """The control went from a driver, if there was one, to a user that has yet to connect."""
+
+    driver: Driver | None
+    to: User
+
+
+class HeldError(Exception):
+    """Somebody else drives, or the lease is kept for somebody else."""
+
+    def __init__(self, user: str, since: Now | None) -> None:
+        super().__init__(user)
+        self.user = user
+        self.since = since
+
+
+class Lease:
+    """The control of one robot."""
+
+    def __init__(self, fence: int = 0) -> None:
+        self.fence = fence
+        self.driver: Driver | None = None
+        self.waiting: Waiting | None = None
+        self._reserved: Reserved | None = None
+        self._claimant: Holder | None = None
+        self._questions: dict[int, RateLimiter] = {}
+
+    def reserved(self, now: Now) -> Reserved | None:
+        """For whom the lease is kept now."""
+        kept = self._reserved
+        return kept if kept is not None and now.s < kept.until.s else None
+
+    def claim(self, holder: Holder, now: Now) -> Holder | None:
+        """Keep everybody else out until the number is there; return this user's older claimant.
+
+        This user's older connection drives on meanwhile. Raises HeldError.
+        """
+        present = self.driver.holder if self.driver is not None else self._claimant
+        if present is not None and present.user_id != holder.user_id:
+            raise HeldError(present.user, self.driver.since if self.driver is not None else None)
+        kept = self.reserved(now)
+        if kept is not None and kept.user.id != holder.user_id:
+            raise HeldError(kept.user.name, None)
+        older, self._claimant = self._claimant, holder
+        return older
+
+    def grant(self, holder: Holder, fence: int, now: Now) -> bool:
+        """Let the claimant drive with this number, in place of its user's older connection.
+
+        False when its claim is gone, or the number is no newer.
+        """
+        if self._claimant is not holder or fence <= self.fence:
+            return False
+        self.fence = fence
+        self._claimant = self._reserved = None
+        self.driver = Driver(holder, fence, now, now)
+        return True
+
+    def end(self, holder: Holder, now: Now) -> Driver | None:
+        """A connection is over; return what it held. Who waits is next."""
+        if self._claimant is holder:
+            self._claimant = None
+        held = self.driver if self.driver is not None and self.driver.holder is holder else None
+        if held is not None:
+            self.driver = None
+        if self.driver is None and self._claimant is None and self.waiting is not None:
+            self._keep_for(self.waiting.user, now)
+        return held
+
+    def revoke(self) -> Holder | None:
+        """End everything: the robot is stopped, or gone. Return who drove or was about to."""
+        present = self.driver.holder if self.driver is not None else self._claimant
+        self.driver = self._claimant = self.waiting = self._reserved = None
+        return present
+
+    def on_command(self, now: Now) -> None:
+        """The driver sent a command: it is there."""
+        if self.driver is not None:
+            self.driver.input = now
+
+    def ask(self, user: User, now: Now) -> bool:
+        """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
+        driver = self._driver_or_free(now)
+        if driver.holder.user_id == user.id:
+            raise LeaseFree("cannot ask for the control: it is yours")
+        if self.waiting is not None and self.waiting.user.id != user.id:
+            raise AlreadyAsked(f"cannot ask for the control: {self.waiting.user.name} waits for it")
+        if self.waiting is not None:
+            return False
+        self._count_question(user, now)
+        self.waiting = Waiting(user, now)
+        return True
+
+    def withdraw(self, user: User) -> None:
+        """Take one's question back."""
+        if self.waiting is None or self.waiting.user.id != user.id:
+            raise NobodyAsks("cannot take the question back: you have not asked for the control")
+        self.waiting = None
+
+    def refuse(self, user: User, now: Now) -> User:
+        """The driver says no; return to whom."""
+        asker = self._asker_of(user, now)
+        self.waiting = None
+        return asker
+
+    def hand_over(self, user: User, now: Now, to: str | None = None) -> Passed:
+        """The driver says yes, to whoever asks or to the one of this name alone."""
+        asker = self._asker_of(user, now)
+        if to is not None and asker.name != to:
+            raise NobodyAsks(f"cannot hand the control over: {asker.name} asks for it by now")
+        return self._pass_to(asker, now)
+
+    def take(self, user: User, now: Now) -> Passed | None:
+        """Give a manager the control at once; None when it has it, or it is kept for it."""
+        if self._is_for(user, now):
+            return None
+        if self.driver is None and self.reserved(now) is None:
+            self._driver_or_free(now)
+        return self._pass_to(user, now)
+
+    def passes_at(self) -> Now | None:
+        """When the control passes on by itself, if no command and no answer comes."""
+        if self.driver is None or self.waiting is None:
+            return None
+        last = max(self.driver.input, self.waiting.since, key=lambda timestamp: timestamp.s)
+        return last.later(PASSES_AFTER_S)
+
+    def pass_on(self, now: Now) -> Passed | None:
+        """Pass the control on, when that is due."""
+        due = self.passes_at()
+        if due is None or self.waiting is None or now.s < due.s:
+            return None
+        return self._pass_to(self.waiting.user, now)
+
+    def keep_only(self, may_drive: Callable[[int], bool]) -> bool:
+        """Forget who waits, and for whom it is kept, without the right to drive; tell whether anybody was."""
+        before = (self.waiting, self._reserved)
+        if self.waiting is not None and not may_drive(self.waiting.user.id):
+            self.waiting = None
+        if self._reserved is not None and not may_drive(self._reserved.user.id):
+            self._reserved = None
+        return before != (self.waiting, self._reserved)
+
+    def _is_for(self, user: User, now: Now) -> bool:
+        if self.driver is not None:
+            return self.driver.holder.user_id == user.id
+        kept = self.reserved(now)
+        return kept is not None and kept.user.id == user.id
+
+    def _count_question(self, user: User, now: Now) -> None:
+        fresh = RateLimiter(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
+        limiter = self._questions.setdefault(user.id, fresh)
+        if not limiter.allow(now.s):
+            wait_s = math.ceil(limiter.free_in_s(now.s))
+            raise Throttled(
+                f"cannot ask for the control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
+                f"ask again in {wait_s} s",
+                wait_s,
+            )
+
+    def _driver_or_free(self, now: Now) -> Driver:
+        if self.driver is not None:
+            return self.driver
+        kept = self.reserved(now)
+        if kept is not None:
+            raise AlreadyAsked(f"cannot ask for the control: it is kept for {kept.user.name}")
+        raise LeaseFree("cannot ask for the control: nobody drives; just connect")
+
+    def _asker_of(self, user: User, now: Now) -> User:
+        if self._driver_or_free(now).holder.user_id != user.id:
+            raise LeaseNotYours("cannot answer for the driver: you do not drive this robot")
+        if self.waiting is None:
+            raise NobodyAsks("cannot answer: nobody asks for the control")
+        return self.waiting.user
+
+    def _pass_to(self, user: User, now: Now) -> Passed:
+        driver, self.driver, self._claimant = self.driver, None, None
+        self._keep_for(user, now)
+        return Passed(driver, user)
+
+    def _keep_for(self, user: User, now: Now) -> None:
+        # Who got it asked with reason.
+        self._questions.pop(user.id, None)
+        self.waiting, self._reserved = None, Reserved(user, now.later(RESERVED_FOR_S))

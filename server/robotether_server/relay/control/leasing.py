@@ -1,0 +1,263 @@
+"""Leases with what they need: numbers from the database, lines to robots, and timers.
+
+`rosbridge` begins and ends leases, `control_api` does what people ask for, `stops` ends them. A lease is
+granted only after its number is committed, and is over for everybody at once: the robot is told before
+the connection is closed. The rules themselves are in `leases`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
+from robotether_server.relay.auth.connections import Connection
+from robotether_server.relay.control.leases import Driver, HeldError, Lease, Now, Passed
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.robots import session_messages as lines
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.store.control import LeaseEnd, NewLease
+from robotether_server.store.fleet import AuditEntry, Robot, User
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LeaseRequester:
+    """Who asks for a change of control, and from where."""
+
+    user: User
+    address: str | None = None
+
+
+class Leasing:
+    """The leases of all robots."""
+
+    def __init__(
+        self,
+        *,
+        database: RelayDatabase,
+        event_writer: EventWriter,
+        registry: SessionRegistry,
+        stopped: Callable[[Robot], CloseReason | None],
+        changed: Callable[[int], None],
+    ) -> None:
+        self._database = database
+        self._event_writer = event_writer
+        self._registry = registry
+        self._stopped = stopped
+        self._changed = changed
+        self._leases: dict[int, Lease] = {}
+        self._timers: dict[int, asyncio.TimerHandle] = {}
+
+    def of(self, robot_id: int) -> Lease:
+        """Return a robot's lease."""
+        return self._leases.setdefault(robot_id, Lease())
+
+    def count(self) -> int:
+        """How many robots are driven."""
+        return sum(lease.driver is not None for lease in self._leases.values())
+
+    def remember(self, fences: Mapping[int, int]) -> None:
+        """Go on from the numbers of the relay before this one."""
+        for robot_id, fence in fences.items():
+            lease = self.of(robot_id)
+            lease.fence = max(lease.fence, fence)
+
+    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
+        """Drop the leases of robots that are gone."""
+        for robot_id in self._leases.keys() - set(robot_ids):
+            del self._leases[robot_id]
+            self._disarm(robot_id)
+
+    def line(self, robot_id: int) -> bytes:
+        """Build what a robot is told of its lease."""
+        lease = self.of(robot_id)
+        return lines.lease_line(lease.fence, held=lease.driver is not None)
+
+    async def begin(self, connection: Connection) -> int:
+        """Let the connection drive; return its number. EndedError when it may not."""
+        robot = connection.robot
+        if (close_reason := self._stopped(robot)) is not None:
+            raise ConnectionClosedError(close_reason)
+        lease = self.of(robot.id)
+        self._claim(lease, connection)
+        fence = await self._next_fence(lease, connection)
+        older = lease.driver
+        if not lease.grant(connection, fence, now()):
+            raise ConnectionClosedError(self._why_not(lease, robot))
+        if older is not None and isinstance(older.holder, Connection):
+            older.holder.end(close_reasons.superseded(robot.name))
+        self._notify(robot.id)
+        return fence
+
+    def end(self, connection: Connection) -> None:
+        """The connection is over, and so is its lease."""
+        robot_id = connection.robot.id
+        lease = self.of(robot_id)
+        waiting, driver = lease.waiting, lease.end(connection, now())
+        if driver is not None:
+            self._write_end(robot_id, driver)
+        if driver is not None or lease.waiting is not waiting:
+            self._notify(robot_id)
+
+    def revoke(self, robot_id: int, close_reason: CloseReason) -> None:
+        """End whatever there is: the robot is stopped."""
+        lease = self.of(robot_id)
+        driver, holder = lease.driver, lease.revoke()
+        if driver is not None:
+            self._write_end(robot_id, driver)
+        self._notify(robot_id)
+        if isinstance(holder, Connection):
+            holder.end(close_reason)
+
+    def on_command(self, robot_id: int) -> None:
+        """The driver sent a command."""
+        self.of(robot_id).on_command(now())
+
+    def keep_only(self, may_drive: Callable[[int, int], bool]) -> None:
+        """Forget who waits without the right to drive (user, robot) any more."""
+        for robot_id, lease in self._leases.items():
+            if lease.keep_only(_of_robot(may_drive, robot_id)):
+                self._notify(robot_id)
+
+    def ask(self, robot: Robot, asker: LeaseRequester) -> None:
+        """Ask the driver for the control."""
+        if self.of(robot.id).ask(asker.user, now()):
+            self._audit("lease_asked", robot, asker)
+            self._notify(robot.id)
+
+    def withdraw(self, robot: Robot, asker: LeaseRequester) -> None:
+        """Take a question back."""
+        self.of(robot.id).withdraw(asker.user)
+        self._notify(robot.id)
+
+    def refuse(self, robot: Robot, asker: LeaseRequester) -> None:
+        """The driver says no."""
+        to = self.of(robot.id).refuse(asker.user, now())
+        self._audit("lease_refused", robot, asker, to=to.name)
+        self._notify(robot.id)
+
+    def hand_over(self, robot: Robot, asker: LeaseRequester, to: str | None = None) -> None:
+        """The driver says yes, to whoever asks or to the one of this name alone."""
+        passed = self.of(robot.id).hand_over(asker.user, now(), to)
+        self._audit("lease_handed_over", robot, asker, to=passed.to.name)
+        self._pass(robot.id, passed)
+
+    def take(self, robot: Robot, asker: LeaseRequester) -> None:
+        """Give a manager the control."""
+        passed = self.of(robot.id).take(asker.user, now())
+        if passed is not None:
+            driver = None if passed.driver is None else passed.driver.holder.user
+            self._audit("lease_taken", robot, asker, driver=driver)
+            self._pass(robot.id, passed)
+
+    def close(self) -> None:
+        """Let the timers go."""
+        for robot_id in list(self._timers):
+            self._disarm(robot_id)
+
+    def _claim(self, lease: Lease, connection: Connection) -> None:
+        robot = connection.robot
+        try:
+            older = lease.claim(connection, now())
+        except HeldError as held:
+            since = None if held.since is None else held.since.utc
+            raise ConnectionClosedError(
+                close_reasons.lease_held(robot.name, held.user, since)
+            ) from held
+        if isinstance(older, Connection):
+            older.end(close_reasons.superseded(robot.name))
+
+    def _why_not(self, lease: Lease, robot: Robot) -> CloseReason:
+        """Say why a claim was lost."""
+        if (close_reason := self._stopped(robot)) is not None:
+            return close_reason
+        kept = lease.reserved(now())
+        if kept is not None:
+            return close_reasons.lease_held(robot.name, kept.user.name, None)
+        return close_reasons.lease_unavailable(robot.name)
+
+    async def _next_fence(self, lease: Lease, connection: Connection) -> int:
+        robot = connection.robot
+        asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), lease.fence)
+        try:
+            return await self._database.next_fence(asked)
+        except (RecordMissing, RecordRefused) as gone:
+            # Robot or user was removed meanwhile, which the relay reads of only in its next look.
+            log.info("robot %s: a drive gets no number: %s", robot.name, gone.detail)
+            raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
+        except StoreProblem as problem:
+            log.warning("robot %s: a drive gets no number: %s", robot.name, problem.detail)
+            raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
+
+    def _pass(self, robot_id: int, passed: Passed) -> None:
+        if passed.driver is not None:
+            self._write_end(robot_id, passed.driver)
+        self._notify(robot_id)
+        if passed.driver is not None and isinstance(passed.driver.holder, Connection):
+            connection = passed.driver.holder
+            connection.end(close_reasons.lease_lost(connection.robot.name, passed.to.name))
+
+    def _write_end(self, robot_id: int, driver: Driver) -> None:
+        self._event_writer.add(LeaseEnd(robot_id, driver.fence, utc_now()))
+
+    def _audit(self, kind: str, robot: Robot, asker: LeaseRequester, **details: str | None) -> None:
+        self._event_writer.add(
+            AuditEntry(utc_now(), asker.user.name, kind, robot.name, asker.address, details)
+        )
+
+    def _notify(self, robot_id: int) -> None:
+        """Tell the robot and whoever watches, and look again when time changes something."""
+        link = self._registry.session_of(robot_id)
+        if link is not None:
+            link.send(self.line(robot_id))
+        self._arm(robot_id)
+        self._changed(robot_id)
+
+    def _arm(self, robot_id: int) -> None:
+        self._disarm(robot_id)
+        due = min(self._due_at(robot_id), default=None)
+        if due is not None:
+            loop = asyncio.get_running_loop()
+            self._timers[robot_id] = loop.call_at(due, self._on_timer, robot_id)
+
+    def _due_at(self, robot_id: int) -> Iterator[float]:
+        lease = self.of(robot_id)
+        passes_at, kept = lease.passes_at(), lease.reserved(now())
+        if passes_at is not None:
+            # At least every second: who waits sees that the driver's input put it off.
+            yield min(passes_at.s, now().s + 1)
+        if kept is not None:
+            yield kept.until.s
+
+    def _disarm(self, robot_id: int) -> None:
+        timer = self._timers.pop(robot_id, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _on_timer(self, robot_id: int) -> None:
+        lease = self.of(robot_id)
+        passed = lease.pass_on(now())
+        if passed is None:
+            self._arm(robot_id)
+            self._changed(robot_id)
+            return
+        if passed.driver is not None and isinstance(passed.driver.holder, Connection):
+            robot, driver = passed.driver.holder.robot, passed.driver.holder.user
+            self._audit("lease_passed", robot, LeaseRequester(passed.to), driver=driver)
+        self._pass(robot_id, passed)
+
+
+def now() -> Now:
+    """Return this moment; the loop's clock is that of the timers."""
+    return Now(asyncio.get_running_loop().time(), utc_now())
+
+
+def _of_robot(may_drive: Callable[[int, int], bool], robot_id: int) -> Callable[[int], bool]:
+    return lambda user_id: may_drive(user_id, robot_id)

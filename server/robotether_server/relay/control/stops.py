@@ -1,0 +1,322 @@
+"""Which robots are stopped: kept in the database, told to their guards, and taken back by a release.
+
+`control_api` and drivers' and observers' own operations stop robots, `relay` hands it what guards tell. A
+stop needs no database: it holds in memory at once, its row is written when the database is there. A robot
+is stopped when either side says so. The newest stop takes the older one's place, so that a release which
+names what its person saw cannot end one unseen. Nothing here ever releases a robot that did not confirm it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import secrets
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots import session_messages as lines
+from robotether_server.relay.robots.sessions import Change, SessionRegistry, utc_now
+from robotether_server.store.control import MAX_NAME, Stop, StopEntry
+from robotether_server.store.fleet import AuditEntry, Robot
+from robotether_server.times import rfc3339
+
+log = logging.getLogger(__name__)
+
+ORDER_ID_BYTES = 8
+CONFIRMED_WITHIN_S = 1.0
+RELEASED_WITHIN_S = 2.0
+# An order that a guard has not confirmed is told again: it may have been starting.
+REPEAT_EVERY_S = 1.0
+INSIST_EVERY_S = 0.2
+# A page tells one press on two ways; what comes so soon after another person's stop must not hide that one. No less
+# than what moments are shown in, so that two stops of one person never look alike.
+SAME_PRESS_S = 1.0
+# No name of a user reads like this.
+AT_ROBOT = "somebody at the robot"
+
+
+@dataclass(frozen=True)
+class ShownStop:
+    """A stop as the control object shows it, which is all that a person knows of it."""
+
+    by: str
+    at: str
+
+
+class Stops:
+    """The stops of all robots."""
+
+    def __init__(
+        self,
+        *,
+        event_writer: EventWriter,
+        registry: SessionRegistry,
+        robots: Callable[[], Mapping[int, Robot]],
+        revoke: Callable[[int, CloseReason], None],
+        changed: Callable[[int], None],
+    ) -> None:
+        self._event_writer = event_writer
+        self._registry = registry
+        self._robots = robots
+        self._revoke = revoke
+        self._changed = changed
+        self._entries: dict[int, StopEntry] = {}
+        self._repeats: dict[int, asyncio.TimerHandle] = {}
+        self._sent_at: dict[int, float] = {}
+        self._pressed_at: dict[int, dict[str, float]] = {}
+        self._releases: dict[int, dict[str, asyncio.Future[None]]] = {}
+        self._confirmations: dict[int, set[asyncio.Future[None]]] = {}
+
+    def remember(self, stops: Iterable[Stop]) -> None:
+        """Take over what the relay before this one kept."""
+        for stop in stops:
+            self._entries.setdefault(stop.robot_id, StopEntry(stop.robot_id, stop))
+
+    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
+        """Drop the stops of robots that are gone."""
+        for robot_id in self._entries.keys() - set(robot_ids):
+            del self._entries[robot_id]
+            self._sent_at.pop(robot_id, None)
+            self._pressed_at.pop(robot_id, None)
+
+    def of(self, robot_id: int) -> Stop | None:
+        """Return the stop of a robot, None when it is not stopped."""
+        entry = self._entries.get(robot_id)
+        return None if entry is None else entry.stop
+
+    def shown(self, robot_id: int) -> ShownStop | None:
+        """Return what people see of a robot's stop."""
+        stop = self.of(robot_id)
+        return None if stop is None else ShownStop(stop.by, rfc3339(stop.at))
+
+    def close_reason(self, robot: Robot) -> CloseReason | None:
+        """Say why nobody drives the robot; None: it is not stopped."""
+        stop = self.of(robot.id)
+        return None if stop is None else close_reasons.robot_stopped(robot.name, stop.by, stop.at)
+
+    def count(self) -> int:
+        """How many robots are stopped."""
+        return sum(entry.stop is not None for entry in self._entries.values())
+
+    def confirmed(self, robot_id: int) -> bool:
+        """Tell whether the robot's guard has the stop."""
+        presence = self._registry.presence(robot_id)
+        return presence.online and presence.guard_mode == "on" and presence.report.stopped
+
+    def greeting(self, robot_id: int) -> list[bytes]:
+        """What a robot is told when it comes."""
+        stop = self.of(robot_id)
+        return [] if stop is None else [lines.stop_line(_order_id(), stop.by)]
+
+    def stop(
+        self, robot: Robot, by: str, *, reason: str | None = None, address: str | None = None
+    ) -> None:
+        """Stop the robot, also when it is stopped already or offline."""
+        releases = [each for each in self._releases.get(robot.id, {}).values() if _may_end_it(each)]
+        if self._same_press(robot.id, by) and not releases:
+            self._insist(robot.id)
+            return
+        for answered in releases:
+            if not answered.done():
+                answered.set_exception(_stopped_again(robot, by))
+        self._begin(robot, Stop(robot.id, utc_now(), by, reason))
+        self._pressed_at.setdefault(robot.id, {})[by] = asyncio.get_running_loop().time()
+        details: dict[str, object] = {} if reason is None else {"reason": reason}
+        self._audit("robot_stopped", robot, by, address, details)
+
+    async def confirmation(self, robot_id: int) -> bool:
+        """Wait a moment until the robot's guard has the stop; tell whether it does."""
+        presence = self._registry.presence(robot_id)
+        if self.confirmed(robot_id) or not presence.online or presence.guard_mode != "on":
+            return self.confirmed(robot_id)
+        waiting = asyncio.get_running_loop().create_future()
+        waiters = self._confirmations.setdefault(robot_id, set())
+        waiters.add(waiting)
+        try:
+            async with asyncio.timeout(CONFIRMED_WITHIN_S):
+                await waiting
+        except TimeoutError:
+            return self.confirmed(robot_id)
+        finally:
+            waiters.discard(waiting)
+            if not waiters and self._confirmations.get(robot_id) is waiters:
+                del self._confirmations[robot_id]
+        return True
+
+    async def release(
+        self, robot: Robot, by: str, *, seen: ShownStop | None = None, address: str | None = None
+    ) -> None:
+        """Release the robot; RobotOffline or GuardSilent when it does not confirm.
+
+        NotPossible when another stop stands than the one that was `seen`.
+        """
+        self._check_seen(robot, seen)
+        presence, released = self._registry.presence(robot.id), self.of(robot.id)
+        if released is None and not presence.report.stopped:
+            return
+        if not presence.online:
+            raise RobotOffline(
+                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
+            )
+        # Without a guard nobody confirms, and the stop was never more than the server's.
+        if presence.guard_mode == "on":
+            await self._released_by_guard(robot, by)
+        newer = self.of(robot.id)
+        if newer is not None and newer is not released:
+            # It came between the guard's answer and this line.
+            raise _stopped_again(robot, newer.by)
+        self._end(robot.id)
+        self._audit("robot_released", robot, by, address, {})
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot."""
+        if change.what == "guard_status":
+            self._on_guard_status(change)
+        if change.what in {"guard_status", "updated"}:
+            self._watch(change.robot_id)
+
+    def close(self) -> None:
+        """Let the timers go."""
+        for timer in self._repeats.values():
+            timer.cancel()
+        self._repeats.clear()
+
+    def _same_press(self, robot_id: int, by: str) -> bool:
+        """Tell whether the robot is stopped by what this person did."""
+        stop = self.of(robot_id)
+        if stop is None or stop.by == by:
+            return stop is not None
+        pressed_at = self._pressed_at.get(robot_id, {}).get(by, -math.inf)
+        return asyncio.get_running_loop().time() - pressed_at < SAME_PRESS_S
+
+    def _check_seen(self, robot: Robot, seen: ShownStop | None) -> None:
+        stop = self.of(robot.id)
+        if seen is not None and stop is not None and self.shown(robot.id) != seen:
+            sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
+            raise NotPossible(f"{sentence} too; look again before you release it")
+
+    def _begin(self, robot: Robot, stop: Stop) -> None:
+        entry = self._entries.setdefault(robot.id, StopEntry(robot.id))
+        entry.stop = stop
+        # The robot first: nothing may stand before this line.
+        self._send_stop(robot.id, stop)
+        self._revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
+        self._event_writer.add(entry)
+        self._changed(robot.id)
+        log.warning("robot %s: %s stopped it", robot.name, stop.by)
+
+    def _end(self, robot_id: int) -> None:
+        entry = self._entries.setdefault(robot_id, StopEntry(robot_id))
+        entry.stop = None
+        self._pressed_at.pop(robot_id, None)
+        self._event_writer.add(entry)
+        self._changed(robot_id)
+
+    def _send_stop(self, robot_id: int, stop: Stop) -> None:
+        link = self._registry.session_of(robot_id)
+        if link is not None:
+            link.send(lines.stop_line(_order_id(), stop.by))
+            self._sent_at[robot_id] = asyncio.get_running_loop().time()
+            self._watch(robot_id)
+
+    def _watch(self, robot_id: int) -> None:
+        """Look later whether the guard has the stop."""
+        presence = self._registry.presence(robot_id)
+        unsure = presence.online and presence.guard_mode == "on" and not presence.report.stopped
+        if unsure and self.of(robot_id) is not None and robot_id not in self._repeats:
+            loop = asyncio.get_running_loop()
+            self._repeats[robot_id] = loop.call_later(REPEAT_EVERY_S, self._repeat, robot_id)
+
+    def _insist(self, robot_id: int) -> None:
+        """Somebody stops the robot once more: tell it, but a client that never ceases must not fill its session."""
+        now = asyncio.get_running_loop().time()
+        if now - self._sent_at.get(robot_id, -math.inf) >= INSIST_EVERY_S:
+            self._repeat(robot_id)
+
+    def _repeat(self, robot_id: int) -> None:
+        """Tell the stop again, unless its guard has it or is being asked to release the robot."""
+        timer = self._repeats.pop(robot_id, None)
+        if timer is not None:
+            timer.cancel()
+        stop = self.of(robot_id)
+        if stop is not None and not self.confirmed(robot_id) and robot_id not in self._releases:
+            self._send_stop(robot_id, stop)
+
+    async def _released_by_guard(self, robot: Robot, by: str) -> None:
+        link, order_id = self._registry.session_of(robot.id), _order_id()
+        answered: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        releases = self._releases.setdefault(robot.id, {})
+        releases[order_id] = answered
+        try:
+            if link is not None:
+                link.send(lines.release_line(order_id, by))
+            async with asyncio.timeout(RELEASED_WITHIN_S):
+                await answered
+        except TimeoutError as exc:
+            # The answer alone may be lost: both sides must say the same again.
+            if (stop := self.of(robot.id)) is not None:
+                self._send_stop(robot.id, stop)
+            raise GuardSilent(
+                f"cannot release robot {robot.name}: its guard did not confirm it in "
+                f"{RELEASED_WITHIN_S:g} s; it stays stopped"
+            ) from exc
+        finally:
+            del releases[order_id]
+            if not releases and self._releases.get(robot.id) is releases:
+                del self._releases[robot.id]
+            # Meanwhile the stop was not repeated; and whoever asked may be gone.
+            self._watch(robot.id)
+
+    def _on_guard_status(self, change: Change) -> None:
+        report, robot_id = change.presence.report, change.robot_id
+        if report.stopped:
+            self._stopped_by_guard(robot_id, report.by)
+            return
+        answered = self._releases.get(robot_id, {}).get(change.answers or "")
+        if answered is not None and not answered.done():
+            answered.set_result(None)
+
+    def _stopped_by_guard(self, robot_id: int, by: str) -> None:
+        for waiting in self._confirmations.get(robot_id, ()):
+            if not waiting.done():
+                waiting.set_result(None)
+        robot = self._robots().get(robot_id)
+        if self.of(robot_id) is None and robot is not None:
+            name = _claimed_name(by)
+            self._begin(robot, Stop(robot_id, utc_now(), name))
+            self._audit("robot_stopped", robot, name, None, {"told_by": "robot"})
+
+    def _audit(
+        self,
+        kind: str,
+        robot: Robot,
+        by: str,
+        address: str | None,
+        details: Mapping[str, object],
+    ) -> None:
+        self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
+
+
+def _may_end_it(answered: asyncio.Future[None]) -> bool:
+    """Tell whether a release may still end the stop: it waits for its guard, or has just had the answer."""
+    return not answered.done() or not (answered.cancelled() or answered.exception())
+
+
+def _stopped_again(robot: Robot, by: str) -> NotPossible:
+    return NotPossible(f"cannot release robot {robot.name}: {by} has stopped it again")
+
+
+def _claimed_name(by: str) -> str:
+    """Name who stopped a robot by its own word alone, which must not read like a deed that was seen here."""
+    if not by or by.startswith(AT_ROBOT):
+        return by or AT_ROBOT
+    return f"{AT_ROBOT} ({by[: MAX_NAME - len(AT_ROBOT) - len(' ()')]})"
+
+
+def _order_id() -> str:
+    return secrets.token_hex(ORDER_ID_BYTES)

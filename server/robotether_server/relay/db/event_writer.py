@@ -1,0 +1,130 @@
+"""Writes robots' sessions and audit lines in the background, and keeps them while it cannot.
+
+`relay` reports to it and never waits. What cannot be written is kept and tried again; the queue is
+bounded, holds a session once with its newest state, and says in the log when it has to drop one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import OrderedDict
+from collections.abc import Sequence
+
+from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.http.backoff import delays
+from robotether_server.store.control import DriveEntry, StopEntry
+from robotether_server.store.fleet import Entry, SessionEntry
+
+log = logging.getLogger(__name__)
+
+MAX_WAITING = 10_000
+BATCH = 100
+
+
+class EventWriter:
+    """A bounded queue of entries, and the task that writes them."""
+
+    def __init__(self, database: RelayDatabase, max_waiting: int = MAX_WAITING) -> None:
+        self._database = database
+        self._max_waiting = max_waiting
+        self._waiting: OrderedDict[int, Entry] = OrderedDict()
+        self._wake = asyncio.Event()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self.dropped = 0
+
+    def add(self, entry: Entry) -> None:
+        """Write the entry soon; adding a session again writes its newest state."""
+        self._waiting[id(entry)] = entry
+        if len(self._waiting) > self._max_waiting:
+            self._drop_oldest()
+        self._idle.clear()
+        self._wake.set()
+
+    def waiting(self) -> int:
+        """How many entries are not written yet."""
+        return len(self._waiting)
+
+    async def run(self) -> None:
+        """Write for ever."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            await self._write_all()
+            self._idle.set()
+
+    async def flush(self, within_s: float) -> None:
+        """Wait until all is written, at most so long."""
+        try:
+            async with asyncio.timeout(within_s):
+                await self._idle.wait()
+        except TimeoutError:
+            log.warning("%d entries of the journal are not written", len(self._waiting))
+
+    async def _write_all(self) -> None:
+        pauses = delays()
+        failing = False
+        while self._waiting:
+            batch = [self._waiting.popitem(last=False)[1] for _ in range(self._batch_size())]
+            try:
+                await self._write(batch)
+            except StoreUnavailable as problem:
+                self._put_back(batch)
+                if not failing:
+                    log.warning("%s; %d entries wait", problem.detail, len(self._waiting))
+                failing = True
+                await asyncio.sleep(next(pauses))
+            else:
+                if failing:
+                    log.warning("the journal is written again")
+                failing, pauses = False, delays()
+
+    def _batch_size(self) -> int:
+        return min(BATCH, len(self._waiting))
+
+    async def _write(self, batch: Sequence[Entry]) -> None:
+        try:
+            await self._write_together(batch)
+        except StoreUnavailable:
+            raise
+        except Exception:  # noqa: BLE001  # told by `_write_alone`, for the entry that it comes of
+            # One entry that cannot be written must not keep the others from it; a stop may be among them.
+            for entry in batch:
+                await self._write_alone(entry)
+
+    async def _write_together(self, batch: Sequence[Entry]) -> None:
+        for position, row_id in (await self._database.write(batch)).items():
+            _set_row(batch[position], row_id)
+
+    async def _write_alone(self, entry: Entry) -> None:
+        try:
+            await self._write_together([entry])
+        except StoreUnavailable:
+            self.add(entry)
+        except StoreProblem as problem:
+            log.warning("cannot write %r: %s; dropped", entry, problem.detail)
+            self.dropped += 1
+        except Exception:
+            log.exception("cannot write %r; dropped", entry)
+            self.dropped += 1
+
+    def _put_back(self, batch: Sequence[Entry]) -> None:
+        for entry in reversed(batch):
+            self._waiting[id(entry)] = entry
+            self._waiting.move_to_end(id(entry), last=False)
+
+    def _drop_oldest(self) -> None:
+        if self.dropped == 0:
+            log.error("the journal is full; from now on the oldest entries are dropped")
+        # A stop must outlive the relay; there is at most one entry a robot.
+        oldest = (key for key, each in self._waiting.items() if not isinstance(each, StopEntry))
+        if (key := next(oldest, None)) is not None:
+            self.dropped += 1
+            del self._waiting[key]
+
+
+def _set_row(entry: Entry, row_id: int) -> None:
+    if isinstance(entry, SessionEntry | DriveEntry):
+        entry.row_id = row_id

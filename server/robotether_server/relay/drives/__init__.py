@@ -1,0 +1,1 @@
+"""What a drive came to, for its record."""

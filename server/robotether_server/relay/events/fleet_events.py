@@ -1,0 +1,186 @@
+"""The fleet as operators see it: robot objects, and who has yet to be told of which change.
+
+`events` follows it, one `Subscriber` a client. A feed remembers which robots changed and not how, so a
+slow client gets each robot's newest state once, and a feed is never larger than the fleet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any
+
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.robots.sessions import Change, SessionRegistry
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.times import rfc3339
+
+RTT_NOTIFY_EVERY_S = 2.0
+
+RobotObject = dict[str, Any]
+Event = tuple[str, object]
+
+
+class FleetEvents:
+    """Joins rows, sessions and connections into one object a robot."""
+
+    def __init__(
+        self,
+        snapshot: Callable[[], Snapshot],
+        registry: SessionRegistry,
+        connections: Connections,
+        control: Control,
+    ) -> None:
+        self._snapshot = snapshot
+        self._registry = registry
+        self._connections = connections
+        self._control = control
+        self._subscribers: set[Subscriber] = set()
+        self._rtt_notified_at: dict[int, float] = {}
+
+    @contextmanager
+    def subscribed(self, user_id: int) -> Iterator[Subscriber]:
+        """Make a feed for a user; it hears of changes inside the block."""
+        subscriber = Subscriber(self, user_id)
+        self._subscribers.add(subscriber)
+        try:
+            yield subscriber
+        finally:
+            self._subscribers.discard(subscriber)
+
+    def subscriber_count(self) -> int:
+        """How many clients follow."""
+        return len(self._subscribers)
+
+    def subscribers_of(self, user_id: int) -> int:
+        """How many clients of this user follow."""
+        return sum(subscriber.user_id == user_id for subscriber in self._subscribers)
+
+    def changed(self, robot_id: int) -> None:
+        """Something about a robot changed."""
+        for subscriber in self._subscribers:
+            subscriber.mark(robot_id)
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot; round trips are told at most every 2 s."""
+        if change.what == "heartbeat":
+            self._rtt_changed(change.robot_id)
+        else:
+            self.changed(change.robot_id)
+
+    def all_changed(self) -> None:
+        """Rows or rights changed: every robot that a feed shows or may show now."""
+        self._rtt_notified_at.clear()
+        for subscriber in self._subscribers:
+            subscriber.mark_all()
+
+    def end_subscriptions(self) -> None:
+        """The relay is stopping."""
+        for subscriber in list(self._subscribers):
+            subscriber.end()
+
+    def visible(self, user_id: int) -> list[Robot]:
+        """The robots that a user may see."""
+        return self._snapshot().visible(user_id)
+
+    def find(self, user_id: int, robot_id: int) -> Robot | None:
+        """The robot, if the user may see it."""
+        snapshot = self._snapshot()
+        if snapshot.level(user_id, robot_id) is None:
+            return None
+        return snapshot.robots.get(robot_id)
+
+    def describe(self, robot: Robot) -> RobotObject:
+        """Build the robot object of the contract."""
+        presence = self._registry.presence(robot.id)
+        driver = self._control.driver(robot.id)
+        return {
+            "name": robot.name,
+            "state": robot.state,
+            "online": presence.online,
+            "since": rfc3339(presence.since),
+            "address": presence.address,
+            "rtt_ms": presence.rtt_ms,
+            "ros": presence.ros,
+            "video": presence.video,
+            "drivers": [] if driver is None else [driver],
+            "observers": self._connections.observers(robot.id),
+            "agent_version": presence.agent_version or robot.agent_version,
+            "site": robot.site,
+            "battery": None if presence.battery is None else asdict(presence.battery),
+            "control": self._control.describe(robot.id),
+        }
+
+    def _rtt_changed(self, robot_id: int) -> None:
+        now = asyncio.get_running_loop().time()
+        if now - self._rtt_notified_at.get(robot_id, 0.0) >= RTT_NOTIFY_EVERY_S:
+            self._rtt_notified_at[robot_id] = now
+            self.changed(robot_id)
+
+
+class Subscriber:
+    """What one client has yet to be told."""
+
+    def __init__(self, fleet_events: FleetEvents, user_id: int) -> None:
+        self._fleet_events = fleet_events
+        self.user_id = user_id
+        self._shown: dict[int, RobotObject] = {}
+        self._pending: set[int] = set()
+        self._wake = asyncio.Event()
+        self.ended = False
+
+    def first_event(self) -> Event:
+        """The whole fleet, for the beginning."""
+        robots = self._fleet_events.visible(self.user_id)
+        self._shown = {robot.id: self._fleet_events.describe(robot) for robot in robots}
+        return "fleet", list(self._shown.values())
+
+    def mark(self, robot_id: int) -> None:
+        """Remember that a robot changed, if it concerns this client."""
+        if robot_id in self._shown or self._fleet_events.find(self.user_id, robot_id) is not None:
+            self._pending.add(robot_id)
+            self._wake.set()
+
+    def mark_all(self) -> None:
+        """Remember that anything may have changed."""
+        self._pending.update(self._shown)
+        self._pending.update(robot.id for robot in self._fleet_events.visible(self.user_id))
+        self._wake.set()
+
+    def end(self) -> None:
+        """Let the client go."""
+        self.ended = True
+        self._wake.set()
+
+    async def wait(self, timeout_s: float) -> None:
+        """Wait until something is to be told, at most so long."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._wake.wait()
+        except TimeoutError:
+            return
+        self._wake.clear()
+
+    def pop_events(self) -> list[Event]:
+        """The newest state of each robot that changed; afterwards nothing is pending."""
+        pending, self._pending = self._pending, set()
+        events: list[Event] = []
+        for robot_id in sorted(pending):
+            events.extend(self._events_of(robot_id))
+        return events
+
+    def _events_of(self, robot_id: int) -> Iterator[Event]:
+        robot = self._fleet_events.find(self.user_id, robot_id)
+        shown = self._shown.get(robot_id)
+        if shown is not None and (robot is None or robot.name != shown["name"]):
+            del self._shown[robot_id]
+            yield "removed", {"name": shown["name"]}
+        if robot is None:
+            return
+        described = self._fleet_events.describe(robot)
+        if described != shown:
+            self._shown[robot_id] = described
+            yield "robot", described

@@ -1,0 +1,175 @@
+"""The two ends of a bridge: aiohttp's WebSockets, with what it lacks for passing bytes on.
+
+`rosbridge` makes one of each a connection. Text stays bytes, compression is off, and both tell how
+much of what was sent is still in this program. Nothing here decides when a connection ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
+from typing import Any, Literal
+
+from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
+from aiohttp.abc import AbstractStreamWriter
+
+from robotether_server.relay.http.close_reasons import CloseReason
+
+# Beyond this an end counts as full, and the other end is not read on.
+SEND_BUFFER_BYTES = 64 * 1024
+# What the system may keep of a driver's messages, doubled by Linux.
+DRIVE_SEND_BYTES = 32 * 1024
+# What the system may keep of a viewer's pictures beside what is under way.
+UNSENT_BYTES = 32 * 1024
+# How long an operator has to take what waits and to answer the close; and a robot.
+OPERATOR_FAREWELL_S = 2.0
+ROBOT_FAREWELL_S = 0.5
+# RFC 6455 reserves this code for connections that ended without a close frame.
+NEVER_SENT = 1006
+# aiohttp refuses a message that is exactly as large as its limit.
+LIMIT_MARGIN = 1
+
+
+class OperatorSocket(web.WebSocketResponse[Literal[False]]):
+    """The operator's end; only `finish` closes it, with a reason, and lets the reason arrive."""
+
+    def __init__(self, message_limit: int) -> None:
+        super().__init__(
+            autoclose=False,
+            autoping=False,
+            compress=False,
+            max_msg_size=message_limit + LIMIT_MARGIN,
+            writer_limit=SEND_BUFFER_BYTES,
+            decode_text=False,
+        )
+        self.message_limit = message_limit
+        self._transport: asyncio.Transport | None = None
+
+    async def open(self, request: web.Request) -> None:
+        """Answer the upgrade."""
+        self._transport = request.transport
+        if self._transport is not None:
+            self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+        await self.prepare(request)
+
+    async def close(self, *, code: int = 1000, message: bytes = b"", drain: bool = True) -> bool:
+        """Do nothing: aiohttp calls this by itself, and knows no reason to tell the client."""
+        return False
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this program."""
+        return _waiting(self._transport)
+
+    async def finish(self, close_reason: CloseReason) -> None:
+        """Send the close frame and give the client a moment to take it and to answer."""
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        if close_reason.code == NEVER_SENT:
+            transport.abort()
+            return
+        try:
+            async with asyncio.timeout(OPERATOR_FAREWELL_S):
+                payload = struct.pack("!H", close_reason.code) + close_reason.reason_bytes
+                await self.send_frame(payload, WSMsgType.CLOSE)
+                await self._answered(transport)
+        except (TimeoutError, ConnectionError):
+            transport.abort()
+
+    async def said_goodbye(self) -> bool:
+        """Tell of a connection that is gone whether a close frame was the last that came."""
+        if self._transport is None or not self._transport.is_closing():
+            return False
+        while True:
+            message = await self.receive()
+            if message.type in {WSMsgType.CLOSE, WSMsgType.CLOSING}:
+                return self.close_code != NEVER_SENT
+            if message.type in {WSMsgType.CLOSED, WSMsgType.ERROR}:
+                return False
+
+    async def _answered(self, transport: asyncio.Transport) -> None:
+        """Wait for the client's close frame.
+
+        After a message over the limit aiohttp reads nothing more but still empties the socket:
+        closing a socket with unread input would reset it, and the client would lose the reason.
+        """
+        while not transport.is_closing():
+            message = await self.receive()
+            if message.type in {WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED}:
+                return
+            if message.type is WSMsgType.ERROR:
+                await asyncio.sleep(0.05)
+
+
+class ViewerSocket(OperatorSocket):
+    """The end of who watches: takes messages that are written already, which viewers share, and never copies them."""
+
+    def __init__(self, message_limit: int) -> None:
+        super().__init__(message_limit)
+        self._stream: AbstractStreamWriter | None = None
+
+    async def open(self, request: web.Request) -> None:
+        """Answer the upgrade; from now on `drained` waits until this program holds nothing back."""
+        self._transport = request.transport
+        if self._transport is not None:
+            keep_little_unsent(self._transport)
+        self._stream = await self.prepare(request)
+
+    def write_message(self, message: bytes) -> None:
+        """Hand over a whole WebSocket message with its header."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(message)
+
+    async def drained(self) -> None:
+        """Wait until the system has taken all that was written; ConnectionError when it never will."""
+        if self._stream is not None:
+            await self._stream.drain()
+
+
+class RobotSocket(ClientWebSocketResponse[Literal[False]]):
+    """The robot's end; aiohttp makes it as the session's `ws_response_class`."""
+
+    def __init__(
+        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
+    ) -> None:
+        super().__init__(reader, writer, protocol, response, *args, **kwargs)
+        self._answer: ClientResponse = response
+        self._transport: asyncio.Transport = writer.transport
+        self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this program."""
+        return _waiting(self._transport)
+
+    def keep_little(self) -> None:
+        """Have the system keep little of what is sent: drive commands must not grow old in it."""
+        socket = self._transport.get_extra_info("socket")
+        if socket is not None:
+            socket.setsockopt(SOL_SOCKET, SO_SNDBUF, DRIVE_SEND_BYTES)
+
+    async def leave(self) -> None:
+        """Close towards the robot, without waiting for one that does not read."""
+        try:
+            async with asyncio.timeout(ROBOT_FAREWELL_S):
+                await self.close()
+        except (TimeoutError, ConnectionError):
+            self._transport.abort()
+
+    def drop(self) -> None:
+        """Give the connection back, also that of a socket that broke, which aiohttp keeps."""
+        self._answer.close()
+
+
+def keep_little_unsent(transport: asyncio.Transport) -> None:
+    """Have program and system keep little that is not under way: what waits there only grows old."""
+    transport.set_write_buffer_limits(high=0)
+    socket = transport.get_extra_info("socket")
+    if socket is not None:
+        socket.setsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+
+def _waiting(transport: asyncio.Transport | None) -> int:
+    if transport is None or transport.is_closing():
+        return 0
+    return transport.get_write_buffer_size()

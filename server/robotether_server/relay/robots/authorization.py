@@ -1,0 +1,76 @@
+"""Which robot's connections may be, and what a new row of a robot means for one that is.
+
+`session_server` asks when a robot connects, `robot_link` when its row changed. Pure: no network, no
+clock. What a login may listen on is fixed by sshd when it logs in, so that a port that is taken
+away from a robot ends every connection that may still hold it.
+"""
+
+from __future__ import annotations
+
+from robotether_server.relay.robots.session_messages import Preface
+from robotether_server.relay.robots.sessions import ByeCode, Kind
+from robotether_server.store.fleet import Robot, Snapshot
+
+
+class NotAuthorizedError(Exception):
+    """The robot may not connect, or stay; the agent is told why."""
+
+    def __init__(self, code: ByeCode, detail: str) -> None:
+        super().__init__(detail)
+        self.code = code
+        self.detail = detail
+
+
+def authorize(snapshot: Snapshot, preface: Preface) -> Robot:
+    """Return the robot's row; RefusedError when this connection may not be."""
+    robot = snapshot.robots.get(preface.robot_id)
+    if robot is None:
+        raise NotAuthorizedError("robot_unknown", "this robot is not in the records any more")
+    if robot.state != "active":
+        raise NotAuthorizedError("robot_disabled", f"robot {robot.name} is {robot.state}")
+    if not _is_key_of(robot, preface.fingerprint):
+        raise NotAuthorizedError("key_changed", f"robot {robot.name} has another key now")
+    if preface.kind == "shell" and robot.shell_port is None:
+        raise NotAuthorizedError("shell_off", f"the shell of robot {robot.name} is off")
+    # A robot may log in, wait while its port goes to another one, and only then show itself here.
+    if not preface.ports <= {robot.ros_port, robot.video_port, robot.shell_port}:
+        raise _ports_changed(robot)
+    return robot
+
+
+def needs_config(before: Robot, after: Robot) -> bool:
+    """Tell whether a live link needs another configuration; RefusedError when it needs a new login."""
+    if _took_a_port(before, after):
+        raise _ports_changed(after)
+    return _config_of(before) != _config_of(after)
+
+
+def port_of(kind: Kind, robot: Robot) -> int | None:
+    """Return the port that a connection of this kind is there for."""
+    if kind == "session":
+        return robot.ros_port
+    return robot.video_port if kind == "media" else robot.shell_port
+
+
+def _ports_changed(robot: Robot) -> NotAuthorizedError:
+    return NotAuthorizedError("ports_changed", f"robot {robot.name} has new ports; connect again")
+
+
+def _is_key_of(robot: Robot, fingerprint: str) -> bool:
+    return fingerprint in (robot.fingerprint, robot.previous_fingerprint)
+
+
+def _took_a_port(before: Robot, after: Robot) -> bool:
+    # A first shell port takes nothing away: the agent opens another connection for it.
+    return any(
+        old is not None and old != new
+        for old, new in (
+            (before.ros_port, after.ros_port),
+            (before.video_port, after.video_port),
+            (before.shell_port, after.shell_port),
+        )
+    )
+
+
+def _config_of(robot: Robot) -> tuple[object, ...]:
+    return (robot.name, robot.shell_port, robot.rotate_key, robot.settings.guard)

@@ -1,0 +1,129 @@
+"""Tries a robot's forwarded ports from the relay's side, when its agent asks.
+
+`robot_link` gives each session a `LinkChecks`, all of a relay share one `PortChecker`. A check never
+holds up the link, takes a bounded time, and reads only the first bytes of an answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from robotether_server.relay.robots.sessions import Health
+from robotether_server.store.fleet import Robot
+
+log = logging.getLogger(__name__)
+
+Service = Literal["ros", "video", "shell"]
+Note = Callable[[Service, Health], None]
+
+# A robot at the far end of a busy uplink answers within this, or operators would not wait either.
+ANSWER_WITHIN_S = 3.0
+CONNECT_WITHIN_S = 1.0
+CHECK_EVERY_S = 5.0
+# A whole fleet asks at once after a restart.
+CHECKS_AT_ONCE = 64
+
+_REQUEST = (
+    b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: robotether-relay\r\nConnection: close\r\n\r\n"
+)
+# How many bytes of an answer tell enough: of HTTP's its status, of SSH's its name.
+_LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
+
+
+@dataclass(frozen=True)
+class PortHealth:
+    """What stood behind each port: the robot's service, nothing, or no forward at all."""
+
+    ros: Health
+    video: Health
+    shell: Health
+
+
+class PortChecker:
+    """Tries ports on sshd, a bounded number at once."""
+
+    def __init__(
+        self, tunnel_host: str, note: Note, *, answer_within_s: float = ANSWER_WITHIN_S
+    ) -> None:
+        self._host = tunnel_host
+        self._note = note
+        self._answer_within_s = answer_within_s
+        self._slots = asyncio.Semaphore(CHECKS_AT_ONCE)
+
+    async def check(self, robot: Robot) -> PortHealth:
+        """Try the robot's three ports beside each other."""
+        async with self._slots:
+            ros, video, shell = await asyncio.gather(
+                # The guard answers 426, or 502 when rosbridge behind it does not.
+                self._try("ros", robot.ros_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
+                self._try("video", robot.video_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
+                self._try("shell", robot.shell_port, b"", re.compile(rb"SSH-")),
+            )
+        return PortHealth(ros, video, shell)
+
+    async def _try(
+        self, service: Service, port: int | None, request: bytes, beginning: re.Pattern[bytes]
+    ) -> Health:
+        health: Health = "unknown"
+        if port is not None:
+            health = await self._ask(port, request, beginning)
+        self._note(service, health)
+        return health
+
+    async def _ask(self, port: int, request: bytes, beginning: re.Pattern[bytes]) -> Health:
+        try:
+            async with asyncio.timeout(CONNECT_WITHIN_S):
+                reader, writer = await asyncio.open_connection(self._host, port, limit=1024)
+        except OSError:  # TimeoutError is one: nobody listens, or sshd itself is away
+            return "unknown"
+        try:
+            async with asyncio.timeout(self._answer_within_s):
+                writer.write(request)
+                answer = await reader.readexactly(_LOOKED_AT[bool(request)])
+        except (OSError, asyncio.IncompleteReadError):
+            return "down"
+        finally:
+            writer.transport.abort()
+        return "ok" if beginning.match(answer) else "down"
+
+
+class LinkChecks:
+    """The checks of one session: never two at once, and a pause after each.
+
+    Who asks meanwhile gets one answer after the pause: it is about the newest forwards.
+    """
+
+    def __init__(
+        self, check: Callable[[], Awaitable[None]], *, every_s: float = CHECK_EVERY_S
+    ) -> None:
+        self._check = check
+        self._every_s = every_s
+        self._asked = False
+        self._task: asyncio.Task[None] | None = None
+
+    def ask(self) -> None:
+        """Check as soon as it is allowed."""
+        self._asked = True
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._run())
+
+    async def close(self) -> None:
+        """Check no more."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _run(self) -> None:
+        while self._asked:
+            self._asked = False
+            try:
+                await self._check()
+            except Exception:
+                log.exception("cannot check a robot's ports")
+            await asyncio.sleep(self._every_s)
+        self._task = None

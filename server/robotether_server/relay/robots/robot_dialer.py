@@ -1,0 +1,121 @@
+"""Opens the way to a robot's rosbridge: through its tunnel, to the guard in front of it.
+
+`rosbridge` asks for one socket a connection. It tells in time why there is none, and shows the guard that
+the connection comes from this relay, what it may do, and with which number it drives.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import cast
+
+from aiohttp import (
+    ClientConnectorError,
+    ClientError,
+    ClientSession,
+    ClientWSTimeout,
+    WSServerHandshakeError,
+)
+
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
+from robotether_server.relay.robots.sessions import Presence, SessionRegistry, utc_now
+from robotether_server.store.fleet import Robot
+
+# An operator is told within a second when rosbridge does not answer; a robot far away gets as
+# many of its round trips more as opening a channel and a WebSocket needs, and some to spare.
+MIN_CONNECT_TIMEOUT_S = 0.8
+CONNECT_ROUND_TRIPS = 8
+MAX_CONNECT_TIMEOUT_S = 5.0
+# The session is there some milliseconds before its forward is, and a guard hears of a new lease on
+# another channel than of the connection that has it.
+FORWARD_WITHIN_S = 0.6
+RETRY_S = 0.03
+FENCE_REFUSED = 409
+
+
+class RobotDialer:
+    """The way to all robots' rosbridge."""
+
+    def __init__(
+        self,
+        client: ClientSession,
+        tunnel_host: str,
+        registry: SessionRegistry,
+        message_limit: int,
+    ) -> None:
+        self._client = client
+        self._tunnel_host = tunnel_host
+        self._registry = registry
+        self._message_limit = message_limit
+
+    def check_online(self, robot: Robot) -> None:
+        """Raise EndedError when the robot has no tunnel."""
+        presence = self._registry.presence(robot.id)
+        if not presence.online:
+            raise ConnectionClosedError(
+                close_reasons.robot_offline(robot.name, presence.since, utc_now())
+            )
+
+    async def open(self, robot: Robot, fence: int | None) -> RobotSocket:
+        """Open a WebSocket to the robot, to drive with this number or to observe; EndedError when there is none."""
+        self.check_online(robot)
+        loop = asyncio.get_running_loop()
+        deadline, headers = loop.time() + FORWARD_WITHIN_S, self._headers(robot, fence)
+        why = "no answer in time"
+        try:
+            async with asyncio.timeout(connect_timeout_s(self._registry.presence(robot.id))):
+                while not isinstance(found := await self._open(robot, headers), RobotSocket):
+                    # What the last answer said tells more than that a later try had none.
+                    why = found
+                    if loop.time() > deadline:
+                        raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why))
+                    await asyncio.sleep(RETRY_S)
+                return found
+        except TimeoutError as exc:
+            raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
+
+    def _headers(self, robot: Robot, fence: int | None) -> dict[str, str]:
+        link = self._registry.session_of(robot.id)
+        key = {} if link is None else {"Robotether-Key": link.guard_key}
+        if fence is None:
+            return {**key, "Robotether-Mode": "observe"}
+        return {**key, "Robotether-Mode": "drive", "Robotether-Fence": str(fence)}
+
+    async def _open(self, robot: Robot, headers: dict[str, str]) -> RobotSocket | str:
+        """Open a WebSocket to the robot; say why there is none, when there may be one soon."""
+        try:
+            return await self._dial(robot, headers)
+        except ClientConnectorError:
+            return "the tunnel has no port for it"
+        except WSServerHandshakeError as exc:
+            if exc.status == FENCE_REFUSED:
+                return "its guard says that somebody else drives, or that it is stopped"
+            why = f"it answered HTTP {exc.status}"
+            raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
+        except (ClientError, OSError) as exc:
+            why = "the robot refuses the connection"
+            raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
+
+    async def _dial(self, robot: Robot, headers: dict[str, str]) -> RobotSocket:
+        socket = cast(
+            RobotSocket,
+            await self._client.ws_connect(
+                f"ws://{self._tunnel_host}:{robot.ros_port}/",
+                headers=headers,
+                compress=0,
+                decode_text=False,
+                max_msg_size=self._message_limit + LIMIT_MARGIN,
+                timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
+            ),
+        )
+        if "Robotether-Fence" in headers:
+            socket.keep_little()
+        return socket
+
+
+def connect_timeout_s(presence: Presence) -> float:
+    """How long to wait for a robot's rosbridge, by how far away the robot is."""
+    distance_s = CONNECT_ROUND_TRIPS * (presence.rtt_ms or 0.0) / 1000
+    return min(MIN_CONNECT_TIMEOUT_S + distance_s, MAX_CONNECT_TIMEOUT_S)

@@ -1,0 +1,272 @@
+"""One TCP connection of a robot: takes over, configures, keeps the heartbeat, and ends.
+
+`session_server` makes one for each accepted connection. When it ends, sshd's session command ends
+the SSH connection that it belongs to, which releases the robot's ports. It must never wait for a
+robot that does not read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robotether_server.relay.http.rate_limiter import RateLimiter
+from robotether_server.relay.robots import session_messages as lines
+from robotether_server.relay.robots.authorization import needs_config, port_of
+from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker
+from robotether_server.relay.robots.ports import wait_released
+from robotether_server.relay.robots.robot_clock import RobotClock
+from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
+from robotether_server.relay.robots.sessions import ByeCode, Kind, SessionRegistry
+from robotether_server.store.fleet import Robot
+
+log = logging.getLogger(__name__)
+
+# More unsent lines than this: the other side has stopped reading long ago.
+MAX_UNSENT_BYTES = 256 * 1024
+# Heartbeats that may be unanswered; the time-out ends the link well before.
+MAX_PINGS_OPEN = 64
+# An agent sends some three lines a second; reading without a limit would starve everybody else.
+LINES_PER_S = 200
+LINES_AT_ONCE = 400
+GUARD_KEY_BYTES = 32
+# A bye that cannot be sent in this time is not sent.
+FAREWELL_S = 0.5
+
+
+@dataclass(frozen=True)
+class LinkRules:
+    """What is the same for all links of a relay.
+
+    `greeting` gives what a robot is told after its configuration: its lease, and whether it is stopped.
+    """
+
+    tunnel_host: str
+    greeting: Callable[[int], Iterable[bytes]]
+    heartbeat_s: float = 0.5
+    timeout_s: float = 5.0
+    release_wait_s: float = 1.0
+    direct: bool = False
+
+
+class RobotLink:
+    """A robot's connection of one kind, from its preface on."""
+
+    def __init__(
+        self,
+        preface: Preface,
+        robot: Robot,
+        *,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        registry: SessionRegistry,
+        rules: LinkRules,
+        checker: PortChecker,
+    ) -> None:
+        self.preface = preface
+        self._robot = robot
+        self._reader = reader
+        self._writer = writer
+        self.guard_key = secrets.token_urlsafe(GUARD_KEY_BYTES)
+        self.clock = RobotClock()
+        self._registry = registry
+        self._rules = rules
+        self._checker = checker
+        self._checks = LinkChecks(self._check)
+        self._loop = asyncio.get_running_loop()
+        self._received_at = self._loop.time()
+        self._seq = 0
+        self._pings: dict[int, float] = {}
+        self._heartbeat_timer: asyncio.TimerHandle | None = None
+        self._farewell: asyncio.TimerHandle | None = None
+        # Not before the older link is gone: the agent opens its forwards on the configuration.
+        self._configured = False
+        self._ended = False
+
+    @property
+    def robot_id(self) -> int:
+        """The robot's id in the database."""
+        return self.preface.robot_id
+
+    @property
+    def kind(self) -> Kind:
+        """What the connection is for."""
+        return self.preface.kind
+
+    @property
+    def address(self) -> str:
+        """Where the robot's SSH connection comes from."""
+        return self.preface.address
+
+    async def run(self) -> None:
+        """Take over from an older link, configure the robot, and listen until the end."""
+        try:
+            await self._take_over()
+            if not self._ended and not self._reader.at_eof():
+                self._configure()
+                self._greet()
+                self._registry.established(self)
+                self._heartbeat()
+                await self._listen()
+        except BrokenLineError as exc:
+            log.warning("robot %s: %s broke the protocol: %s", self._robot.name, self.kind, exc)
+            self.end("protocol_error", str(exc))
+        except ConnectionError as exc:
+            log.info("robot %s: %s broke: %s", self._robot.name, self.kind, exc)
+        finally:
+            self._close("link_lost")
+            await self._checks.close()
+            await self._closed()
+
+    def send(self, line: bytes) -> None:
+        """Send a line to the agent, if the link still is."""
+        self._send(line)
+
+    def end(self, code: ByeCode, detail: str) -> None:
+        """Say bye and close at once; the robot's ports are free as soon as sshd sees it."""
+        if self._ended:
+            return
+        log.info("robot %s: %s ends: %s: %s", self._robot.name, self.kind, code, detail)
+        if not self._writer.is_closing():
+            self._writer.write(lines.bye_line(code, detail))
+        self._close(code)
+
+    def reconfigure(self, robot: Robot) -> None:
+        """Take the robot's new row: tell what is new; RefusedError when that needs a new SSH login."""
+        if self._ended or robot == self._robot:
+            return
+        before, self._robot = self._robot, robot
+        if needs_config(before, robot) and self._configured:
+            self._configure()
+
+    async def _take_over(self) -> None:
+        """End the older link, and this one too if somebody else still holds the robot's port."""
+        older = self._registry.make_current(self)
+        if older is not None:
+            older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
+        port = port_of(self.kind, self._robot)
+        host, wait_s = self._rules.tunnel_host, self._rules.release_wait_s
+        if port is not None and not await wait_released(host, port, within_s=wait_s):
+            # It would be that holder who gets the operators: an SSH connection without a session,
+            # which the relay cannot end. sshd drops it when it is dead.
+            self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
+
+    def _configure(self) -> None:
+        self._configured = True
+        self._send(
+            lines.config_line(
+                self._robot,
+                heartbeat_s=self._rules.heartbeat_s,
+                timeout_s=self._rules.timeout_s,
+                guard_key=self.guard_key,
+                direct=self._rules.direct,
+            )
+        )
+
+    def _greet(self) -> None:
+        if self.kind == "session":
+            for line in self._rules.greeting(self.robot_id):
+                self._send(line)
+
+    async def _listen(self) -> None:
+        self._received_at = self._loop.time()
+        limiter = RateLimiter(self._received_at, per_s=LINES_PER_S, at_once=LINES_AT_ONCE)
+        while not self._ended:
+            try:
+                line = await self._reader.readline()
+            except ValueError as exc:
+                raise BrokenLineError("cannot read a line: it is over 64 KiB") from exc
+            if not line.endswith(b"\n"):
+                return
+            self._received_at = self._loop.time()
+            if not limiter.allow(self._received_at):
+                raise BrokenLineError(f"cannot read on: more than {LINES_PER_S} lines a second")
+            self._handle(lines.parse_line(line))
+
+    def _handle(self, message: Mapping[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "ping":
+            self._on_ping(message)
+        elif kind == "pong":
+            self._on_pong(lines.whole_field(message, "seq"))
+        elif kind == "hello":
+            self._on_hello(message)
+        elif kind == "guard":
+            self._registry.on_guard_status(self, *lines.parse_guard(message))
+        elif kind == "health":
+            ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
+            exposed = lines.bool_field(message, "ros_exposed")
+            self._registry.on_health(self, ros, video, ros_exposed=exposed)
+        elif kind == "vitals":
+            self._registry.on_battery(self, lines.parse_vitals(message))
+        elif kind == "check" and self.kind == "session":
+            self._checks.ask()
+
+    def _on_ping(self, message: Mapping[str, Any]) -> None:
+        self.clock.on_ping(time.monotonic(), lines.clock_field(message, "t_ms"))
+        self._send(lines.pong_line(message))
+
+    def _on_hello(self, message: Mapping[str, Any]) -> None:
+        lines.text_field(message, "hostname", 253)
+        version = lines.printable_field(message, "agent_version", 32)
+        self._registry.on_hello(self, version, lines.guard_mode_field(message, "guard"))
+
+    async def _check(self) -> None:
+        found = await self._checker.check(self._robot)
+        self._send(lines.checked_line(ros=found.ros, video=found.video, shell=found.shell))
+
+    def _on_pong(self, seq: int) -> None:
+        sent_at = self._pings.pop(seq, None)
+        if sent_at is not None:
+            self._registry.on_heartbeat(self, (self._loop.time() - sent_at) * 1000)
+
+    def _heartbeat(self) -> None:
+        if self._ended:
+            return
+        now = self._loop.time()
+        if now - self._received_at > self._rules.timeout_s:
+            self.end("timeout", f"nothing came for {self._rules.timeout_s:g} s")
+            return
+        if self.kind == "session":
+            self._ping(now)
+        self._heartbeat_timer = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
+
+    def _ping(self, now: float) -> None:
+        """Measure the round trip; that a link of any kind lives, the agent's own pings show."""
+        self._seq += 1
+        self._pings[self._seq] = now
+        self._pings.pop(self._seq - MAX_PINGS_OPEN, None)
+        self._send(lines.ping_line(self._seq))
+
+    def _send(self, line: bytes) -> None:
+        if self._ended or self._writer.is_closing():
+            return
+        self._writer.write(line)
+        if self._writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self.end("timeout", "the robot does not read what the relay sends")
+
+    def _close(self, code: ByeCode) -> None:
+        if self._ended:
+            return
+        self._ended = True
+        if self._heartbeat_timer is not None:
+            self._heartbeat_timer.cancel()
+        self._registry.disconnected(self, code)
+        self._writer.close()
+        # A peer that does not read would keep a closing connection, and so its port, for ever.
+        self._farewell = self._loop.call_later(FAREWELL_S, self._writer.transport.abort)
+
+    async def _closed(self) -> None:
+        """Wait until the farewell is sent, or cut short."""
+        try:
+            await self._writer.wait_closed()
+        except ConnectionError:
+            log.debug("robot %s: %s was reset", self._robot.name, self.kind)
+        finally:
+            if self._farewell is not None:
+                self._farewell.cancel()

@@ -1,0 +1,165 @@
+"""Accepts robots' sessions from sshd's session command, checks their preface, and runs their links.
+
+`relay` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
+itself at once gets no answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.robots import session_messages as lines
+from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
+from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.robot_link import FAREWELL_S, LinkRules, RobotLink
+from robotether_server.relay.robots.session_messages import Preface, WrongKeyError
+from robotether_server.relay.robots.sessions import ByeCode, SessionRegistry
+from robotether_server.store.fleet import Robot, Snapshot
+
+log = logging.getLogger(__name__)
+
+PREFACE_WITHIN_S = 5.0
+# A whole fleet reconnects at once after a restart.
+BACKLOG = 2048
+
+
+class SessionServer:
+    """The TCP server for robots' sessions."""
+
+    def __init__(
+        self,
+        *,
+        registry: SessionRegistry,
+        snapshot: Callable[[], Snapshot],
+        refresh: Callable[[], Awaitable[None]],
+        session_key: str,
+        rules: LinkRules,
+        checker: PortChecker,
+        refused: Callable[[str], None],
+    ) -> None:
+        self._registry = registry
+        self._snapshot = snapshot
+        self._refresh = refresh
+        self._session_key = session_key
+        self._rules = rules
+        self._checker = checker
+        self._refused = refused
+        self._server: asyncio.Server | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._live: dict[RobotLink, None] = {}
+        self.port = 0
+
+    async def start(self, host: str, port: int) -> None:
+        """Listen."""
+        self._server = await asyncio.start_server(
+            self._accept, host, port, limit=lines.MAX_LINE_BYTES, backlog=BACKLOG
+        )
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def stop(self) -> None:
+        """Say bye to all robots and listen no more."""
+        if self._server is not None:
+            self._server.close()
+        for link in list(self._live):
+            link.end("relay_stopping", "the relay is stopping; connect again in a moment")
+        if self._tasks:
+            _, unfinished = await asyncio.wait(self._tasks, timeout=2 * FAREWELL_S)
+            for task in unfinished:
+                task.cancel()
+            await asyncio.gather(*unfinished, return_exceptions=True)
+
+    def on_snapshot(self, snapshot: Snapshot) -> None:
+        """End the links of robots that may no longer connect; tell others their new settings."""
+        for link in list(self._live):
+            _apply(snapshot, link)
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.get_running_loop().create_task(self._handle(reader, writer))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _handle(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            await self._serve(reader, writer)
+        except Exception:
+            log.exception("a robot's connection failed")
+        finally:
+            writer.transport.abort()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            async with asyncio.timeout(PREFACE_WITHIN_S):
+                preface = await self._read_preface(reader)
+            robot = await self._admit(preface)
+        except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
+            self._refused("preface")
+            log.warning("a connection to the session port is closed: %s", _why(exc))
+        except NotAuthorizedError as refusal:
+            self._refused(refusal.code)
+            await _say_bye(writer, refusal.code, refusal.detail)
+        except StoreUnavailable as problem:
+            self._refused("not_ready")
+            await _say_bye(writer, "not_ready", problem.detail)
+        else:
+            await self._run_link(preface, robot, reader, writer)
+
+    async def _admit(self, preface: Preface) -> Robot:
+        """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
+        try:
+            return authorize(self._snapshot(), preface)
+        except NotAuthorizedError:
+            await self._refresh()
+            return authorize(self._snapshot(), preface)
+
+    async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
+        return lines.parse_preface(await reader.readline(), self._session_key)
+
+    async def _run_link(
+        self,
+        preface: Preface,
+        robot: Robot,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        link = RobotLink(
+            preface,
+            robot,
+            reader=reader,
+            writer=writer,
+            registry=self._registry,
+            rules=self._rules,
+            checker=self._checker,
+        )
+        self._live[link] = None
+        try:
+            await link.run()
+        finally:
+            del self._live[link]
+
+
+def _apply(snapshot: Snapshot, link: RobotLink) -> None:
+    try:
+        link.reconfigure(authorize(snapshot, link.preface))
+    except NotAuthorizedError as refusal:
+        link.end(refusal.code, refusal.detail)
+
+
+async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> None:
+    writer.write(lines.bye_line(code, detail))
+    writer.close()
+    try:
+        async with asyncio.timeout(FAREWELL_S):
+            await writer.wait_closed()
+    except (TimeoutError, ConnectionError):
+        log.debug("a refused robot did not read its bye")
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, WrongKeyError):
+        return "its session key is wrong; sshd and relay must have the same SESSION_KEY"
+    if isinstance(error, TimeoutError):
+        return f"no preface in {PREFACE_WITHIN_S:g} s"
+    return str(error) or "it broke"

@@ -1,0 +1,253 @@
+"""Which robots are connected, and what is known of them. In memory, without a network.
+
+`robot_link` reports here what happens on a robot's connection; `connections`, `fleet_events` and `observers`
+listen. At most one link of a kind is current for a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from typing import Literal, Protocol
+
+from robotether_server.relay.robots.robot_clock import RobotClock
+
+Kind = Literal["session", "media", "shell"]
+Health = Literal["ok", "down", "unknown"]
+# What the agent does in front of rosbridge; unknown until it has said so.
+GuardMode = Literal["on", "off", "unknown"]
+GuardState = Literal["ready", "down"]
+# Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
+ByeCode = Literal[
+    "superseded",
+    "robot_disabled",
+    "robot_unknown",
+    "ports_changed",
+    "port_taken",
+    "key_changed",
+    "shell_off",
+    "not_ready",
+    "relay_stopping",
+    "protocol_error",
+    "timeout",
+    "link_lost",
+]
+
+
+class Link(Protocol):
+    """One TCP connection of a robot, of one kind."""
+
+    @property
+    def robot_id(self) -> int:
+        """The robot's id in the database."""
+
+    @property
+    def kind(self) -> Kind:
+        """What the connection is for."""
+
+    @property
+    def address(self) -> str:
+        """Where the robot's SSH connection comes from."""
+
+    @property
+    def guard_key(self) -> str:
+        """What shows the robot's guard that a connection comes from this relay."""
+
+    @property
+    def clock(self) -> RobotClock:
+        """The robot's clock against ours."""
+
+    def send(self, line: bytes) -> None:
+        """Send a line to the agent, if the link still is."""
+
+    def end(self, code: ByeCode, detail: str) -> None:
+        """Say bye and close; afterwards the registry knows the link no more."""
+
+
+@dataclass(frozen=True)
+class GuardReport:
+    """What a robot's guard last told of itself; `refused` counts drive commands by kind since its start."""
+
+    state: GuardState = "down"
+    stopped: bool = False
+    by: str = ""
+    moving: bool = False
+    refused: tuple[tuple[str, int], ...] = ()
+
+
+NO_REPORT = GuardReport()
+
+
+@dataclass(frozen=True)
+class Battery:
+    """How full a robot's battery is."""
+
+    percent: int
+    charging: bool
+
+
+@dataclass(frozen=True)
+class Presence:
+    """What is known of one robot now; `since` is the last change of `online`."""
+
+    online: bool = False
+    since: datetime | None = None
+    address: str | None = None
+    rtt_ms: float | None = None
+    ros: Health = "unknown"
+    video: Health = "unknown"
+    # Everybody in the robot's own network reaches its rosbridge, past the guard.
+    ros_exposed: bool = False
+    agent_version: str | None = None
+    guard_mode: GuardMode = "unknown"
+    report: GuardReport = NO_REPORT
+    battery: Battery | None = None
+
+    @property
+    def guard(self) -> GuardState | GuardMode:
+        """The guard as operators see it: ready, down, off or unknown."""
+        return self.report.state if self.guard_mode == "on" else self.guard_mode
+
+
+NEVER_SEEN = Presence()
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to a robot: it connected, disconnected, reported something of itself, or sent a heartbeat.
+
+    `guard_status`: its guard reported; `answers` is the id of the stop or release that it answers.
+    """
+
+    what: Literal["connected", "disconnected", "updated", "heartbeat", "guard_status"]
+    robot_id: int
+    presence: Presence
+    code: ByeCode | None = None
+    answers: str | None = None
+
+
+# Hears of every change, in order; must not block.
+Listener = Callable[[Change], None]
+
+
+def utc_now() -> datetime:
+    """Return the time for people; durations are measured with the loop's clock."""
+    return datetime.now(timezone.utc)
+
+
+class SessionRegistry:
+    """The current links and the presence of each robot."""
+
+    def __init__(self, clock: Callable[[], datetime] = utc_now) -> None:
+        self._listeners: list[Listener] = []
+        self._clock = clock
+        self._current: dict[tuple[int, Kind], Link] = {}
+        self._presences: dict[int, Presence] = {}
+
+    def listen(self, *listeners: Listener) -> None:
+        """Tell these of every change from now on."""
+        self._listeners.extend(listeners)
+
+    def presence(self, robot_id: int) -> Presence:
+        """Tell what is known of a robot."""
+        return self._presences.get(robot_id, NEVER_SEEN)
+
+    def session_of(self, robot_id: int) -> Link | None:
+        """Return the link of a robot that is online."""
+        return self._current.get((robot_id, "session")) if self.presence(robot_id).online else None
+
+    def count(self, kind: Kind) -> int:
+        """Count the current links of a kind."""
+        return sum(each == kind for _, each in self._current)
+
+    def online_count(self) -> int:
+        """Count the robots that are online."""
+        return sum(presence.online for presence in self._presences.values())
+
+    def remember(self, last_seen: Iterable[tuple[int, datetime]]) -> None:
+        """Take over from the records since when robots are offline."""
+        for robot_id, since in last_seen:
+            if robot_id not in self._presences:
+                self._presences[robot_id] = Presence(since=since)
+
+    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
+        """Drop what is known of robots that are gone and not connected."""
+        keep = set(robot_ids) | {robot_id for robot_id, _ in self._current}
+        for robot_id in self._presences.keys() - keep:
+            del self._presences[robot_id]
+
+    def make_current(self, link: Link) -> Link | None:
+        """Make `link` the current one of its kind; return the older, which the caller ends."""
+        key = (link.robot_id, link.kind)
+        older = self._current.get(key)
+        if older is not None:
+            self._forget(older, "superseded")
+        self._current[key] = link
+        return older
+
+    def is_current(self, link: Link) -> bool:
+        """Tell whether no newer link took over."""
+        return self._current.get((link.robot_id, link.kind)) is link
+
+    def established(self, link: Link) -> None:
+        """The link has its configuration; a robot with an established session is online."""
+        if link.kind == "session" and self.is_current(link):
+            presence = Presence(online=True, since=self._clock(), address=link.address)
+            self._notify(Change("connected", link.robot_id, presence))
+
+    def disconnected(self, link: Link, code: ByeCode) -> None:
+        """The link ended; does nothing when a newer one took over."""
+        if self.is_current(link):
+            self._forget(link, code)
+
+    def on_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
+        """The agent told its version, and whether it has a guard."""
+        if self._is_online(link):
+            presence = self.presence(link.robot_id)
+            after = replace(presence, agent_version=agent_version, guard_mode=guard_mode)
+            self._update(link, after)
+
+    def on_guard_status(self, link: Link, report: GuardReport, answers: str | None) -> None:
+        """The guard told of itself, or answered."""
+        if self._is_online(link):
+            after = replace(self.presence(link.robot_id), report=report)
+            self._notify(Change("guard_status", link.robot_id, after, answers=answers))
+
+    def on_health(self, link: Link, ros: Health, video: Health, *, ros_exposed: bool) -> None:
+        """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
+        if self._is_online(link):
+            before = self.presence(link.robot_id)
+            self._update(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
+
+    def on_battery(self, link: Link, battery: Battery | None) -> None:
+        """The agent told how full the robot's battery is."""
+        if self._is_online(link):
+            self._update(link, replace(self.presence(link.robot_id), battery=battery))
+
+    def on_heartbeat(self, link: Link, rtt_ms: float) -> None:
+        """A heartbeat came back."""
+        if self._is_online(link):
+            presence = self.presence(link.robot_id)
+            after = replace(presence, rtt_ms=round(rtt_ms, 1))
+            self._notify(Change("heartbeat", link.robot_id, after))
+
+    def _is_online(self, link: Link) -> bool:
+        established = self.presence(link.robot_id).online
+        return link.kind == "session" and self.is_current(link) and established
+
+    def _update(self, link: Link, presence: Presence) -> None:
+        if presence != self.presence(link.robot_id):
+            self._notify(Change("updated", link.robot_id, presence))
+
+    def _forget(self, link: Link, code: ByeCode) -> None:
+        del self._current[link.robot_id, link.kind]
+        before = self.presence(link.robot_id)
+        if link.kind == "session" and before.online:
+            after = Presence(since=self._clock(), agent_version=before.agent_version)
+            self._notify(Change("disconnected", link.robot_id, after, code))
+
+    def _notify(self, change: Change) -> None:
+        self._presences[change.robot_id] = change.presence
+        for listener in self._listeners:
+            listener(change)

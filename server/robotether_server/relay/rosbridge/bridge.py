@@ -1,0 +1,302 @@
+"""One operator's WebSocket joined to one robot's rosbridge.
+
+`rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
+the robot is what its `MessageValidator` has written anew, and nothing else. It never parses what comes from a
+robot, and a message makes no task, no timer and no queue entry of its own. Reading on one side waits
+for writing on the other, so that a connection's memory is bounded by the socket buffers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from aiohttp import WebSocketError, WSCloseCode, WSMsgType
+
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.liveness import Liveness, LivenessLimits
+from robotether_server.relay.http.sockets import OperatorSocket, RobotSocket
+from robotether_server.relay.rosbridge.command_age import CommandTimestamps
+from robotether_server.relay.rosbridge.drive_path import DriveLease, DrivePath
+from robotether_server.relay.rosbridge.message_validator import (
+    MessageRefusedError,
+    MessageValidator,
+    ValidatedMessage,
+)
+from robotether_server.relay.rosbridge.own_operations import OwnOperations
+
+log = logging.getLogger(__name__)
+
+# A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
+# so long for the second, to tell the operator which of the two it was.
+LINK_GRACE_S = 0.3
+
+
+@dataclass
+class Traffic:
+    """What all bridges have passed on since the start; `metrics` reads it."""
+
+    messages_to_robot: int = 0
+    messages_to_client: int = 0
+    bytes_to_robot: int = 0
+    bytes_to_client: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True)
+class RobotEnd:
+    """The robot's end of a connection; `lease` is that of a driver."""
+
+    socket: RobotSocket
+    lease: DriveLease | None = None
+
+
+class Bridge:
+    """Passes messages between an operator and a robot until something ends it."""
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        validator: MessageValidator,
+        operator: OperatorSocket,
+        own: OwnOperations,
+        limits: LivenessLimits,
+        message_limit: int,
+        traffic: Traffic,
+    ) -> None:
+        self._name = robot
+        self._validator = validator
+        self._operator = operator
+        self._own = own
+        self._limits = limits
+        self._message_limit = message_limit
+        self._traffic = traffic
+        self._robot: RobotSocket | None = None
+        self._drive: DrivePath | None = None
+        self._loop = asyncio.get_running_loop()
+        self._timestamps = CommandTimestamps(time.monotonic())
+        self._ended: asyncio.Future[CloseReason] = self._loop.create_future()
+        self._received_at = self._loop.time()
+        self._bytes_to_robot = 0
+        self._bytes_to_client = 0
+        # By kind, for the records.
+        self.refused: Counter[str] = Counter()
+
+    @property
+    def bytes_passed(self) -> int:
+        """How many bytes of messages went either way."""
+        return self._bytes_to_robot + self._bytes_to_client
+
+    def end(self, close_reason: CloseReason) -> None:
+        """End the connection at once; the first ending counts."""
+        if not self._ended.done():
+            self._ended.set_result(close_reason)
+
+    async def run(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
+        """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
+        if self._ended.done():
+            return self._ended.result()
+        work = asyncio.create_task(self._guard(self._work(connect)))
+        try:
+            return await self._ended
+        finally:
+            # The pumps must be still before the close frame, which is the last frame.
+            work.cancel()
+            await asyncio.gather(work, return_exceptions=True)
+
+    async def close_reason_of_gone(self) -> CloseReason:
+        """Return why a connection that is gone ended, by the frames that nobody has read yet."""
+        if await self._operator.said_goodbye():
+            return close_reasons.client_left(self._name)
+        return close_reasons.client_vanished(self._name)
+
+    async def farewell(self, close_reason: CloseReason) -> None:
+        """Tell both sides that it ended."""
+        await asyncio.gather(self._leave_robot(), self._operator.finish(close_reason))
+
+    def release(self) -> None:
+        """Let the robot go, also when the operator vanished and nobody could say farewell."""
+        if self._robot is not None:
+            self._robot.drop()
+
+    async def _leave_robot(self) -> None:
+        if self._robot is not None:
+            await self._robot.leave()
+
+    async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
+        """Run a part of the connection; its end, or its defect, ends the connection."""
+        try:
+            self.end(await part)
+        except ConnectionClosedError as exc:
+            self.end(exc.close_reason)
+        except Exception:
+            log.exception("robot %s: an operator's connection failed", self._name)
+            self.end(close_reasons.relay_failed())
+
+    async def _work(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
+        robot_end = await connect()
+        self._robot = robot = robot_end.socket
+        parts = [
+            self._pump_to_robot(robot),
+            self._pump_to_client(robot),
+            self._watch(robot),
+            self._ping(),
+            self._send_control_updates(),
+        ]
+        if robot_end.lease is not None:
+            self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
+            parts.append(self._send_commands(self._drive))
+        async with asyncio.TaskGroup() as group:
+            for part in parts:
+                group.create_task(self._guard(part))
+        return await self._ended
+
+    async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
+        while True:
+            message = await self._operator.receive()
+            self._received_at = self._loop.time()
+            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                try:
+                    await self._pass_on(robot, message.data)
+                except ConnectionError:
+                    return await self._close_reason_by_robot("its connection broke")
+            elif message.type is WSMsgType.PONG:
+                self._on_pong(message.data)
+            elif message.type is WSMsgType.PING:
+                await self._operator.pong(message.data)
+            else:
+                return self._close_reason_by_operator(message.type, message.data)
+
+    def _on_pong(self, payload: bytes) -> None:
+        sent_at = self._timestamps.pong(payload)
+        if sent_at is not None and self._drive is not None:
+            self._drive.log.round_trip((time.monotonic() - sent_at) * 1000)
+
+    async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
+        try:
+            checked = self._validator.check(data)
+        except MessageRefusedError as refused:
+            self.refused[refused.kind] += 1
+            self._traffic.refused[refused.kind] += 1
+            if refused.floods:
+                raise ConnectionClosedError(close_reasons.client_floods(self._name)) from refused
+            if refused.answer is not None:
+                await self._send_to_client(refused.answer, WSMsgType.TEXT)
+            return
+        if checked.own is not None:
+            await self._do_own(checked.operation, checked.own)
+            return
+        if self._drive is not None:
+            self._drive.log.message()
+        await self._send_to_robot(robot, checked)
+
+    async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
+        if checked.drive is None or self._drive is None:
+            self._count_to_robot(len(checked.data))
+            await robot.send_frame(checked.data, WSMsgType.TEXT)
+            return
+        complaint = await self._drive.submit(checked.drive)
+        if complaint is not None:
+            await self._send_to_client(complaint, WSMsgType.TEXT)
+
+    async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
+        answer = self._own.answer(operation, own)
+        # Behind data that waits it would come late, and keep what comes from the client waiting.
+        if answer is not None and not self._operator.waiting_bytes():
+            await self._send_to_client(answer, WSMsgType.TEXT)
+
+    async def _send_control_updates(self) -> CloseReason:
+        with self._own.watched():
+            while True:
+                await self._send_to_client(await self._own.next_update(), WSMsgType.TEXT)
+
+    async def _send_commands(self, drive: DrivePath) -> CloseReason:
+        try:
+            return await drive.run()
+        except ConnectionError:
+            return await self._close_reason_by_robot("its connection broke")
+
+    async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
+        traffic = self._traffic
+        while True:
+            message = await robot.receive()
+            if message.type is not WSMsgType.TEXT and message.type is not WSMsgType.BINARY:
+                return await self._close_reason_of_robot(message.type, message.data)
+            traffic.messages_to_client += 1
+            traffic.bytes_to_client += len(message.data)
+            await self._send_to_client(message.data, message.type)
+
+    async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
+        self._bytes_to_client += len(data)
+        try:
+            await self._operator.send_frame(data, kind)
+        except ConnectionError as exc:
+            raise ConnectionClosedError(close_reasons.client_vanished(self._name)) from exc
+
+    def _count_to_robot(self, size: int) -> None:
+        self._traffic.messages_to_robot += 1
+        self._traffic.bytes_to_robot += size
+        self._bytes_to_robot += size
+
+    async def _watch(self, robot: RobotSocket) -> CloseReason:
+        limits, loop = self._limits, self._loop
+        liveness = Liveness(limits, loop.time())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                loop.time(),
+                received_at=self._received_at,
+                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
+                to_robot=(self._bytes_to_robot, robot.waiting_bytes()),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self._name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self._name, limits.slow_after_s)
+            if verdict == "robot_slow":
+                why = f"it took nothing for {limits.slow_after_s:g} s"
+                return close_reasons.rosbridge_down(self._name, why)
+
+    async def _ping(self) -> CloseReason:
+        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if self._operator.waiting_bytes() and not self._limits.strict:
+                continue
+            try:
+                await self._operator.ping(self._timestamps.ping(time.monotonic()))
+            except ConnectionError as exc:
+                raise ConnectionClosedError(close_reasons.client_vanished(self._name)) from exc
+
+    def _close_reason_by_operator(self, kind: WSMsgType, data: object) -> CloseReason:
+        if kind is WSMsgType.CLOSE:
+            return close_reasons.client_left(self._name)
+        if isinstance(data, WebSocketError):
+            return _close_reason_of_broken(data, "you", self._operator.message_limit)
+        return close_reasons.client_vanished(self._name)
+
+    async def _close_reason_of_robot(self, kind: WSMsgType, data: object) -> CloseReason:
+        if kind is WSMsgType.CLOSE:
+            return close_reasons.rosbridge_down(self._name, "it closed the connection")
+        if isinstance(data, WebSocketError):
+            sender, limit = f"robot {self._name}", self._message_limit
+            return _close_reason_of_broken(data, sender, limit)
+        return await self._close_reason_by_robot("its connection broke")
+
+    async def _close_reason_by_robot(self, why: str) -> CloseReason:
+        await asyncio.sleep(LINK_GRACE_S)
+        return close_reasons.rosbridge_down(self._name, why)
+
+
+def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
+    if error.code == WSCloseCode.MESSAGE_TOO_BIG:
+        return close_reasons.message_too_big(limit, sender)
+    return close_reasons.protocol_broken(sender)

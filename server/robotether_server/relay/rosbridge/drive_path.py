@@ -1,0 +1,125 @@
+"""The way of one driver's commands to the robot: their age, the newest one first, and the drive's books.
+
+`rosbridge` makes one for each connection with a lease; `bridge` hands it every drive command that passed
+the gate. A command never waits behind another: when the robot's side is full, only the newest of each topic
+waits, and it goes on if it is young enough by then. It must never send a command that is too old.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+from aiohttp import WSMsgType
+
+from robotether_server.relay.drives.drive_log import DriveLog
+from robotether_server.relay.http.rate_limiter import RateLimiter
+from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.robots.robot_clock import RobotClock
+from robotether_server.relay.rosbridge.command_age import CommandTimestamps
+from robotether_server.relay.rosbridge.drive_commands import DriveCommand, stamped
+from robotether_server.relay.rosbridge.message_validator import status_error
+
+# Clients drive one or two topics.
+MAX_WAITING = 8
+LOOK_EVERY_S = 0.005
+
+
+@dataclass(frozen=True)
+class DriveLease:
+    """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps."""
+
+    fence: int
+    max_age_s: float
+    clock: RobotClock | None
+    log: DriveLog
+    on_command: Callable[[], None]
+
+
+class DrivePath:
+    """Sends a driver's commands."""
+
+    def __init__(
+        self,
+        lease: DriveLease,
+        robot: RobotSocket,
+        timestamps: CommandTimestamps,
+        sent: Callable[[int], None],
+    ) -> None:
+        self.log = lease.log
+        self._lease = lease
+        self._robot = robot
+        self._timestamps = timestamps
+        self._sent = sent
+        # By topic, in the order in which they came: the command and its moment.
+        self._waiting: dict[str, tuple[DriveCommand, float]] = {}
+        self._wake = asyncio.Event()
+        self._warnings = RateLimiter(time.monotonic(), per_s=1, at_once=1)
+
+    async def submit(self, command: DriveCommand) -> bytes | None:
+        """Send the command or let it wait; return what a client is told whose command is refused."""
+        now = time.monotonic()
+        timestamp = self._timestamps.of(command.stamp_ms, now)
+        if timestamp is None:
+            return self._refuse(command, "its moment is to come, by the clock that beats tell", now)
+        if now - timestamp > self._lease.max_age_s:
+            age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
+            why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"
+            return self._refuse(command, why, now)
+        self._lease.on_command()
+        if self._waiting or self._robot.waiting_bytes():
+            self._wait(command, timestamp)
+        else:
+            await self._send(command, timestamp, now)
+        return None
+
+    async def run(self) -> NoReturn:
+        """Send what waits, as soon as there is room."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._waiting:
+                await asyncio.sleep(LOOK_EVERY_S)
+                if not self._robot.waiting_bytes():
+                    await self._send_waiting()
+
+    def _wait(self, command: DriveCommand, timestamp: float) -> None:
+        if self._waiting.pop(command.topic, None) is not None:
+            self.log.dropped()
+        self._waiting[command.topic] = (command, timestamp)
+        if len(self._waiting) > MAX_WAITING:
+            del self._waiting[next(iter(self._waiting))]
+            self.log.dropped()
+        self._wake.set()
+
+    async def _send_waiting(self) -> None:
+        topic = next(iter(self._waiting))
+        command, timestamp = self._waiting.pop(topic)
+        now = time.monotonic()
+        if now - timestamp > self._lease.max_age_s:
+            self.log.dropped()
+        else:
+            await self._send(command, timestamp, now)
+
+    async def _send(self, command: DriveCommand, timestamp: float, now: float) -> None:
+        data, lease = command.data, self._lease
+        if lease.clock is not None:
+            t_ms = lease.clock.at(now, timestamp)
+            if t_ms is None:
+                # The guard would refuse what nobody knows the age of.
+                self.log.dropped()
+                return
+            data = stamped(command, t_ms, lease.fence)
+        self.log.command(now, command.speed_m_s, command.turn_rad_s)
+        self._sent(len(data))
+        await self._robot.send_frame(data, WSMsgType.TEXT)
+
+    def _refuse(self, command: DriveCommand, why: str, now: float) -> bytes | None:
+        self.log.dropped()
+        if not self._warnings.allow(now):
+            return None
+        text = f"cannot publish to {command.topic}: {why}"
+        return status_error(text, command.message.get("id"))

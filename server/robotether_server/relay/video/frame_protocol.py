@@ -1,0 +1,267 @@
+"""The frames protocol (docs/media.md) in bytes and texts: pictures, wishes, credits, beats and statuses.
+
+`feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A picture is written once, with its
+WebSocket header, and all viewers get that one object: what a server sends has no mask. Pure.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, TypeGuard
+
+from robotether_server.relay.robots.robot_clock import WindowedMaximum
+
+HEADER = struct.Struct("!BBHId")
+JPEG = 1
+MAX_TEXT_BYTES = 4096
+MAX_FRAME_BYTES = 10 * 1024 * 1024
+SEQUENCES = 2**32
+# More than these never wait unanswered on one hop.
+MAX_CREDITS = 2
+CLOCK_SYNCS_KEPT_S = 30.0
+MAX_DETAIL = 200
+MAX_SIDE = 4096
+# A clock in ms, of a machine that has run for up to 30 years.
+MAX_UPTIME_MS = 1e12
+WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
+STATES = ("live", "waiting", "down")
+SOURCES = ("web_video_server", "mjpeg", "rosbridge")
+
+
+class BrokenFramesError(ValueError):
+    """The other side broke the frames protocol; the text says how."""
+
+
+@dataclass(frozen=True)
+class Want:
+    """What a receiver wants to see; width and height are both None for the camera's own size."""
+
+    quality_min: int = 20
+    quality_max: int = 80
+    fps: float = 15
+    latency_ms: float = 300
+    width: int | None = None
+    height: int | None = None
+
+    def and_also(self, other: Want) -> Want:
+        """Return what serves both: the best that either wants, and as quickly as either wants it."""
+        larger = max(self, other, key=lambda want: want.pixels)
+        return Want(
+            quality_min=min(self.quality_min, other.quality_min),
+            quality_max=max(self.quality_max, other.quality_max),
+            fps=max(self.fps, other.fps),
+            latency_ms=min(self.latency_ms, other.latency_ms),
+            width=larger.width,
+            height=larger.height,
+        )
+
+    @property
+    def pixels(self) -> int:
+        """How large; nothing is larger than the camera's own size."""
+        return MAX_SIDE**2 + 1 if self.width is None else self.width * (self.height or 0)
+
+
+class Frame:
+    """One picture on its way through the relay; `timestamp_s` and `received_s` are on the relay's clock.
+
+    `position` counts the pictures that came, `sequence` those that the robot's source gave.
+    """
+
+    def __init__(
+        self, data: bytes, *, sequence: int, position: int, timestamp_s: float, received_s: float
+    ) -> None:
+        codec, flags, quality, _, _ = HEADER.unpack_from(data)
+        self.sequence = sequence
+        self.position = position
+        self.timestamp_s = timestamp_s
+        self.received_s = received_s
+        self.size = len(data) - HEADER.size
+        header = HEADER.pack(codec, flags, quality, sequence, timestamp_s * 1000)
+        start = websocket_header(WHOLE_BINARY, len(data))
+        self._begins_at = len(start) + HEADER.size
+        # As it stands on each viewer's connection.
+        self._part: bytes | None = None
+        self.message = b"".join((start, header, memoryview(data)[HEADER.size :]))
+
+    @property
+    def jpeg(self) -> memoryview:
+        """The picture alone, not copied."""
+        return memoryview(self.message)[self._begins_at :]
+
+    def part(self, boundary: str, unix_ahead_s: float) -> bytes:
+        """Write it as a part of a multipart answer; once, and only when somebody wants it so.
+
+        The next part's boundary is its end: browsers show a part when they have read that.
+        """
+        if self._part is None:
+            head = (
+                "Content-Type: image/jpeg\r\n"
+                f"X-Timestamp: {self.timestamp_s + unix_ahead_s:.6f}\r\n"
+                f"X-Number: {self.sequence}\r\n"
+                f"Content-Length: {self.size}\r\n\r\n"
+            )
+            self._part = b"".join((head.encode(), self.jpeg, f"\r\n--{boundary}\r\n".encode()))
+        return self._part
+
+
+class SenderClock:
+    """How far the sender's clock is ahead of ours, at most: its answers to beats say it."""
+
+    def __init__(self) -> None:
+        self._behind_ms = WindowedMaximum(CLOCK_SYNCS_KEPT_S)
+
+    def on_answer(self, now_s: float, t_ms: float, sender_ms: float) -> None:
+        """The answer to a beat came."""
+        self._behind_ms.add(now_s, t_ms - sender_ms)
+
+    def ours(self, now_s: float, sender_ms: float) -> float | None:
+        """Return in seconds of our clock when the sender's showed this, never later; None: not known."""
+        behind_ms = self._behind_ms.at(now_s)
+        # A picture of the future is a clock that jumped.
+        return None if behind_ms is None else min((sender_ms + behind_ms) / 1000, now_s)
+
+
+def parse_frame(data: bytes) -> tuple[int, int, float]:
+    """Read a picture's codec, number and moment in ms."""
+    if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
+        raise BrokenFramesError("a picture has no header, nothing after it, or more than 10 MiB")
+    codec, _, _, sequence, timestamp_ms = HEADER.unpack_from(data)
+    # Not a number is in no range.
+    if not -MAX_UPTIME_MS <= timestamp_ms <= MAX_UPTIME_MS:
+        raise BrokenFramesError("a picture's moment is none")
+    return codec, sequence, timestamp_ms
+
+
+def parse_text(data: bytes) -> dict[str, Any]:
+    """Read a text as an object with an `op`."""
+    if len(data) > MAX_TEXT_BYTES:
+        raise BrokenFramesError("a text is over 4 KiB")
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError) as exc:
+        raise BrokenFramesError("a text is no JSON") from exc
+    if not isinstance(message, dict) or not isinstance(message.get("op"), str):
+        raise BrokenFramesError("a text is no object with an op")
+    return message
+
+
+def parse_want(message: Mapping[str, Any]) -> Want:
+    """Read a wish; what is not said has its default."""
+    default = Want()
+    want = Want(
+        quality_min=_whole(message, "quality_min", default.quality_min, 1, 100),
+        quality_max=_whole(message, "quality_max", default.quality_max, 1, 100),
+        fps=_number(message, "fps", default.fps, 0.1, 60),
+        latency_ms=_number(message, "latency_ms", default.latency_ms, 50, 5000),
+        width=_side(message, "width"),
+        height=_side(message, "height"),
+    )
+    if want.quality_min > want.quality_max:
+        raise BrokenFramesError("quality_min is over quality_max")
+    if (want.width is None) != (want.height is None):
+        raise BrokenFramesError("width and height go together")
+    return want
+
+
+def parse_credit(message: Mapping[str, Any]) -> tuple[int, int | None]:
+    """Read how many more pictures may come, and the number of the newest that was taken."""
+    taken = message.get("taken")
+    if taken is not None:
+        taken = _whole(message, "taken", 0, 0, SEQUENCES - 1)
+    return _whole(message, "frames", 1, 1, SEQUENCES - 1), taken
+
+
+def parse_clock_sync(message: Mapping[str, Any]) -> float:
+    """Read the asker's clock in ms."""
+    return _number(message, "t_ms", None, -MAX_UPTIME_MS, MAX_UPTIME_MS)
+
+
+def parse_clock_sync_answer(message: Mapping[str, Any]) -> tuple[float, float]:
+    """Read what was asked, and the sender's clock then."""
+    sender_ms = _number(message, "sender_ms", None, -MAX_UPTIME_MS, MAX_UPTIME_MS)
+    return parse_clock_sync(message), sender_ms
+
+
+def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
+    """Keep of a status what viewers know, and nothing that is none of it."""
+    state, source, detail = message.get("state"), message.get("source"), message.get("detail", "")
+    if state not in STATES or not isinstance(detail, str):
+        raise BrokenFramesError("a status has no state")
+    return {
+        "op": "status",
+        "state": state,
+        "detail": "".join(each if each.isprintable() else " " for each in detail[:MAX_DETAIL]),
+        "source": source if source in SOURCES else None,
+        "quality": _optional(message, "quality"),
+        "width": _optional(message, "width"),
+        "height": _optional(message, "height"),
+        "fps": _optional(message, "fps"),
+    }
+
+
+def want_text(want: Want) -> bytes:
+    """Write a wish."""
+    return _written({"op": "want", **asdict(want)})
+
+
+def credit_text(frames: int, taken: int | None) -> bytes:
+    """Write a credit."""
+    return _written({"op": "credit", "frames": frames, "taken": taken})
+
+
+def clock_sync_text(t_ms: float) -> bytes:
+    """Write a question for the other side's clock."""
+    return _written({"op": "beat", "t_ms": t_ms})
+
+
+def text_message(message: Mapping[str, object]) -> bytes:
+    """Write a text as it stands on a viewer's connection."""
+    text = _written(message)
+    return websocket_header(WHOLE_TEXT, len(text)) + text
+
+
+def websocket_header(first: int, size: int) -> bytes:
+    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
+    if size < 126:  # noqa: PLR2004  # the RFC's own number
+        return struct.pack("!BB", first, size)
+    if size < 2**16:
+        return struct.pack("!BBH", first, 126, size)
+    return struct.pack("!BBQ", first, 127, size)
+
+
+def _written(message: Mapping[str, object]) -> bytes:
+    return json.dumps(message, separators=(",", ":")).encode()
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(
+    message: Mapping[str, Any], name: str, default: float | None, low: float, high: float
+) -> float:
+    value = message.get(name, default)
+    # Not a number is in no range.
+    if not _is_number(value) or not low <= value <= high:
+        raise BrokenFramesError(f"{name} is no number from {low:g} to {high:g}")
+    return value
+
+
+def _whole(message: Mapping[str, Any], name: str, default: int, low: int, high: int) -> int:
+    value = _number(message, name, default, low, high)
+    if value != int(value):
+        raise BrokenFramesError(f"{name} is no whole number")
+    return int(value)
+
+
+def _side(message: Mapping[str, Any], name: str) -> int | None:
+    return None if message.get(name) is None else _whole(message, name, 1, 1, MAX_SIDE)
+
+
+def _optional(message: Mapping[str, Any], name: str) -> float | None:
+    """Return a number that may be missing, and that changes nothing when it is none."""
+    value = message.get(name)
+    return value if _is_number(value) and 0 <= value <= MAX_SIDE else None

@@ -1,0 +1,239 @@
+"""Live connections and what ends them, without a network."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+
+import pytest
+from relay_server import MemoryDatabase
+from robotether_server import robot_settings
+from robotether_server.relay.auth.connections import Caps, Connection, Connections, Use, permits
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.sessions import NEVER_SEEN, Change
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.store.grants import Level
+
+USERS = {1: "ann", 2: "bob"}
+
+
+class Live:
+    """Connections as the handlers make them; remembers how each ended."""
+
+    def __init__(self) -> None:
+        self.connections = Connections()
+        self.changed: list[int] = []
+        self.connections.listen(self.changed.append)
+        self.close_reasons: dict[Connection, list[str]] = {}
+        self._open = ExitStack()
+
+    def add(self, user_id: int, robot: Robot, use: Use, *, connected: bool = True) -> Connection:
+        ended: list[str] = []
+
+        def end(close_reason: CloseReason) -> None:
+            ended.append(close_reason.name)
+
+        connection = Connection(user_id, USERS[user_id], robot, use, end, connected)
+        self.close_reasons[connection] = ended
+        self._open.enter_context(self.connections.joined(connection))
+        return connection
+
+    def how(self, *connections: Connection) -> list[list[str]]:
+        return [self.close_reasons[connection] for connection in connections]
+
+    def leave(self) -> None:
+        self._open.close()
+
+
+@pytest.fixture
+def live() -> Live:
+    """No connection yet."""
+    return Live()
+
+
+@pytest.fixture
+def sim2(memory_database: MemoryDatabase) -> Robot:
+    """A second robot, which user 1 drives."""
+    return memory_database.add_robot(8, "sim2", u1="drive")
+
+
+def snapshot(memory_database: MemoryDatabase) -> Snapshot:
+    return Snapshot(dict(memory_database.robots), dict(memory_database.grants))
+
+
+@pytest.mark.parametrize(
+    ("level", "uses"),
+    [
+        (None, []),
+        ("observe", ["observe", "video"]),
+        ("drive", ["observe", "drive", "video"]),
+        ("manage", ["observe", "drive", "video"]),
+    ],
+)
+def test_a_grant_permits_its_uses_and_no_more(level: Level | None, uses: list[Use]):
+    """Video is to observe; to manage includes to drive."""
+    assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
+
+
+def test_connections_are_counted_by_use(live, sim1, sim2):
+    """Another robot's connections do not count among its observers."""
+    for user_id, robot, use in [
+        (1, sim1, "drive"),
+        (1, sim1, "drive"),
+        (2, sim1, "observe"),
+        (2, sim1, "observe"),
+        (2, sim1, "video"),
+        (2, sim2, "drive"),
+    ]:
+        live.add(user_id, robot, use)
+    assert live.connections.observers(sim1.id) == 2
+    assert [live.connections.count(use) for use in ("drive", "observe", "video")] == [3, 2, 1]
+
+
+def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
+    """A waiting connection is told to nobody, until it reaches the robot."""
+    waiting = live.add(1, sim1, "drive", connected=False)
+    assert (live.connections.count("drive"), live.changed) == (0, [])
+    live.connections.connected(waiting)
+    assert (live.connections.count("drive"), live.changed) == (1, [sim1.id])
+
+
+def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
+    """Only the robot whose connection had reached it has one driver less."""
+    live.add(1, sim1, "drive", connected=True)
+    live.add(1, sim2, "drive", connected=False)
+    live.leave()
+    assert live.changed == [sim1.id]
+    assert live.connections.count("drive") == 0
+
+
+def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
+    """All uses of that robot end with link_lost, waiting ones too; other robots' go on."""
+    through = [live.add(1, sim1, "drive", connected=False), live.add(2, sim1, "video")]
+    other = live.add(1, sim2, "drive")
+    live.connections.on_robot_change(Change("disconnected", sim1.id, NEVER_SEEN, "timeout"))
+    assert live.how(*through, other) == [["link_lost"], ["link_lost"], []]
+
+
+@pytest.mark.parametrize("what", ["connected", "updated", "heartbeat"])
+def test_nothing_else_of_a_robot_ends_anything(live, sim1, what):
+    """A robot's health or heartbeat leaves its operators alone."""
+    connection = live.add(1, sim1, "drive")
+    live.connections.on_robot_change(Change(what, sim1.id, NEVER_SEEN))
+    assert live.how(connection) == [[]]
+
+
+def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
+    """A grant lowered to observe ends the driving of that user, and not the watching."""
+    drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
+    other = live.add(2, sim1, "observe")
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(drive, watch, other) == [[], [], []]
+    memory_database.grants[1, sim1.id] = "observe"
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(drive, watch, other) == [["rights_ended"], [], []]
+
+
+@pytest.mark.parametrize("change", [{"state": "disabled"}, {"name": "turtle"}, None])
+def test_a_robot_that_is_gone_or_another_now_ends_its_connections(
+    live, memory_database, sim1, change
+):
+    """Disabled, renamed or removed: who opened it by its name has to open it anew."""
+    connection = live.add(1, sim1, "drive")
+    memory_database.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(connection) == [["rights_ended"]]
+
+
+def test_a_user_has_room_for_so_many(live, sim1, sim2):
+    """A user's rosbridge connections to all robots count together, and without the video."""
+    live.connections.caps = Caps(per_user=2, per_robot=9)
+    first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", connected=False)
+    assert "you have 2 connections" in (live.connections.no_room(first) or "")
+    assert live.connections.no_room(replace(first, use="video")) is None
+    assert live.connections.no_room(replace(first, user_id=2)) is None
+    live.leave()
+    assert live.connections.no_room(first) is None
+
+
+def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
+    """Observers and viewers fill up their own places, and keep no driver out."""
+    live.connections.caps = Caps(per_user=9, per_robot=2)
+    observer, _ = live.add(2, sim1, "observe"), live.add(1, sim1, "observe")
+    assert "robot sim1 has 2" in (live.connections.no_room(observer) or "")
+    assert live.connections.no_room(replace(observer, use="drive")) is None
+    assert live.connections.no_room(replace(observer, robot=sim2)) is None
+
+
+def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1):
+    """A quarter of a robot's viewers, and half of the cameras that it shows, are for those who may drive it."""
+    live.connections.caps = Caps(per_user=9, per_robot=8)
+    observer = replace(live.add(2, sim1, "video"), camera="/a")
+    for _ in range(5):
+        live.add(2, sim1, "video")
+    assert "robot sim1 has 6" in (live.connections.no_room(observer) or "")
+    assert live.connections.no_room(replace(observer, may_drive=True)) is None
+
+
+def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
+    """One more is refused, one that is open already is not, and a driver's are not counted."""
+    live.connections.caps = Caps(cameras_of_observers=2)
+    for camera, may_drive in (("/a", False), ("/b", False), ("/c", True)):
+        viewer = live.add(2, sim1, "video")
+        viewer.camera, viewer.may_drive = camera, may_drive
+    more = replace(viewer, camera="/d", may_drive=False)
+    assert "shows 2 cameras already" in (live.connections.no_room(more) or "")
+    assert live.connections.no_room(replace(more, camera="/b")) is None
+    assert live.connections.no_room(replace(more, may_drive=True)) is None
+    assert live.connections.no_room(replace(more, robot=sim2)) is None
+
+
+def test_stopping_ends_all(live, sim1, sim2):
+    """Every connection to every robot hears why."""
+    each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
+    live.connections.end_all(close_reasons.relay_stopping())
+    assert live.how(*each) == [["relay_stopping"]] * 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "goes_on"),
+    [
+        ({"policy": {"drive": {"publish": ["/lights"]}}}, False),
+        ({"policy": {"limits": {"subscriptions": 5}}}, False),
+        ({"guard": {"drive_topics": ["/steer"]}}, False),
+        ({"guard": {"max_speed_m_s": 1.0}}, True),
+        ({"shell_user": "turtle"}, True),
+        ({"page": {"kind": "holonomic", "hold_after_ms": None}}, True),
+    ],
+)
+def test_another_policy_ends_what_was_opened_under_the_former(
+    *, live, memory_database, sim1, settings, goes_on
+):
+    """What a connection may send was fixed when it was opened; the guard's limits are the guard's."""
+    driving, watching = live.add(1, sim1, "drive"), live.add(2, sim1, "video")
+    memory_database.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
+
+
+def test_other_buttons_end_no_drive(live, memory_database, sim1):
+    """They give nobody a right."""
+    policy = {"drive": {"call": ["/dock"]}}
+    button = {"name": "Dock", "kind": "call", "service": "/dock"}
+    sim1 = replace(sim1, settings=robot_settings.parse({"policy": policy}))
+    driving = live.add(1, sim1, "drive")
+    settings = robot_settings.parse({"policy": policy, "buttons": [button]})
+    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(driving) == [[]]
+
+
+def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, memory_database, sim1):
+    """The connection could publish what a driver may not."""
+    memory_database.grants[1, sim1.id] = "manage"
+    connection = live.add(1, sim1, "drive")
+    connection.level = "manage"
+    memory_database.grants[1, sim1.id] = "drive"
+    live.connections.end_unrighted(snapshot(memory_database))
+    assert live.how(connection) == [["rights_ended"]]

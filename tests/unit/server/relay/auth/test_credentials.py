@@ -1,0 +1,175 @@
+"""Logins and tokens: kept for seconds, held by what is live."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Collection
+
+import pytest
+from relay_server import MemoryDatabase
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.auth import credentials as module
+from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.store.fleet import Credential, User
+
+ANN = User(1, "ann")
+
+
+@pytest.fixture
+def credentials(memory_database: MemoryDatabase) -> Credentials:
+    """Credentials with nothing kept."""
+    return Credentials(memory_database)
+
+
+async def test_an_answer_is_kept_also_when_it_is_no(credentials, memory_database):
+    """The database is asked once for the same text, known or not."""
+    good = credential_of("login", memory_database.add_credential("login", ANN))
+    bad = credential_of("login", "rubbish")
+    for _ in range(3):
+        assert await credentials.user_of(good) == ANN
+        assert await credentials.user_of(bad) is None
+    assert memory_database.lookups == 2
+
+
+async def test_what_is_kept_is_bounded(credentials, monkeypatch):
+    """Many unknown texts push each other out."""
+    monkeypatch.setattr(module, "MAX_KEPT", 10)
+    for number in range(50):
+        await credentials.user_of(credential_of("token", str(number)))
+    assert len(credentials._kept) == 10
+
+
+async def test_an_outage_is_told_and_not_kept(credentials, memory_database):
+    """While the database is away nobody is called unknown."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    memory_database.down = True
+    with pytest.raises(StoreUnavailable):
+        await credentials.user_of(login)
+    memory_database.down = False
+    assert await credentials.user_of(login) == ANN
+
+
+async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
+    """All holders of the ended one are told, nobody else."""
+    gone = credential_of("login", memory_database.add_credential("login", ANN))
+    stays = credential_of("token", memory_database.add_credential("token", ANN))
+    ended: list[str] = []
+    with (
+        credentials.held(gone, lambda: ended.append("first")),
+        credentials.held(gone, lambda: ended.append("second")),
+        credentials.held(stays, lambda: ended.append("other")),
+    ):
+        await credentials.recheck()
+        assert ended == []
+        del memory_database.credentials[gone]
+        await credentials.recheck()
+    assert sorted(ended) == ["first", "second"]
+
+
+async def test_what_ended_before_it_was_held_ends_too(credentials, memory_database):
+    """The way from a ticket to its connection is long; what is new is asked for once."""
+    gone = credential_of("login", "the login of somebody who has logged out")
+    stays = credential_of("login", memory_database.add_credential("login", ANN))
+    ended: list[str] = []
+    with (
+        credentials.held(gone, lambda: ended.append("gone")),
+        credentials.held(stays, lambda: ended.append("stays")),
+    ):
+        await credentials.check_new()
+        assert ended == ["gone"]
+        asked = memory_database.lookups
+        await credentials.check_new()
+        assert memory_database.lookups == asked
+
+
+async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
+    credentials, memory_database
+):
+    """An outage leaves it live, and in doubt."""
+    ended: list[str] = []
+    with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
+        memory_database.down = True
+        with pytest.raises(StoreUnavailable):
+            await credentials.check_new()
+        assert ended == []
+        memory_database.down = False
+        await credentials.check_new()
+    assert ended == ["gone"]
+
+
+class SlowRecords(MemoryDatabase):
+    """Records whose next answer waits until the test lets it go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+        answer = await super().users_of(credentials)
+        self.asked.set()
+        await self.go_on.wait()
+        return answer
+
+
+async def test_what_something_live_hangs_on_is_known_without_the_database(
+    credentials, memory_database, monkeypatch
+):
+    """Whoever has a page open can stop a robot while the database is away."""
+    monkeypatch.setattr(module, "KEEP_S", 0.0)
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        memory_database.down = True
+        assert await credentials.user_of(login) == ANN
+    with pytest.raises(StoreUnavailable):
+        await credentials.user_of(login)
+
+
+async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, memory_database):
+    """The answer of before the end does not count, and nor does one that comes when nobody holds it."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        del memory_database.credentials[login]
+        await credentials.recheck()
+        assert await credentials.user_of(login) is None
+    assert credentials._live == {}
+
+
+async def test_who_comes_during_a_recheck_is_not_ended_by_it():
+    """The answer tells nothing of a credential that was not in the question."""
+    memory_database = SlowRecords()
+    credentials = Credentials(memory_database)
+    login, late = (
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
+    )
+    with credentials.held(login, lambda: pytest.fail("it holds")):
+        recheck = asyncio.create_task(credentials.recheck())
+        await memory_database.asked.wait()
+        with credentials.held(late, lambda: pytest.fail("it holds, too")):
+            memory_database.go_on.set()
+            await recheck
+
+
+async def test_an_answer_of_before_a_change_is_not_kept():
+    """A login that ends while it is looked up is looked up again the next time."""
+    memory_database = SlowRecords()
+    credentials = Credentials(memory_database)
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    asking = asyncio.create_task(credentials.user_of(login))
+    await memory_database.asked.wait()
+    memory_database.credentials.clear()
+    await credentials.recheck()
+    memory_database.go_on.set()
+    assert await asking == ANN
+    assert await credentials.user_of(login) is None
+
+
+async def test_who_is_no_longer_live_is_not_told(credentials, memory_database):
+    """After the block nothing is held, and nothing is asked."""
+    login = credential_of("login", "rubbish")
+    with credentials.held(login, lambda: pytest.fail("not live any more")):
+        pass
+    await credentials.recheck()
+    await credentials.check_new()
+    assert memory_database.lookups == 0

@@ -1,0 +1,343 @@
+"""Who drives, as rules: without network, clock and database."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from datetime import timedelta
+
+import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from relay_server import utc
+from robotether_server.problems import (
+    AlreadyAsked,
+    LeaseFree,
+    LeaseNotYours,
+    NobodyAsks,
+    Problem,
+    Throttled,
+)
+from robotether_server.relay.control.leases import HeldError, Lease, Now
+from robotether_server.store.fleet import User
+
+ANN, BEN, CARL = User(1, "ann"), User(2, "ben"), User(3, "carl")
+NOON = utc(2026, 1, 1, 12, 0)
+
+
+@dataclass(eq=False)
+class Seat:
+    """A connection of a user."""
+
+    of: User
+
+    @property
+    def user_id(self) -> int:
+        return self.of.id
+
+    @property
+    def user(self) -> str:
+        return self.of.name
+
+
+def at(seconds: float) -> Now:
+    return Now(seconds, NOON + timedelta(seconds=seconds))
+
+
+def driven_by(user: User, lease: Lease, seconds: float = 0.0) -> Seat:
+    seat = Seat(user)
+    lease.claim(seat, at(seconds))
+    assert lease.grant(seat, lease.fence + 1, at(seconds))
+    return seat
+
+
+def test_a_second_user_is_told_who_drives():
+    """Also while the first is still waiting for its number."""
+    lease = Lease()
+    seat = Seat(ANN)
+    lease.claim(seat, at(0))
+    with pytest.raises(HeldError) as held:
+        lease.claim(Seat(BEN), at(0))
+    assert (held.value.user, held.value.since) == ("ann", None)
+    lease.grant(seat, 1, at(1))
+    with pytest.raises(HeldError) as held:
+        lease.claim(Seat(BEN), at(2))
+    assert held.value.since == at(1)
+
+
+def test_the_same_user_takes_over_with_a_higher_number():
+    """The older connection drives until then, and its end later ends nothing."""
+    lease = Lease()
+    older = driven_by(ANN, lease)
+    newer = Seat(ANN)
+    assert lease.claim(newer, at(1)) is None
+    assert lease.driver.holder is older
+    assert lease.grant(newer, 2, at(1))
+    assert lease.end(older, at(2)) is None
+    assert lease.driver.holder is newer
+
+
+def test_of_two_claims_of_a_user_the_newer_counts():
+    """The older claimant is returned, and gets nothing."""
+    lease = Lease()
+    older, newer = Seat(ANN), Seat(ANN)
+    lease.claim(older, at(0))
+    assert lease.claim(newer, at(0)) is older
+    assert not lease.grant(older, 1, at(1))
+    assert lease.grant(newer, 2, at(1))
+
+
+def test_a_claim_that_got_no_number_leaves_the_older_connection():
+    """Without a database who drives drives on."""
+    lease = Lease()
+    older = driven_by(ANN, lease)
+    newer = Seat(ANN)
+    lease.claim(newer, at(1))
+    lease.end(newer, at(2))
+    assert lease.driver.holder is older
+
+
+def test_a_number_that_is_not_newer_is_no_lease():
+    """What the guard would refuse is not granted."""
+    lease = Lease(fence=5)
+    seat = Seat(ANN)
+    lease.claim(seat, at(0))
+    assert not lease.grant(seat, 5, at(0))
+    assert lease.grant(seat, 6, at(0))
+
+
+def test_a_claim_that_was_revoked_is_not_granted():
+    """A stop that comes while the database numbers the drive wins."""
+    lease = Lease()
+    seat = Seat(ANN)
+    lease.claim(seat, at(0))
+    assert lease.revoke() is seat
+    assert not lease.grant(seat, 1, at(1))
+
+
+def test_the_control_passes_on_after_20_s_without_input():
+    """Each command puts it off; then it is kept for the asker for 10 s, and free afterwards."""
+    lease = Lease()
+    seat = driven_by(ANN, lease)
+    assert lease.ask(BEN, at(1))
+    assert lease.passes_at() == at(21)
+    lease.on_command(at(15))
+    assert lease.pass_on(at(34.9)) is None
+    passed = lease.pass_on(at(35))
+    assert (passed.driver.holder, passed.to) == (seat, BEN)
+    assert lease.reserved(at(44.9)).user == BEN
+    with pytest.raises(HeldError):
+        lease.claim(Seat(ANN), at(40))
+    lease.claim(Seat(BEN), at(40))
+    assert lease.reserved(at(45)) is None
+
+
+def test_nobody_else_gets_a_kept_lease_until_its_time_is_over():
+    """After 10 s anybody may drive."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    lease.take(BEN, at(0))
+    with pytest.raises(HeldError):
+        lease.claim(Seat(CARL), at(9.9))
+    lease.claim(Seat(CARL), at(10))
+
+
+def test_questions_are_answered_by_the_driver():
+    """Handing over ends the drive, refusing ends the question."""
+    lease = Lease()
+    seat = driven_by(ANN, lease)
+    lease.ask(BEN, at(0))
+    assert lease.refuse(ANN, at(1)) == BEN
+    assert lease.passes_at() is None
+    lease.ask(BEN, at(2))
+    assert lease.hand_over(ANN, at(3)).driver.holder is seat
+    assert lease.driver is None
+    assert lease.reserved(at(4)).user == BEN
+
+
+def test_the_control_is_handed_to_the_one_who_is_named():
+    """Who asks by now may be another one than the driver saw."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    lease.ask(BEN, at(0))
+    lease.withdraw(BEN)
+    lease.ask(CARL, at(1))
+    with pytest.raises(NobodyAsks, match="carl asks for it by now"):
+        lease.hand_over(ANN, at(2), "ben")
+    assert lease.waiting.user == CARL
+    assert lease.hand_over(ANN, at(3), "carl").to == CARL
+
+
+def test_wrong_deeds_have_names():
+    """Each refusal has its own code."""
+    lease = Lease()
+    for deed in (lease.ask, lease.take, lease.refuse, lease.hand_over):
+        with pytest.raises(LeaseFree):
+            deed(BEN, at(0))
+    driven_by(ANN, lease)
+    with pytest.raises(LeaseFree):
+        lease.ask(ANN, at(0))
+    for deed in (lease.refuse, lease.hand_over):
+        with pytest.raises(NobodyAsks):
+            deed(ANN, at(0))
+        with pytest.raises(LeaseNotYours):
+            deed(BEN, at(0))
+    assert lease.ask(BEN, at(0))
+    assert not lease.ask(BEN, at(1))
+    with pytest.raises(AlreadyAsked):
+        lease.ask(CARL, at(1))
+    with pytest.raises(NobodyAsks):
+        lease.withdraw(CARL)
+    lease.withdraw(BEN)
+    assert lease.waiting is None
+    assert lease.take(ANN, at(2)) is None
+    lease.take(CARL, at(2))
+    with pytest.raises(AlreadyAsked):
+        lease.ask(BEN, at(3))
+
+
+def test_a_driver_is_not_asked_again_and_again():
+    """After three questions in a row one every 30 s is heard; others' are, too, and at other robots."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    for second in range(3):
+        assert lease.ask(BEN, at(second))
+        assert not lease.ask(BEN, at(second))
+        lease.refuse(ANN, at(second))
+    with pytest.raises(Throttled, match="ask again in 28 s") as throttled:
+        lease.ask(BEN, at(2))
+    assert throttled.value.retry_after_s == 28
+    assert lease.waiting is None
+    assert lease.ask(CARL, at(3))
+    lease.withdraw(CARL)
+    assert lease.ask(BEN, at(30))
+    lease.withdraw(BEN)
+    with pytest.raises(Throttled):
+        lease.ask(BEN, at(59))
+
+
+def test_who_got_the_control_may_ask_anew():
+    """What was answered with yes does not count."""
+    lease = Lease()
+    for second in range(10):
+        driven_by(ANN, lease, second)
+        assert lease.ask(BEN, at(second))
+        lease.hand_over(ANN, at(second))
+        lease.revoke()
+
+
+def test_what_is_kept_for_a_manager_is_not_taken_again():
+    """It has its time, and no longer; another manager may take it."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    lease.take(BEN, at(0))
+    assert lease.take(BEN, at(9)) is None
+    assert lease.reserved(at(10)) is None
+    driven_by(ANN, lease, 11)
+    lease.take(BEN, at(12))
+    assert lease.take(CARL, at(13)).to == CARL
+
+
+def test_who_waits_is_next_when_the_driver_leaves():
+    """Also when the driver's next connection got no number."""
+    lease = Lease()
+    seat = driven_by(ANN, lease)
+    lease.ask(BEN, at(0))
+    lease.end(seat, at(1))
+    assert lease.reserved(at(2)).user == BEN
+    lease = Lease()
+    older = driven_by(ANN, lease)
+    lease.ask(BEN, at(0))
+    newer = Seat(ANN)
+    lease.claim(newer, at(1))
+    lease.end(older, at(2))
+    assert lease.reserved(at(2)) is None
+    lease.end(newer, at(3))
+    assert lease.reserved(at(4)).user == BEN
+
+
+def test_without_the_right_nobody_waits():
+    """Whoever lost the right to drive is forgotten."""
+    lease = Lease()
+    driven_by(ANN, lease)
+    lease.ask(BEN, at(0))
+    assert not lease.keep_only(lambda user_id: user_id == BEN.id)
+    assert lease.keep_only(lambda user_id: user_id == ANN.id)
+    lease.take(BEN, at(1))
+    assert lease.keep_only(lambda _user_id: False)
+    lease.claim(Seat(CARL), at(2))
+
+
+class LeaseMachine(RuleBasedStateMachine):
+    """Whatever people do and in whatever order: one driver, and numbers that grow."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lease = Lease()
+        self.now = at(0)
+        self.claimed: list[tuple[Seat, int]] = []
+        self.open: set[Seat] = set()
+        self.database = 0
+        self.granted: list[int] = []
+
+    users = st.sampled_from([ANN, BEN, CARL])
+
+    @rule(seconds=st.floats(0.1, 15))
+    def time_passes(self, seconds):
+        self.now = self.now.later(seconds)
+        passed = self.lease.pass_on(self.now)
+        if passed is not None:
+            self.open.discard(passed.driver.holder)
+
+    @rule(user=users)
+    def connect(self, user):
+        seat = Seat(user)
+        with contextlib.suppress(HeldError):
+            older = self.lease.claim(seat, self.now)
+            assert older is None or older.of == user
+            self.database += 1
+            self.claimed.append((seat, self.database))
+
+    @rule(place=st.integers(0, 5))
+    def database_answers(self, place):
+        """Answers may come in any order, and late."""
+        if self.claimed:
+            seat, fence = self.claimed.pop(place % len(self.claimed))
+            if self.lease.grant(seat, fence, self.now):
+                self.granted.append(fence)
+                assert {older.of for older in self.open} <= {seat.of}
+                self.open = {seat}
+
+    @rule(user=users)
+    def disconnect(self, user):
+        for seat in [seat for seat in self.open if seat.of == user]:
+            self.open.discard(seat)
+            self.lease.end(seat, self.now)
+
+    @rule(user=users, deed=st.sampled_from(["ask", "refuse", "hand_over", "take"]))
+    def act(self, user, deed):
+        with contextlib.suppress(Problem):
+            result = getattr(self.lease, deed)(user, self.now)
+            if deed in {"hand_over", "take"} and result is not None and result.driver is not None:
+                self.open.discard(result.driver.holder)
+
+    @rule()
+    def stop(self):
+        self.open.discard(self.lease.revoke())
+
+    @invariant()
+    def one_driver_at_most(self):
+        holder = self.lease.driver.holder if self.lease.driver else None
+        assert self.open <= {holder}
+
+    @invariant()
+    def numbers_grow(self):
+        assert self.granted == sorted(set(self.granted))
+        assert self.lease.driver is None or self.lease.driver.fence == self.granted[-1]
+
+    @invariant()
+    def who_waits_has_somebody_to_wait_for(self):
+        assert not (self.lease.waiting and self.lease.reserved(self.now))
+
+
+TestLeaseMachine = LeaseMachine.TestCase

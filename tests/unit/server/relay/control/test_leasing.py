@@ -1,0 +1,294 @@
+"""Leases through the whole relay: who drives, who waits, and what robots and drivers are told."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from relay_clients import PUBLISH, audit_lines, closing
+from relay_server import until
+from robotether_server.problems import RecordMissing, RecordRefused
+from robotether_server.relay.control import leases, leasing
+from robotether_server.store.control import DriveEntry, LeaseEnd
+from robotether_server.store.fleet import User
+
+ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
+
+
+@pytest.fixture(autouse=True)
+def rights(memory_database, sim1):
+    """Let ben drive and carl manage sim1, beside ann who drives."""
+    memory_database.grants[BEN.id, sim1.id] = "drive"
+    memory_database.grants[CARL.id, sim1.id] = "manage"
+
+
+def control(relay, sim1):
+    return relay.relay.control.describe(sim1.id)
+
+
+def asker(user: User) -> leasing.LeaseRequester:
+    return leasing.LeaseRequester(user, "198.51.100.9")
+
+
+async def driven(relay, sim1, user: User = ANN) -> None:
+    await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
+
+
+async def read_all(socket) -> None:
+    async for _ in socket:
+        pass
+
+
+async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
+    """The first goes on; the second's reason has name and time."""
+    async with http.ws_connect(relay.ros_url(sim1)) as first:
+        await driven(relay, sim1)
+        async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)) as second:
+            code, reason = await closing(second)
+        assert code == 4009
+        assert reason.startswith("ann drives sim1 since ")
+        assert control(relay, sim1)["driver"]["user"] == "ann"
+        await first.ping()
+        assert guarded.clients_ever == 1
+
+
+async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
+    """First that nobody drives; the number before its connection comes; and the end with the same number."""
+    assert guarded.session.leases[0] == {"type": "lease", "fence": 0, "held": False}
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await guarded.connections(1)
+        assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
+    await until(lambda: not guarded.session.leases[-1]["held"], "the robot hears of the end")
+    assert guarded.session.leases[-1]["fence"] == 1
+
+
+async def test_what_the_guard_refuses_stands_in_the_drives_record(
+    relay, guarded, sim1, http, memory_database
+):
+    """Also what it tells when the drive is over."""
+
+    def refused() -> dict[str, int]:
+        drives = [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
+        return drives[-1].refused if drives else {}
+
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await guarded.connections(1)
+        guarded.session.send_guard_status(old=2)
+    await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+    guarded.session.send_guard_status(old=2, shape=1)
+    await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
+
+
+async def test_what_a_drive_was_like_stands_in_its_record(
+    relay, guarded, sim1, http, memory_database
+):
+    """Round trips, bytes of both directions, and the pictures that this driver got of this robot meanwhile."""
+    viewer_stats, observer = relay.relay.viewer_stats, relay.relay.observer
+
+    def record() -> DriveEntry | None:
+        observer.write_drives()
+        return next((one for one in memory_database.written if isinstance(one, DriveEntry)), None)
+
+    viewer_stats.count(sim1.id, ANN.id, 5000)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        # A client answers pings while it reads.
+        reading = asyncio.create_task(read_all(socket))
+        await guarded.connections(1)
+        await socket.send_str(PUBLISH)
+        await until(lambda: guarded.received, "the command came")
+        viewer_stats.count(sim1.id, ANN.id, 700)
+        viewer_stats.count(sim1.id, BEN.id, 90)
+        await until(lambda: (one := record()) and one.latency_p50_ms, "a round trip is measured")
+        await socket.close()
+        await reading
+    await until(lambda: record().ended_at, "the drive is over")
+    entry = record()
+    assert 0 < entry.latency_p50_ms <= entry.latency_p95_ms
+    assert (entry.pictures, entry.picture_bytes, entry.viewed_s) == (1, 700, 0.0)
+    assert entry.bytes >= len(guarded.received[0])
+
+
+async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
+    """The older is closed with 4002, and the newer has a higher number."""
+    async with http.ws_connect(relay.ros_url(sim1)) as older:
+        await driven(relay, sim1)
+        async with http.ws_connect(relay.ros_url(sim1)) as newer:
+            assert (await closing(older))[0] == 4002
+            await until(lambda: control(relay, sim1)["driver"], "the newer drives")
+            assert control(relay, sim1)["driver"]["fence"] == 2
+            await newer.ping()
+        await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+
+
+async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, memory_database):
+    """The driver is closed with 4010; only who asked gets the lease; the records say so."""
+    acts = relay.relay.control.leasing
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: guarded.clients, "ann has reached the robot")
+        acts.ask(sim1, asker(BEN))
+        assert control(relay, sim1)["waiting"]["user"] == "ben"
+        acts.hand_over(sim1, asker(ANN))
+        assert await closing(socket) == (4010, "the control of sim1 is ben's now")
+    assert control(relay, sim1)["reserved"]["user"] == "ben"
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert await closing(socket) == (4009, "the control of sim1 is kept for ben; wait a moment")
+    async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)):
+        await driven(relay, sim1, BEN)
+        assert control(relay, sim1)["reserved"] is None
+    await relay.relay.event_writer.flush(5)
+    kinds = [line.kind for line in audit_lines(memory_database)]
+    assert kinds[:3] == ["drive_started", "lease_asked", "lease_handed_over"]
+
+
+async def test_the_control_passes_on_without_an_answer(relay, guarded, sim1, http, monkeypatch):
+    """After the time is over the driver is closed, and who asked has it."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.3)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await driven(relay, sim1)
+        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        assert (await closing(socket))[0] == 4010
+    assert control(relay, sim1)["reserved"]["user"] == "ben"
+
+
+async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, monkeypatch):
+    """Who asked and does not come keeps nobody out for long, and those who watch are told."""
+    monkeypatch.setattr(leases, "RESERVED_FOR_S", 0.2)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await driven(relay, sim1)
+        relay.relay.control.leasing.take(sim1, asker(CARL))
+        assert (await closing(socket))[0] == 4010
+    free: list[bool] = []
+    relay.relay.control.listen(
+        lambda _robot_id: free.append(control(relay, sim1)["reserved"] is None)
+    )
+    await until(lambda: True in free, "those who watch are told")
+
+
+async def test_without_a_database_nobody_begins_to_drive(
+    relay, guarded, sim1, http, memory_database
+):
+    """4510, while an observer comes in, and who drives goes on driving."""
+    memory_database.down = True
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4510
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BEN)):
+        await guarded.connections(1)
+    assert guarded.handshakes[0]["Robotether-Mode"] == "observe"
+    memory_database.down = False
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+
+
+async def test_without_a_database_who_drives_is_not_superseded(
+    relay, guarded, sim1, http, memory_database
+):
+    """A second connection of the driver gets 4510, and the first goes on."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+        memory_database.down = True
+        async with http.ws_connect(relay.ros_url(sim1)) as second:
+            assert (await closing(second))[0] == 4510
+        assert control(relay, sim1)["driver"]["fence"] == 1
+        assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
+
+
+@pytest.mark.parametrize("problem", [RecordMissing, RecordRefused])
+async def test_who_is_removed_while_the_number_is_on_its_way_has_no_rights(
+    *, relay, guarded, sim1, http, memory_database, monkeypatch, problem
+):
+    """4001, though the relay has not yet read that robot or user are gone: the database answered."""
+
+    async def gone(lease):
+        raise problem(f"no robot {lease.robot_id}")
+
+    monkeypatch.setattr(memory_database, "next_fence", gone)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4001
+    assert control(relay, sim1)["driver"] is None
+
+
+async def test_a_stop_while_the_number_is_on_its_way_wins(
+    *, relay, guarded, sim1, http, memory_database, monkeypatch
+):
+    """Nobody drives a robot that was stopped before the database answered."""
+    numbered, go_on = asyncio.Event(), asyncio.Event()
+    next_fence = memory_database.next_fence
+
+    async def slow(lease):
+        numbered.set()
+        await go_on.wait()
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", slow)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await numbered.wait()
+        relay.relay.control.stops.stop(sim1, "ben")
+        assert (await closing(socket))[0] == 4003
+        go_on.set()
+    assert relay.relay.control.driver(sim1.id) is None
+    assert guarded.clients_ever == 0
+
+
+async def test_a_newer_connection_hears_of_a_stop_too(
+    *, relay, guarded, sim1, http, memory_database, monkeypatch
+):
+    """The one that drives and the one that waits for its number both end with the stop."""
+    numbered, go_on = asyncio.Event(), asyncio.Event()
+    next_fence = memory_database.next_fence
+
+    async def slow(lease):
+        numbered.set()
+        await go_on.wait()
+        return await next_fence(lease)
+
+    async with http.ws_connect(relay.ros_url(sim1)) as older:
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        monkeypatch.setattr(memory_database, "next_fence", slow)
+        async with http.ws_connect(relay.ros_url(sim1)) as newer:
+            await numbered.wait()
+            relay.relay.control.stops.stop(sim1, "ben")
+            assert (await closing(older))[0] == 4003
+            go_on.set()
+            assert (await closing(newer))[0] == 4003
+    assert relay.relay.control.driver(sim1.id) is None
+    assert guarded.clients_ever == 1
+
+
+async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_database):
+    """4505, and the next session hears that the number is over."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await driven(relay, sim1)
+        await guarded.session.close()
+        assert (await closing(socket))[0] == 4505
+    assert control(relay, sim1)["driver"] is None
+    await until(
+        lambda: any(isinstance(e, LeaseEnd) for e in memory_database.written), "it is written"
+    )
+
+
+async def test_a_relay_goes_on_from_the_numbers_that_were_given(
+    relay, guarded, sim1, http, memory_database
+):
+    """A number that a relay before this one gave is not given again."""
+    relay.relay.control.leasing.remember({sim1.id: 41})
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+        assert control(relay, sim1)["driver"]["fence"] == 42
+
+
+async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memory_database):
+    """A question ends with the grant of who asked."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        del memory_database.grants[BEN.id, sim1.id]
+        await until(lambda: control(relay, sim1)["waiting"] is None, "nobody waits")
+
+
+async def test_a_page_that_waits_for_an_offline_robot_uses_no_number(
+    relay, sim1, http, memory_database
+):
+    """4503 comes before the lease."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4503
+    assert memory_database.fences == {}

@@ -1,0 +1,227 @@
+"""The relay's way to the database: what it does when that hangs, and the whole path with it."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+import pytest
+from fake_robot import FINGERPRINT, FakeRobot
+from granted import give, take
+from mariadb_server import MariaDb
+from relay_clients import closing
+from relay_server import SESSION_KEY, RelayServer, running_relay, until
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.db.database import ThreadedDatabase
+from robotether_server.relay.relay import Timing
+from robotether_server.settings import DatabaseSettings
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store import (
+    Database,
+    Transaction,
+    logins,
+    robots,
+    tokens,
+    users,
+)
+from robotether_server.store.fleet import Credential, User
+from stopwatch import Stopwatch
+
+PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'
+SUBSCRIBE = '{"op":"subscribe","topic":"/a"}'
+
+
+@pytest.fixture
+def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
+    """A database that accepts connections and answers nothing."""
+    mariadb.container.pause()
+    try:
+        yield mariadb
+    finally:
+        mariadb.container.unpause()
+
+
+@pytest.fixture
+def ann(database: Database) -> User:
+    """A user who drives sim1."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 AAAA", FINGERPRINT))
+        robots.set_state(tx, robot_id, "active")
+        ann_id = users.add(tx, "ann", "x", "user")
+        give(tx, ann_id, robot_id, "drive")
+    return User(ann_id, "ann")
+
+
+def log_in(database: Database) -> Credential:
+    """Log ann in."""
+    with database.transaction() as tx:
+        text = logins.create(tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1))
+    return credential_of("login", text)
+
+
+@asynccontextmanager
+async def robot_of(relay: RelayServer) -> AsyncIterator[FakeRobot]:
+    """Have sim1 online and well."""
+    sim1 = relay.relay.fleet.known.by_name["sim1"]
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
+    try:
+        yield robot
+    finally:
+        await robot.stop()
+
+
+async def test_a_database_that_refuses_is_unavailable():
+    """Nobody on the port: StoreUnavailable at once."""
+    memory_database = ThreadedDatabase(
+        Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x"))
+    )
+    with pytest.raises(StoreUnavailable):
+        await memory_database.changes()
+    memory_database.close()
+
+
+async def test_a_database_that_hangs_is_unavailable_in_time(paused):
+    """No answer: StoreUnavailable after the limit, and the loop was never held up."""
+    memory_database = ThreadedDatabase(Database(paused.settings("relay")), answer_within_s=0.3)
+    longest_s = 0.0
+    with Stopwatch() as stopwatch:
+        asking = asyncio.gather(
+            *(memory_database.changes() for _ in range(100)), return_exceptions=True
+        )
+        while not asking.done():
+            before_s = stopwatch.s
+            await asyncio.sleep(0.005)
+            longest_s = max(longest_s, stopwatch.s - before_s)
+        assert all(isinstance(answer, StoreUnavailable) for answer in await asking)
+    assert stopwatch.s < 1
+    assert longest_s < 0.2
+    memory_database.close()
+
+
+async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
+    """With the real database paused, an open connection goes on, and a new ticket lets one observe."""
+    memory_database = ThreadedDatabase(Database(mariadb.settings("relay")), answer_within_s=0.3)
+    login = log_in(database)
+    async with running_relay(memory_database) as relay, robot_of(relay) as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
+            await until(lambda: robot.clients, "ann drives")
+            mariadb.container.pause()
+            try:
+                await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+                await socket.send_str(PUBLISH)
+                assert await socket.receive_str() == PUBLISH
+                async with http.ws_connect(relay.ros_url(sim1, "observe", ann, login)) as second:
+                    await second.send_str(SUBSCRIBE)
+                    assert await second.receive_str() == SUBSCRIBE
+                assert robot.session.bye is None
+            finally:
+                mariadb.container.unpause()
+            await until(lambda: relay.relay.fleet.store_up, "the database is back", within_s=30)
+
+
+async def test_rights_in_the_real_database_end_a_connection(mariadb, database, ann, http):
+    """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
+    memory_database = ThreadedDatabase(Database(mariadb.settings("relay")))
+    login = log_in(database)
+    async with running_relay(memory_database) as relay, robot_of(relay):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
+            await socket.send_str(PUBLISH)
+            assert await socket.receive_str() == PUBLISH
+            with database.transaction() as tx:
+                take(tx, ann.id, sim1.id)
+            async with asyncio.timeout(2):
+                assert (await socket.receive()).data == 4001
+        await relay.relay.event_writer.flush(5)
+    with database.transaction() as tx:
+        (session,) = tx.rows(
+            "SELECT robot_id, end_code, ended_at, agent_version FROM robot_sessions"
+        )
+        kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
+        (drive,) = tx.rows("SELECT robot, user_name, fence, end_code, messages FROM drives")
+        (lease,) = tx.rows("SELECT fence, user_name, ended_at FROM control_leases")
+    assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
+    assert session["ended_at"] is not None
+    assert kinds == ["drive_started", "drive_ended"]
+    assert drive == {
+        "robot": "sim1",
+        "user_name": "ann",
+        "fence": 1,
+        "end_code": "rights_ended",
+        "messages": 1,
+    }
+    assert (lease["fence"], lease["user_name"]) == (1, "ann")
+    assert lease["ended_at"] is not None
+
+
+def log_out(tx: Transaction, ann: users.User, text: str) -> None:
+    assert logins.end(tx, text)
+
+
+def change_password(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_password(tx, ann.id, "y")
+
+
+def disable(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_disabled(tx, ann.id, disabled=True)
+
+
+def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
+    (token,) = tokens.list_of(tx, ann)
+    tokens.delete(tx, token.id)
+
+
+@pytest.mark.parametrize(
+    ("kind", "deed", "ends"),
+    [
+        ("login", log_out, True),
+        ("login", change_password, True),
+        ("login", disable, True),
+        ("token", disable, True),
+        ("token", delete_token, True),
+        ("token", change_password, False),
+    ],
+)
+async def test_what_ends_a_credential_ends_what_it_opened(
+    *, mariadb, database, ann, http, kind, deed, ends
+):
+    """In the real database: logins end with log-out and new password, tokens when deleted."""
+    with database.transaction() as tx:
+        user = users.get(tx, "ann")
+        if kind == "login":
+            text = logins.create(tx, user, "192.0.2.1", dt.timedelta(hours=1))
+        else:
+            text = tokens.create(tx, user, "lab", None)
+    credential = credential_of(kind, text)
+    memory_database = ThreadedDatabase(Database(mariadb.settings("relay")))
+    # This client answers pings only while it receives.
+    async with running_relay(memory_database, Timing(poll_every_s=0.1)) as relay, robot_of(relay):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, credential)) as socket:
+            await socket.send_str(PUBLISH)
+            assert await socket.receive_str() == PUBLISH
+            await relay.relay.fleet.poll()
+            with database.transaction() as tx:
+                deed(tx, user, text)
+            await relay.relay.fleet.poll()
+            if ends:
+                async with asyncio.timeout(2):
+                    assert (await closing(socket))[0] == 4001
+            else:
+                await socket.send_str(PUBLISH)
+                assert await socket.receive_str() == PUBLISH
+
+
+async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
+    """The cookie's text leads to its user."""
+    login = log_in(database)
+    memory_database = ThreadedDatabase(Database(mariadb.settings("relay")))
+    assert await memory_database.users_of([login]) == {login: ann}
+    memory_database.close()

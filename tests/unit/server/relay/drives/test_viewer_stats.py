@@ -1,0 +1,54 @@
+"""The counts of pictures that users got."""
+
+from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts, ViewerStats
+
+
+class _Clock:
+    """A clock that a test turns."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_counts_each_users_frames_of_each_robot_by_themselves() -> None:
+    """What one user got of one robot counts for nobody else and for no other robot."""
+    viewer_stats = ViewerStats()
+    viewer_stats.count(7, 3, 1000)
+    viewer_stats.count(7, 3, 500)
+    viewer_stats.count(7, 4, 200)
+    assert viewer_stats.of(7, 3) == ViewerCounts(frames=2, bytes=1500)
+    assert viewer_stats.of(7, 4) == ViewerCounts(frames=1, bytes=200)
+    assert viewer_stats.of(8, 3) == NOTHING
+
+
+def test_tells_what_came_since_an_earlier_count() -> None:
+    """A drive's pictures and seconds are those between its beginning and its end."""
+    clock = _Clock()
+    viewer_stats = ViewerStats(clock)
+    viewer_stats.count(7, 3, 1000)
+    with viewer_stats.viewing(7, 3):
+        clock.now += 2
+        begun = viewer_stats.of(7, 3)
+        viewer_stats.count(7, 3, 400)
+        clock.now += 3
+        since = viewer_stats.of(7, 3).since(begun)
+    assert since == ViewerCounts(frames=1, bytes=400, viewed_s=3.0)
+
+
+def test_two_cameras_at_once_are_watched_for_one_time() -> None:
+    """Time counts while at least one video is open, and no longer."""
+    clock = _Clock()
+    viewer_stats = ViewerStats(clock)
+    with viewer_stats.viewing(7, 3):
+        clock.now += 1
+        with viewer_stats.viewing(7, 3):
+            clock.now += 4
+        clock.now += 1
+    clock.now += 50
+    with viewer_stats.viewing(7, 3):
+        clock.now += 2
+    assert viewer_stats.of(7, 3).viewed_s == 8.0
+    assert viewer_stats.of(7, 4).viewed_s == 0.0

@@ -1,0 +1,231 @@
+"""The live fleet over real server-sent events."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import pytest
+from fake_robot import FakeRobot
+from relay_server import SESSION_KEY, until
+from robotether_server.relay.auth.connections import Caps
+from robotether_server.relay.events.handler import render
+from robotether_server.store.fleet import User
+
+
+class Events:
+    """A client's view of the stream."""
+
+    def __init__(self, answer) -> None:
+        self._content = answer.content
+
+    async def next(self, name: str | None = None) -> tuple[str, object]:
+        """The next event, or the next of that name."""
+        async with asyncio.timeout(5):
+            while True:
+                block = (await self._content.readuntil(b"\n\n")).decode()
+                if block.startswith(":"):
+                    continue
+                head, data = block.strip().split("\n")
+                event = head.removeprefix("event: ")
+                if name in {None, event}:
+                    return event, json.loads(data.removeprefix("data: "))
+
+    async def ended(self) -> None:
+        """Read until the relay ends the stream."""
+        await self._content.read()
+
+    async def robot_with(self, **expected) -> dict:
+        """The next robot event with these members."""
+        while True:
+            _, robot = await self.next("robot")
+            if expected.items() <= robot.items():
+                return robot
+
+
+@pytest.fixture
+def follow(relay, http, memory_database):
+    """Follow the fleet as a user, by login."""
+
+    @asynccontextmanager
+    async def following(user: User):
+        cookie = {
+            "Cookie": f"__Host-robotether_login={memory_database.add_credential('login', user)}"
+        }
+        async with http.get(f"{relay.url}/api/v1/events", headers=cookie) as answer:
+            assert answer.status == 200
+            assert answer.content_type == "text/event-stream"
+            yield Events(answer)
+
+    return following
+
+
+ANN, BOB, EVE = User(1, "ann"), User(2, "bob"), User(9, "eve")
+
+
+async def test_the_fleet_comes_first(relay, robot, sim1, follow):
+    """The first event has each robot that the user may see, complete."""
+    async with follow(ANN) as events:
+        name, fleet = await events.next()
+    assert name == "fleet"
+    (shown,) = fleet
+    rtt_ms = shown.pop("rtt_ms")
+    assert rtt_ms is None or 0 <= rtt_ms < 1000
+    assert shown.pop("since").endswith("Z")
+    assert shown == {
+        "name": "sim1",
+        "state": "active",
+        "online": True,
+        "address": "198.51.100.7",
+        "ros": "ok",
+        "video": "ok",
+        "drivers": [],
+        "observers": 0,
+        "agent_version": "0.1.0",
+        "site": None,
+        "battery": None,
+        "control": {
+            "driver": None,
+            "waiting": None,
+            "reserved": None,
+            "stopped": None,
+            "guard": "off",
+        },
+    }
+
+
+async def test_a_robots_battery_is_told(relay, robot, sim1, follow):
+    """What the agent says of the battery stands in the robot's object until it says that there is none."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        robot.session.send(type="vitals", battery={"percent": 80.6, "charging": True})
+        await events.robot_with(battery={"percent": 81, "charging": True})
+        robot.session.send(type="vitals", battery=None)
+        await events.robot_with(battery=None)
+
+
+async def test_a_robot_never_seen_has_no_since(relay, sim1, follow):
+    """A robot that has never connected is offline since null."""
+    async with follow(ANN) as events:
+        _, (shown,) = await events.next()
+    assert (shown["online"], shown["since"], shown["ros"]) == (False, None, "unknown")
+
+
+async def test_coming_and_going_are_told(relay, sim1, follow):
+    """A robot that comes, tells its health and goes makes an event each."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        await events.robot_with(online=True)
+        await events.robot_with(ros="ok", agent_version="0.1.0")
+        await robot.stop()
+        gone = await events.robot_with(online=False)
+        assert (gone["address"], gone["rtt_ms"], gone["ros"]) == (None, None, "unknown")
+
+
+async def test_drivers_and_observers_are_told(relay, robot, sim1, http, follow):
+    """Who drives is named, who observes is counted."""
+    async with follow(BOB) as events:
+        await events.next("fleet")
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await events.robot_with(drivers=["ann"], observers=0)
+            async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)):
+                await events.robot_with(drivers=["ann"], observers=1)
+        await events.robot_with(drivers=[], observers=0)
+
+
+async def test_only_visible_robots_are_told(relay, robot, memory_database, follow):
+    """A user without a grant sees no robot, neither at first nor when it changes."""
+    memory_database.add_robot(8, "sim2", u9="observe")
+    await until(lambda: 8 in relay.relay.fleet.known.robots, "sim2 is known")
+    async with follow(EVE) as events:
+        _, fleet = await events.next("fleet")
+        assert [shown["name"] for shown in fleet] == ["sim2"]
+        robot.session.send(type="health", ros="down", video="down", detail="", ros_exposed=False)
+        await until(lambda: relay.relay.registry.presence(7).ros == "down", "sim1 changed")
+        memory_database.robots = {
+            **memory_database.robots,
+            8: replace(memory_database.robots[8], state="disabled"),
+        }
+        _, shown = await events.next()
+        assert (shown["name"], shown["state"]) == ("sim2", "disabled")
+
+
+async def test_a_new_grant_shows_a_robot_and_a_taken_one_removes_it(
+    relay, sim1, memory_database, follow
+):
+    """Robots come and go with the rights, while the client stays."""
+    async with follow(EVE) as events:
+        assert await events.next() == ("fleet", [])
+        memory_database.grants[9, sim1.id] = "observe"
+        assert (await events.robot_with())["name"] == "sim1"
+        del memory_database.grants[9, sim1.id]
+        assert await events.next() == ("removed", {"name": "sim1"})
+
+
+async def test_a_renamed_robot_is_removed_and_told_anew(relay, sim1, memory_database, follow):
+    """A page that goes by names sees the old one go."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+        assert await events.next() == ("removed", {"name": "sim1"})
+        assert (await events.robot_with())["name"] == "turtle"
+
+
+async def test_a_token_works_too(relay, http, memory_database):
+    """Programs follow with a Bearer token."""
+    headers = {"Authorization": f"Bearer {memory_database.add_credential('token', ANN)}"}
+    async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
+        assert (await Events(answer).next())[0] == "fleet"
+
+
+async def test_nobody_is_told_without_a_login(relay, http):
+    """Without login or token the answer is 401 with a code."""
+    async with http.get(f"{relay.url}/api/v1/events") as answer:
+        assert (answer.status, (await answer.json())["code"]) == (401, "login_missing")
+
+
+async def test_logging_out_ends_the_stream(relay, memory_database, follow):
+    """The stream ends when the login that opened it is gone."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        await relay.relay.fleet.poll()
+        memory_database.credentials.clear()
+        async with asyncio.timeout(5):
+            await events.ended()
+
+
+async def test_a_database_that_is_away_ends_no_stream(relay, robot, memory_database, follow):
+    """With the database away the stream goes on telling."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        memory_database.down = True
+        await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+        robot.session.send(type="health", ros="down", video="ok", detail="", ros_exposed=False)
+        await events.robot_with(ros="down")
+
+
+def test_events_are_written_as_the_standard_says():
+    """An event is its name, one line of data, and an empty line."""
+    assert render([("removed", {"name": "sim1"})]) == (b'event: removed\ndata: {"name":"sim1"}\n\n')
+
+
+async def test_a_user_follows_so_many_times_at_once(
+    *, relay, memory_database, http, follow, monkeypatch
+):
+    """The client over the cap gets 429; another user's is not counted with it."""
+    monkeypatch.setattr(relay.relay.connections, "caps", Caps(per_user=1))
+    bob, token = User(2, "bob"), memory_database.add_credential("token", User(1, "ann"))
+    async with follow(User(1, "ann")) as events:
+        await events.next("fleet")
+        headers = {"Authorization": f"Bearer {token}"}
+        async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (429, "too_many_connections")
+        async with follow(bob) as others:
+            await others.next("fleet")
+    await until(lambda: relay.relay.fleet_events.subscriber_count() == 0, "both are gone")
+    async with follow(User(1, "ann")) as events:
+        await events.next("fleet")

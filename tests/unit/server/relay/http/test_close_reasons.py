@@ -1,0 +1,72 @@
+"""Close reasons: short enough for the wire, and readable."""
+
+from __future__ import annotations
+
+import pytest
+from relay_server import utc
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, offline_sentence
+
+
+@pytest.mark.parametrize("letter", ["a", "ä", "日", "🤖"])
+def test_a_reason_fits_a_close_frame_and_stays_utf8(letter):
+    """A long reason is cut to 123 bytes, between characters."""
+    raw = CloseReason(4503, "x", letter * 200).reason_bytes
+    assert 119 < len(raw) <= 123
+    assert set(raw.decode()) == {letter}
+
+
+def test_all_reasons_fit_with_the_longest_name():
+    """With a name of 63 letters, the longest that the database has, every reason is whole."""
+    name = "r" * 63
+    timestamp = utc(2026, 1, 1, 12, 3)
+    for close_reason in (
+        close_reasons.client_left(name),
+        close_reasons.rights_ended(name),
+        close_reasons.client_silent(name, 6),
+        close_reasons.client_slow(name, 10),
+        close_reasons.client_floods(name),
+        close_reasons.robot_offline(name, timestamp, utc(2026, 2, 1)),
+        close_reasons.link_lost(name),
+        close_reasons.video_down(name, "the robot refuses the connection"),
+        close_reasons.frames_unknown(name),
+        close_reasons.frames_broken("a message is over 4 KiB, or no WebSocket"),
+        close_reasons.superseded(name),
+        close_reasons.relay_stopping(),
+        close_reasons.message_too_big(10 * 1024 * 1024, f"robot {name}"),
+        close_reasons.message_too_big(64 * 1024, "you"),
+        close_reasons.too_many_connections(f"robot {name} has 64 of them already; try again later"),
+    ):
+        assert len(close_reason.reason.encode()) <= 123, close_reason.name
+
+
+def test_offline_since_today_has_the_time_only():
+    """The sentence of the contract."""
+    since, now = utc(2026, 1, 1, 12, 3, 59), utc(2026, 1, 1, 23, 0)
+    assert offline_sentence("sim1", since, now) == "robot sim1 is offline since 12:03 UTC"
+
+
+def test_offline_since_another_day_has_the_day():
+    """Yesterday's time alone would be read as today's."""
+    since, now = utc(2026, 1, 1, 12, 3), utc(2026, 1, 2, 1, 0)
+    expected = "robot sim1 is offline since 2026-01-01 12:03 UTC"
+    assert offline_sentence("sim1", since, now) == expected
+
+
+def test_who_has_the_control_is_named():
+    """The sentences of the contract."""
+    timestamp = utc(2026, 1, 1, 12, 3, 59)
+    assert [
+        (close_reason.code, close_reason.reason)
+        for close_reason in (
+            close_reasons.robot_stopped("sim1", "ben", timestamp),
+            close_reasons.lease_held("sim1", "ann", timestamp),
+            close_reasons.lease_held("sim1", "ann", None),
+            close_reasons.lease_lost("sim1", "ben"),
+        )
+    ] == [
+        (4003, "ben stopped sim1 at 12:03 UTC; a driver must release it"),
+        (4009, "ann drives sim1 since 12:03 UTC; ask for the control, or wait"),
+        (4009, "the control of sim1 is kept for ann; wait a moment"),
+        (4010, "the control of sim1 is ben's now"),
+    ]

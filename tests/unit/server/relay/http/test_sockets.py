@@ -1,0 +1,238 @@
+"""The two ends of a bridge, over real sockets with peers that behave badly."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
+from typing import cast
+
+import aiohttp
+import pytest
+from aiohttp import WSMsgType, web
+from fake_robot import HOST, WAIT_S
+from relay_clients import closing
+from relay_server import until
+from robotether_server.relay.http import sockets as module
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.sockets import (
+    NEVER_SENT,
+    OperatorSocket,
+    RobotSocket,
+    ViewerSocket,
+)
+from robotether_server.relay.video.frame_protocol import WHOLE_BINARY, websocket_header
+
+OFFLINE = CloseReason(4503, "robot_offline", "robot sim1 is offline")
+CLOSE_FRAME = struct.pack("!H", 1000)
+
+Talk = Callable[[OperatorSocket], Awaitable[None]]
+
+
+@asynccontextmanager
+async def serving(handler: Callable[[web.Request], Awaitable[web.StreamResponse]]):
+    """Serve at an address that the block gets."""
+    app = web.Application()
+    app.router.add_get("/", handler)
+    runner = web.AppRunner(app, access_log=None, handler_cancellation=True, shutdown_timeout=0.1)
+    await runner.setup()
+    await web.TCPSite(runner, HOST, 0).start()
+    try:
+        yield f"http://{HOST}:{runner.addresses[0][1]}/"
+    finally:
+        await runner.cleanup()
+
+
+@pytest.fixture
+def operator(http):
+    """Connect a client to an operator's end that talks as a test says."""
+
+    @asynccontextmanager
+    async def connected(talk: Talk) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+        async def handle(request: web.Request) -> OperatorSocket:
+            socket = OperatorSocket(message_limit=1000)
+            await socket.open(request)
+            await talk(socket)
+            return socket
+
+        async with (
+            serving(handle) as url,
+            http.ws_connect(url, autoclose=False, autoping=False) as client,
+        ):
+            yield client
+
+    return connected
+
+
+def transport_of(client: aiohttp.ClientWebSocketResponse) -> asyncio.Transport:
+    transport = client._response.connection.transport
+    assert transport is not None
+    return transport
+
+
+async def test_the_reason_arrives(operator):
+    """Code and reason of the ending are what the client reads."""
+    async with operator(lambda socket: socket.finish(OFFLINE)) as client:
+        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
+        await client.close()
+
+
+async def test_nobody_but_finish_says_goodbye(operator):
+    """What aiohttp closes by itself is no close frame: it would have the wrong reason."""
+
+    async def talk(socket: OperatorSocket) -> None:
+        await socket.close(code=1000, message=b"aiohttp's own")
+
+    async with operator(talk) as client:
+        message = await client.receive(timeout=WAIT_S)
+        assert message.type is not WSMsgType.CLOSE
+        assert client.close_code != 1000
+
+
+async def test_a_code_that_is_never_sent_cuts(operator):
+    """A connection that broke is ended without a frame."""
+    async with operator(lambda socket: socket.finish(CloseReason(NEVER_SENT, "x", "x"))) as client:
+        message = await client.receive(timeout=WAIT_S)
+        assert message.type is not WSMsgType.CLOSE
+        assert client.close_code == NEVER_SENT
+
+
+async def test_a_client_that_does_not_answer_the_close_is_cut(operator, monkeypatch):
+    """The goodbye has its time, and no more."""
+    monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.2)
+    lasted: asyncio.Future[float] = asyncio.get_running_loop().create_future()
+
+    async def talk(socket: OperatorSocket) -> None:
+        begun = asyncio.get_running_loop().time()
+        await socket.finish(OFFLINE)
+        lasted.set_result(asyncio.get_running_loop().time() - begun)
+
+    async with operator(talk) as client:
+        assert (await closing(client))[0] == OFFLINE.code
+        assert 0.1 < await asyncio.wait_for(lasted, WAIT_S) < 1
+        await until(transport_of(client).is_closing, "the connection is cut")
+
+
+async def test_what_the_client_has_not_taken_is_known(operator):
+    """Bytes wait while the client does not read, and none once it is gone."""
+    opened: list[OperatorSocket] = []
+
+    async def talk(socket: OperatorSocket) -> None:
+        opened.append(socket)
+        while True:
+            await socket.send_frame(b"x" * 65536, WSMsgType.BINARY)
+
+    async with operator(talk) as client:
+        transport_of(client).pause_reading()
+        await until(lambda: opened and opened[0].waiting_bytes() > 0, "bytes wait")
+        transport_of(client).abort()
+        await until(lambda: opened[0].waiting_bytes() == 0, "nothing waits any more")
+
+
+@pytest.mark.parametrize("says_goodbye", [True, False])
+@pytest.mark.parametrize("reads", [True, False])
+async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, says_goodbye, reads):
+    """A close frame counts, whether it was read before the connection was cut or not."""
+    answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+
+    async def talk(socket: OperatorSocket) -> None:
+        try:
+            while reads:
+                await socket.receive()
+                await asyncio.sleep(0)
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            answer.set_result(await socket.said_goodbye())
+            raise
+
+    async with operator(talk) as client:
+        await client.send_str("{}")
+        if says_goodbye:
+            await client.send_frame(CLOSE_FRAME, WSMsgType.CLOSE)
+        transport_of(client).abort()
+        assert await asyncio.wait_for(answer, WAIT_S) is says_goodbye
+
+
+async def test_a_connection_that_lives_has_not_said_goodbye(operator):
+    """Asking does not wait for a client that says nothing."""
+    answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+
+    async def talk(socket: OperatorSocket) -> None:
+        answer.set_result(await socket.said_goodbye())
+        await socket.finish(OFFLINE)
+
+    async with operator(talk) as client:
+        assert await asyncio.wait_for(answer, 1) is False
+        await closing(client)
+        await client.close()
+
+
+async def unresponsive(request: web.Request) -> web.WebSocketResponse:
+    """Accept, then neither read nor write, as a robot that hangs."""
+    socket = web.WebSocketResponse()
+    await socket.prepare(request)
+    await asyncio.Event().wait()
+    return socket
+
+
+@asynccontextmanager
+async def robot_session(limit: int = 0) -> AsyncIterator[aiohttp.ClientSession]:
+    connector = aiohttp.TCPConnector(limit=limit, force_close=True)
+    kind = cast(type[aiohttp.ClientWebSocketResponse], RobotSocket)
+    async with aiohttp.ClientSession(connector=connector, ws_response_class=kind) as session:
+        yield session
+
+
+async def test_a_robot_that_does_not_answer_is_left_in_time(monkeypatch):
+    """A close that is not answered is waited for shortly."""
+    monkeypatch.setattr(module, "ROBOT_FAREWELL_S", 0.2)
+    async with serving(unresponsive) as url, robot_session() as session:
+        socket = cast(RobotSocket, await session.ws_connect(url))
+        begun = asyncio.get_running_loop().time()
+        await socket.leave()
+        assert asyncio.get_running_loop().time() - begun < 1
+        assert socket.waiting_bytes() == 0
+        socket.drop()
+
+
+async def test_a_broken_socket_gives_its_connection_back():
+    """With room for one connection, the next robot is reached after a drop."""
+    async with serving(unresponsive) as url, robot_session(limit=1) as session:
+        for _ in range(2):
+            async with asyncio.timeout(2):
+                socket = cast(RobotSocket, await session.ws_connect(url))
+            socket.drop()
+
+
+async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(http):
+    """A frame that is written already arrives as it is; what is not taken waits here, and little in the system."""
+    data = b"x" * 8_000_000
+    message = websocket_header(WHOLE_BINARY, len(data)) + data
+    waited: list[int] = []
+
+    async def handle(request: web.Request) -> ViewerSocket:
+        socket = ViewerSocket(message_limit=1000)
+        await socket.open(request)
+        own = request.transport.get_extra_info("socket")
+        assert own.getsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT) == module.UNSENT_BYTES
+        assert request.transport.get_write_buffer_limits() == (0, 0)
+        socket.write_message(message)
+        waited.append(socket.waiting_bytes())
+        await socket.drained()
+        waited.append(socket.waiting_bytes())
+        await socket.finish(OFFLINE)
+        return socket
+
+    async with (
+        serving(handle) as url,
+        http.ws_connect(url, autoclose=False, max_msg_size=0) as client,
+    ):
+        transport_of(client).pause_reading()
+        await until(lambda: waited, "it is written")
+        transport_of(client).resume_reading()
+        assert (await client.receive(timeout=WAIT_S)).data == data
+        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
+    assert waited[0] > 0
+    assert waited[1] == 0

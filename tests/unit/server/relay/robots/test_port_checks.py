@@ -1,0 +1,136 @@
+"""What stands behind a robot's ports, asked over real sockets, and how often it is asked."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+import pytest
+import pytest_asyncio
+from fake_robot import HOST
+from local_network import free_port
+from relay_server import until
+from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, PortHealth
+from robotether_server.store.fleet import Robot
+from stopwatch import Stopwatch
+
+Serve = Callable[[bytes, float], Awaitable[int]]
+HTTP = b"HTTP/1.1 400 Bad Request\r\n\r\n"
+SSH = b"SSH-2.0-OpenSSH_9.2\r\n"
+
+
+@pytest_asyncio.fixture
+async def serve() -> AsyncIterator[Serve]:
+    """Listen on ports that answer with given bytes after a while, and close."""
+    servers: list[asyncio.Server] = []
+
+    async def start(answer: bytes, after_s: float = 0.0) -> int:
+        async def handle(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await asyncio.sleep(after_s)
+            writer.write(answer)
+            writer.close()
+
+        servers.append(await asyncio.start_server(handle, HOST, 0))
+        return int(servers[-1].sockets[0].getsockname()[1])
+
+    yield start
+    for server in servers:
+        server.close()
+        await server.wait_closed()
+
+
+def robot(ros: int, video: int, shell: int | None = None) -> Robot:
+    return Robot(7, "sim1", "active", ros, video, shell_port=shell)
+
+
+async def test_each_service_is_known_by_its_first_bytes(serve):
+    """HTTP for rosbridge and video, a version for SSH."""
+    noted: list[tuple[str, str]] = []
+    checker = PortChecker(HOST, lambda service, health: noted.append((service, health)))
+    ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
+    assert await checker.check(robot(*ports)) == PortHealth("ok", "ok", "ok")
+    assert sorted(noted) == [("ros", "ok"), ("shell", "ok"), ("video", "ok")]
+
+
+async def test_a_guard_without_its_rosbridge_is_down(serve):
+    """The guard answers, but says 502; of video any status is an answer."""
+    checker = PortChecker(HOST, lambda _service, _health: None)
+    bad = b"HTTP/1.1 502 Bad Gateway\r\n\r\n"
+    ports = (await serve(bad, 0), await serve(bad, 0), await serve(SSH, 0))
+    assert await checker.check(robot(*ports)) == PortHealth("down", "ok", "ok")
+    ports = (await serve(b"HTTP/1.1 426 Upgrade Required\r\n\r\n", 0), *ports[1:])
+    assert (await checker.check(robot(*ports))).ros == "ok"
+
+
+async def test_another_service_or_none_is_down(serve):
+    """What answers in another tongue, or closes without a word, as a tunnel to nothing does."""
+    checker = PortChecker(HOST, lambda _service, _health: None)
+    ports = (await serve(SSH, 0), await serve(b"", 0), await serve(HTTP, 0))
+    assert await checker.check(robot(*ports)) == PortHealth("down", "down", "down")
+
+
+async def test_no_forward_is_unknown():
+    """A port that nobody listens on says nothing about the robot's service."""
+    checker = PortChecker(HOST, lambda _service, _health: None)
+    found = await checker.check(robot(free_port(), free_port()))
+    assert found == PortHealth("unknown", "unknown", "unknown")
+
+
+async def test_a_check_takes_a_bounded_time(serve):
+    """A service that hangs is down after the time-out, and the three are asked beside each other."""
+    checker = PortChecker(HOST, lambda _service, _health: None, answer_within_s=0.2)
+    slow = await serve(HTTP, 0.6)
+    with Stopwatch() as stopwatch:
+        assert await checker.check(robot(slow, slow, slow)) == PortHealth("down", "down", "down")
+    assert stopwatch.s < 0.5
+
+
+@pytest.fixture
+def asked() -> list[float]:
+    """When the check of a link ran."""
+    return []
+
+
+@pytest_asyncio.fixture
+async def link(asked: list[float]) -> AsyncIterator[LinkChecks]:
+    """Checks of one link, with a short pause."""
+
+    async def check() -> None:
+        asked.append(time.monotonic())
+        if len(asked) == 1:
+            raise ValueError("a defect")
+
+    checks = LinkChecks(check, every_s=0.1)
+    yield checks
+    await checks.close()
+
+
+async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
+    """The first question at once, the rest together; a check that failed stops no later one."""
+    for _ in range(5):
+        link.ask()
+        await asyncio.sleep(0)
+    await until(lambda: len(asked) == 2, "both checks")
+    # The loop's timers count whole milliseconds.
+    assert asked[1] - asked[0] > 0.1 - 0.001
+    await until(lambda: link._task is None, "the pause is over")
+    assert len(asked) == 2
+    link.ask()
+    await until(lambda: len(asked) == 3, "a later question")
+
+
+async def test_a_link_that_ends_checks_no_more(asked):
+    """A check that is under way ends with its link."""
+    started = asyncio.Event()
+
+    async def check() -> None:
+        started.set()
+        await asyncio.sleep(60)
+
+    checks = LinkChecks(check)
+    checks.ask()
+    await started.wait()
+    await checks.close()
+    assert checks._task is not None
+    assert checks._task.cancelled()

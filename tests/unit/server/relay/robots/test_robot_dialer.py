@@ -1,0 +1,56 @@
+"""How a robot's rosbridge is reached, and what its guard is told."""
+
+from __future__ import annotations
+
+from relay_clients import closing, misbehaving
+from relay_server import utc
+from robotether_server.relay.robots import robot_dialer
+from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
+from robotether_server.relay.robots.sessions import Presence
+from robotether_server.store.fleet import User
+
+BOB = User(2, "bob")
+
+
+async def test_the_guard_is_shown_key_mode_and_number(relay, guarded, sim1, http):
+    """A driver's handshake has its number, an observer's has none; both have the session's key."""
+    async with (
+        http.ws_connect(relay.ros_url(sim1)),
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)),
+    ):
+        drive, observe = (await guarded.connections(2))[:2]
+    key = guarded.session.configs[0]["guard"]["key"]
+    assert (drive["Robotether-Mode"], drive["Robotether-Fence"]) == ("drive", "1")
+    assert observe["Robotether-Mode"] == "observe"
+    assert "Robotether-Fence" not in observe
+    assert drive["Robotether-Key"] == observe["Robotether-Key"] == key
+
+
+async def test_a_guard_that_refuses_the_driver_is_told_within_a_second(relay, sim1, http):
+    """The reason says that it is the guard; no lease is left."""
+    robot = await misbehaving(relay, sim1, "guard_refuses")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        code, reason = await closing(socket)
+    assert code == 4504
+    assert "guard" in reason
+    assert relay.relay.control.driver(sim1.id) is None
+    await robot.stop()
+
+
+async def test_what_the_guard_said_is_told_when_patience_ends_first(relay, sim1, http, monkeypatch):
+    """The try that is cut short has no answer, and those before it had one."""
+    monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", 60.0)
+    robot = await misbehaving(relay, sim1, "guard_refuses")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        code, reason = await closing(socket)
+    assert code == 4504
+    assert "guard" in reason
+    await robot.stop()
+
+
+def test_patience_grows_with_the_distance_and_is_bounded():
+    """A robot 100 ms away gets longer to answer; nobody waits for ever."""
+    near, far = Presence(rtt_ms=1.0), Presence(rtt_ms=100.0)
+    assert connect_timeout_s(near) < 0.85 < connect_timeout_s(far) < 2
+    assert connect_timeout_s(Presence(rtt_ms=60_000.0)) == MAX_CONNECT_TIMEOUT_S
+    assert connect_timeout_s(Presence(since=utc(2026, 1, 1))) < 0.85

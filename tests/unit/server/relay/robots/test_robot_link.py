@@ -1,0 +1,391 @@
+"""A robot's link over a real socket: configuration, take-over, heartbeat, and each way it ends."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from unittest.mock import ANY
+
+import pytest
+from fake_robot import HOST
+from local_network import free_port
+from relay_clients import configured, ended
+from relay_server import FAST, MemoryDatabase, RelayServer, until
+from robotether_server.relay.robots.sessions import Presence
+from robotether_server.robot_settings import DEFAULTS, parse
+from robotether_server.store.fleet import Robot
+from stopwatch import Stopwatch
+
+
+def presence(relay: RelayServer, robot: Robot) -> Presence:
+    return relay.relay.registry.presence(robot.id)
+
+
+async def give_shell(relay: RelayServer, memory_database: MemoryDatabase, robot: Robot) -> Robot:
+    """Switch the robot's shell on, and wait until the relay knows."""
+    with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
+    memory_database.robots = {robot.id: with_shell}
+    await until(lambda: relay.relay.fleet.known.robots[robot.id] == with_shell, "it is known")
+    return with_shell
+
+
+async def test_a_session_gets_its_configuration(relay, sim1, connect):
+    """The first line is the robot's configuration, and the robot is online."""
+    session = await configured(await connect())
+    assert session.configs == [
+        {
+            "type": "config",
+            "robot": "sim1",
+            "ros_port": sim1.ros_port,
+            "video_port": sim1.video_port,
+            "shell_port": None,
+            "rotate_key": False,
+            "heartbeat_s": FAST.heartbeat_s,
+            "timeout_s": FAST.timeout_s,
+            "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
+            "direct": False,
+        }
+    ]
+    assert presence(relay, sim1).online
+    assert presence(relay, sim1).address == "198.51.100.7"
+
+
+@pytest.mark.parametrize("kind", ["media", "shell"])
+async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
+    relay, sim1, memory_database, connect, kind
+):
+    """Only the session says that a robot is online."""
+    await give_shell(relay, memory_database, sim1)
+    await configured(await connect(kind))
+    assert not presence(relay, sim1).online
+    assert memory_database.sessions() == []
+
+
+async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
+    """The relay learns the round trip, and answers the agent's pings with the agent's clock."""
+    session = await connect()
+    session.send(type="ping", seq=17, t_ms=123456.7)
+    answer = {"type": "pong", "seq": 17, "t_ms": 123456.7}
+    await until(lambda: answer in session.pongs, "the ping is answered")
+    await until(lambda: presence(relay, sim1).rtt_ms is not None, "the round trip is known")
+
+
+async def test_health_and_version_are_told(relay, sim1, connect):
+    """What the agent tells of itself stands in the robot's presence."""
+    session = await connect()
+    session.send(type="hello", hostname="turtle", agent_version="0.1.0", guard="on")
+    session.send(type="health", ros="ok", video="down", detail="nothing", ros_exposed=False)
+    session.send(type="something new", value=1)
+    await until(lambda: presence(relay, sim1).ros == "ok", "health is known")
+    assert presence(relay, sim1).video == "down"
+    assert presence(relay, sim1).agent_version == "0.1.0"
+    assert not presence(relay, sim1).ros_exposed
+    session.send(type="health", ros="ok", video="down", detail="", ros_exposed=True)
+    await until(lambda: presence(relay, sim1).ros_exposed, "whom rosbridge answers is known")
+
+
+async def test_a_version_that_nothing_can_keep_ends_the_session(relay, sim1, connect):
+    """The database takes no half of a character, and would lose what stands in the same batch."""
+    session = await configured(await connect())
+    session.send(type="hello", hostname="turtle", agent_version="\ud800", guard="on")
+    assert await ended(session) == "protocol_error"
+
+
+async def test_new_ports_end_a_live_session(relay, sim1, memory_database, connect):
+    """New ports need a new SSH login, so the session ends with ports_changed."""
+    session = await configured(await connect())
+    memory_database.robots = {sim1.id: replace(sim1, ros_port=sim1.ros_port + 1)}
+    assert await ended(session) == "ports_changed"
+
+
+async def test_a_new_name_is_told_on_the_same_session(relay, sim1, memory_database, connect):
+    """Renaming reaches the agent as a new configuration line."""
+    session = await configured(await connect())
+    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+    await until(lambda: len(session.configs) == 2, "the new name is told")
+    assert session.configs[1]["robot"] == "turtle"
+    assert session.bye is None
+
+
+async def test_a_first_shell_port_and_a_wish_for_a_key_are_told_on_the_same_session(
+    relay, sim1, memory_database, connect
+):
+    """Both reach the agent as a new configuration line; nothing ends."""
+    session = await configured(await connect())
+    with_shell = await give_shell(relay, memory_database, sim1)
+    await until(lambda: len(session.configs) == 2, "the shell port is told")
+    assert session.configs[1]["shell_port"] == with_shell.shell_port
+    memory_database.robots = {sim1.id: replace(with_shell, rotate_key=True)}
+    await until(lambda: len(session.configs) == 3, "the wish is told")
+    assert session.configs[2]["rotate_key"] is True
+    assert session.bye is None
+
+
+async def test_a_shell_port_that_is_taken_away_ends_every_link(
+    relay, sim1, memory_database, connect
+):
+    """An old login may listen on it still: the shell hears that it is off, the others connect again."""
+    await give_shell(relay, memory_database, sim1)
+    links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
+    memory_database.robots = {sim1.id: sim1}
+    codes = [await ended(link) for link in links]
+    assert codes == ["ports_changed", "ports_changed", "shell_off"]
+
+
+async def test_a_shell_port_that_moves_ends_every_link(relay, sim1, memory_database, connect):
+    """The shell, too, can come again, on its new port."""
+    with_shell = await give_shell(relay, memory_database, sim1)
+    links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
+    memory_database.robots = {sim1.id: replace(with_shell, shell_port=free_port())}
+    assert [await ended(link) for link in links] == ["ports_changed"] * 3
+
+
+async def test_a_shell_that_is_off_takes_no_link(connect):
+    """Without a shell port there is nothing to open a connection for."""
+    assert await ended(await connect("shell")) == "shell_off"
+
+
+async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_database, connect):
+    """As with the other ports: who holds it would get the people who look for this robot."""
+    with_shell = await give_shell(relay, memory_database, sim1)
+    holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, with_shell.shell_port)
+    try:
+        assert await ended(await connect("shell")) == "port_taken"
+    finally:
+        holder.close()
+        await holder.wait_closed()
+
+
+async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
+    relay, robot, sim1, memory_database, connect
+):
+    """The agent opens its forwards on the configuration, so a new name waits with the rest of it."""
+    robot.mode = "port_taken"
+    waiting = await connect()
+    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+    await until(lambda: "turtle" in relay.relay.fleet.known.by_name, "the name is known")
+    assert waiting.configs == []
+    await robot._close_ports()
+    await configured(waiting)
+    assert [config["robot"] for config in waiting.configs] == ["turtle"]
+
+
+async def test_what_answers_behind_the_ports_is_told_on_request(
+    relay, robot, sim1, memory_database
+):
+    """The relay tries the forwards from its own side, and says what it found."""
+    with_shell = await give_shell(relay, memory_database, sim1)
+    robot.session.send(type="check")
+    await until(lambda: robot.session.checked, "the answer is there")
+    assert robot.session.checked == [
+        {"type": "checked", "ros": "ok", "video": "ok", "shell": "unknown"}
+    ]
+    assert with_shell.shell_port is not None
+    assert (
+        b'port_checks_total{health="unknown",service="shell"} 1.0' in relay.relay.metrics.render()
+    )
+
+
+async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(relay, robot):
+    """Pings are answered meanwhile, and the session's end ends a check that is under way."""
+    for _ in range(50):
+        robot.session.send(type="check")
+    answer = {"type": "pong", "seq": 17, "t_ms": 5.0}
+    robot.session.send(type="ping", seq=17, t_ms=5.0)
+    await until(lambda: answer in robot.session.pongs, "the ping is answered")
+    await until(lambda: robot.session.checked, "the check is answered")
+    assert len(robot.session.checked) == 1
+
+
+async def test_a_newer_session_ends_the_older_first(relay, sim1, connect):
+    """The older session hears superseded before the newer is configured."""
+    older = await configured(await connect())
+    newer = await connect()
+    assert await ended(older) == "superseded"
+    await configured(newer)
+    assert presence(relay, sim1).online
+    assert relay.relay.registry.count("session") == 1
+
+
+async def test_media_and_session_do_not_end_each_other(relay, connect):
+    """Only a connection of the same kind takes over."""
+    session, media = await connect(), await connect("media")
+    await configured(session)
+    await configured(media)
+    registry = relay.relay.registry
+    assert (registry.count("session"), registry.count("media")) == (1, 1)
+
+
+async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, connect):
+    """While the older tunnel's port is accepted, the newer gets no configuration."""
+    newer = await connect()
+    assert await ended(robot.session) == "superseded"
+    await configured(newer)
+    with pytest.raises(OSError, match=r"refused|111"):
+        await asyncio.open_connection(HOST, sim1.ros_port)
+
+
+@pytest.mark.parametrize("kind", ["session", "media"])
+async def test_a_port_that_stays_taken_goes_to_nobody(relay, robot, sim1, connect, kind):
+    """Who holds a port that is never released gets no operators: the robot is not online."""
+    robot.mode = "port_taken"
+    await robot.session.close()
+    await until(lambda: not presence(relay, sim1).online, "it is offline")
+    with Stopwatch() as stopwatch:
+        session = await connect(kind)
+        assert await ended(session) == "port_taken"
+    assert stopwatch.clock_s > 0.9
+    assert stopwatch.s < 2
+    assert session.configs == []
+    assert not presence(relay, sim1).online
+
+
+async def test_a_port_that_is_released_can_be_taken_over_later(relay, robot, sim1, connect):
+    """After port_taken the same robot comes in as soon as its port is free."""
+    robot.mode = "port_taken"
+    await robot.session.close()
+    assert await ended(await connect()) == "port_taken"
+    await robot._close_ports()
+    await configured(await connect())
+    assert presence(relay, sim1).online
+
+
+async def test_more_lines_than_allowed_end_the_session(relay, sim1, connect):
+    """Lines without end are a broken protocol; a short burst is not."""
+    session = await configured(await connect())
+    session.send_raw(b'{"type": "pong", "seq": 0}\n' * 300)
+    session.send(type="ping", seq=17, t_ms=5.0)
+    answer = {"type": "pong", "seq": 17, "t_ms": 5.0}
+    await until(lambda: answer in session.pongs, "the session goes on")
+    session.send_raw(b'{"type": "news"}\n' * 1000)
+    assert await ended(session) == "protocol_error"
+
+
+async def test_of_many_sessions_at_once_one_stays(relay, connect):
+    """When several sessions of a robot come together, all but the last hear superseded."""
+    sessions = [await connect() for _ in range(5)]
+    await configured(sessions[-1])
+    assert [await ended(session) for session in sessions[:-1]] == ["superseded"] * 4
+    assert sessions[-1].bye is None
+
+
+@pytest.mark.parametrize("silent", [False, True])
+async def test_on_media_only_the_agent_pings(relay, connect, silent):
+    """That keeps it, without the relay's pings of a session; an agent that sends nothing is not kept."""
+    media = await configured(await connect("media", silent=silent))
+    if silent:
+        assert await ended(media) == "timeout"
+    else:
+        await asyncio.sleep(2 * FAST.timeout_s)
+        assert media.bye is None
+        assert media.pongs
+    assert media.pings == 0
+
+
+async def test_a_silent_robot_times_out(relay, sim1, connect):
+    """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
+    session = await connect(silent=True)
+    with Stopwatch() as stopwatch:
+        assert await ended(session) == "timeout"
+    assert stopwatch.clock_s > FAST.timeout_s
+    assert stopwatch.s < FAST.timeout_s + 1
+    assert not presence(relay, sim1).online
+
+
+async def test_a_robot_that_answers_stays(relay, sim1, connect):
+    """Pongs alone keep a session beyond the time-out."""
+    session = await configured(await connect())
+    await asyncio.sleep(2 * FAST.timeout_s)
+    assert session.bye is None
+    assert presence(relay, sim1).online
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"no json\n",
+        b'{"type": "health", "ros": "fine", "video": "ok", "ros_exposed": false}\n',
+        b'{"type": "health", "ros": "ok", "video": "ok", "ros_exposed": "0.0.0.0"}\n',
+        b'{"type": "health", "ros": "ok", "video": "ok"}\n',
+        b'{"type": "pong", "seq": "one"}\n',
+        b'{"type": "hello", "hostname": "h"}\n',
+        b'{"type": "vitals", "battery": 81}\n',
+        b'{"type": "vitals", "battery": {"percent": 101, "charging": false}}\n',
+        b'{"type": "vitals", "battery": {"percent": NaN, "charging": false}}\n',
+        b'{"type": "vitals", "battery": {"percent": 50}}\n',
+        b"x" * 70_000,
+        b"[" * 60_000 + b"\n",
+    ],
+)
+async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
+    """A line that breaks the contract ends the session with protocol_error."""
+    session = await configured(await connect())
+    session.send_raw(line)
+    assert await ended(session) == "protocol_error"
+    assert not presence(relay, sim1).online
+
+
+async def test_a_cut_session_is_offline_at_once(relay, sim1, memory_database, connect):
+    """A session that just ends makes the robot offline, and its row gets an end."""
+    session = await configured(await connect())
+    await session.close()
+    await until(lambda: not presence(relay, sim1).online, "it is offline", within_s=0.5)
+    await until(lambda: memory_database.sessions()[0].ended_at is not None, "the row has an end")
+    assert memory_database.sessions()[0].end_code == "link_lost"
+    assert memory_database.sessions()[0].address == "198.51.100.7"
+
+
+async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect, monkeypatch):
+    """Answers that a robot does not take are kept up to a limit; then its link is cut."""
+    monkeypatch.setattr("robotether_server.relay.robots.robot_link.LINES_AT_ONCE", 1_000_000)
+    session = await configured(await connect())
+    session._writer.transport.pause_reading()
+    # The relay answers with the agent's own number, so a long one makes a long answer.
+    line = b'{"type": "ping", "seq": ' + b"9" * 4000 + b', "t_ms": 5.0}\n'
+    async with asyncio.timeout(8):
+        while presence(relay, sim1).online:
+            session.send_raw(line * 100)
+            await asyncio.sleep(0)
+    assert b'session_endings_total{code="timeout"} 1.0' in relay.relay.metrics.render()
+    await until(lambda: not relay.relay._sessions._live, "the link is cut", within_s=2)
+
+
+async def test_each_session_has_its_own_guard_key(relay, connect):
+    """A key that somebody saw opens nothing after the next connection."""
+    keys = {(await configured(await connect())).configs[0]["guard"]["key"] for _ in range(2)}
+    assert len(keys) == 2
+    assert min(map(len, keys)) >= 40
+
+
+async def test_new_guard_settings_come_as_another_configuration(
+    relay, sim1, memory_database, connect
+):
+    """With the same key, on the same connection."""
+    session = await configured(await connect())
+    settings = parse({"guard": {"max_speed_m_s": 0.5}})
+    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
+    await until(lambda: len(session.configs) == 2, "the robot is told")
+    assert session.configs[1]["guard"] == session.configs[0]["guard"] | {"max_speed_m_s": 0.5}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        {"type": "guard", "state": "asleep", "stopped": False, "by": "", "moving": False},
+        {"type": "guard", "state": "ready", "stopped": 1, "by": "", "moving": False},
+        {"type": "guard", "state": "ready", "stopped": True, "by": "x" * 64, "moving": False},
+        {"type": "hello", "hostname": "t", "agent_version": "0", "guard": "maybe"},
+        {"type": "hello", "hostname": "t", "agent_version": "0"},
+        {"type": "ping", "seq": 1},
+        {"type": "ping", "seq": 1, "t_ms": "noon"},
+        {"type": "ping", "seq": 1, "t_ms": 1e300},
+        {"type": "ping", "seq": 1, "t_ms": 10**400},
+        {"type": "ping", "seq": 1, "t_ms": float("nan")},
+        {"type": "ping", "seq": 1, "t_ms": -1},
+    ],
+)
+async def test_a_guards_broken_line_ends_the_session(relay, connect, line):
+    """What cannot be read is not guessed."""
+    session = await configured(await connect())
+    session.send(**line)
+    assert await ended(session) == "protocol_error"

@@ -1,0 +1,173 @@
+"""The registry of robots' links, without a network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from relay_server import utc
+from robotether_server.relay.robots.sessions import (
+    NEVER_SEEN,
+    Change,
+    GuardReport,
+    Presence,
+    SessionRegistry,
+)
+
+NOW = utc(2026, 1, 1, 12, 3)
+
+
+@dataclass(eq=False)
+class FakeLink:
+    robot_id: int = 7
+    kind: str = "session"
+    address: str = "198.51.100.7"
+    ended: list[str] = field(default_factory=list)
+
+    def end(self, code: str, detail: str) -> None:
+        self.ended.append(code)
+
+
+@pytest.fixture
+def changes() -> list[Change]:
+    """What a listener hears."""
+    return []
+
+
+@pytest.fixture
+def registry(changes) -> SessionRegistry:
+    """A registry with a listener, where it is always 12:03."""
+    registry = SessionRegistry(clock=lambda: NOW)
+    registry.listen(changes.append)
+    return registry
+
+
+def online(registry: SessionRegistry) -> FakeLink:
+    link = FakeLink()
+    registry.make_current(link)
+    registry.established(link)
+    return link
+
+
+def test_a_robot_is_online_once_it_is_established(registry, changes):
+    """Admission alone makes nobody online."""
+    link = FakeLink()
+    assert registry.make_current(link) is None
+    assert registry.presence(7) is NEVER_SEEN
+    registry.established(link)
+    assert registry.presence(7) == Presence(online=True, since=NOW, address="198.51.100.7")
+    assert [change.what for change in changes] == ["connected"]
+
+
+def test_a_newer_link_makes_the_older_leave_first(registry, changes):
+    """Listeners hear that the older left before the newer came."""
+    older, newer = online(registry), FakeLink()
+    assert registry.make_current(newer) is older
+    registry.established(newer)
+    registry.disconnected(older, "link_lost")
+    assert [(change.what, change.code) for change in changes] == [
+        ("connected", None),
+        ("disconnected", "superseded"),
+        ("connected", None),
+    ]
+    assert registry.presence(7).online
+
+
+def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes):
+    """A link that was superseded while it waited is not made online."""
+    older, newer = FakeLink(), FakeLink()
+    registry.make_current(older)
+    registry.make_current(newer)
+    registry.established(older)
+    assert changes == []
+
+
+def test_links_are_counted_by_kind(registry):
+    """Each kind of a robot has a place of its own."""
+    for kind in ("session", "media", "shell"):
+        assert registry.make_current(FakeLink(kind=kind)) is None
+    registry.make_current(FakeLink(robot_id=8, kind="shell"))
+    assert [registry.count(kind) for kind in ("session", "media", "shell")] == [1, 1, 2]
+    assert registry.online_count() == 0
+
+
+def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes):
+    """Only the established session speaks for the robot."""
+    waiting, media, shell = FakeLink(), FakeLink(kind="media"), FakeLink(kind="shell")
+    for link in (waiting, media, shell):
+        registry.make_current(link)
+    for link in (media, shell):
+        registry.established(link)
+    for link in (waiting, media, shell):
+        registry.on_hello(link, "0.1.0", "on")
+        registry.on_health(link, "ok", "ok", ros_exposed=False)
+        registry.on_heartbeat(link, 1.0)
+    assert changes == []
+
+
+def test_the_same_health_again_is_no_change(registry, changes):
+    """Listeners hear of differences only."""
+    link = online(registry)
+    registry.on_health(link, "ok", "down", ros_exposed=False)
+    registry.on_health(link, "ok", "down", ros_exposed=False)
+    assert [change.what for change in changes] == ["connected", "updated"]
+
+
+def test_leaving_forgets_what_holds_only_while_online(registry):
+    """Afterwards the robot is offline since now, with the version that it had."""
+    link = online(registry)
+    registry.on_hello(link, "0.1.0", "on")
+    registry.on_heartbeat(link, 12.345)
+    assert registry.presence(7).rtt_ms == 12.3
+    registry.disconnected(link, "timeout")
+    assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0")
+    assert registry.count("session") == 0
+
+
+def test_the_database_tell_since_when_but_never_overrule(registry):
+    """What the records remember counts for robots of which nothing newer is known."""
+    online(registry)
+    before = utc(2025, 12, 31)
+    registry.remember([(7, before), (8, before)])
+    assert registry.presence(7).online
+    assert registry.presence(8) == Presence(since=before)
+
+
+def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
+    """What is known is never more than the fleet and its links."""
+    online(registry)
+    registry.remember([(8, NOW), (9, NOW)])
+    registry.forget_all_but([9])
+    assert registry.presence(7).online
+    assert registry.presence(8) is NEVER_SEEN
+    assert registry.presence(9).since == NOW
+
+
+@pytest.mark.parametrize(
+    ("mode", "state", "shown"),
+    [
+        ("on", "ready", "ready"),
+        ("on", "down", "down"),
+        ("off", "ready", "off"),
+    ],
+)
+def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
+    """A guard that is switched off has no state of its own."""
+    link = online(registry)
+    registry.on_hello(link, "0.1.0", mode)
+    registry.on_guard_status(link, GuardReport(state), "5f0c")
+    assert registry.presence(7).guard == shown
+    assert (changes[-1].what, changes[-1].answers) == ("guard_status", "5f0c")
+    registry.disconnected(link, "timeout")
+    assert registry.presence(7).guard == "unknown"
+
+
+def test_only_who_is_online_has_a_session(registry):
+    """Orders go to the current link, once it is established."""
+    link = FakeLink()
+    registry.make_current(link)
+    assert registry.session_of(7) is None
+    registry.established(link)
+    assert registry.session_of(7) is link
+    registry.disconnected(link, "timeout")
+    assert registry.session_of(7) is None

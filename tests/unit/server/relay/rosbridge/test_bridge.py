@@ -1,0 +1,336 @@
+"""Messages between operators and a fake robot through the real relay, and what ends them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import struct
+from dataclasses import replace
+
+import aiohttp
+import pytest
+from aiohttp import WSMsgType
+from relay_clients import PUBLISH, audit_lines, closing, misbehaving
+from relay_server import FAST, MESSAGE_LIMIT, until
+from robotether_server import robot_settings
+from robotether_server.relay.rosbridge import bridge, message_validator
+from robotether_server.relay.rosbridge.handler import OBSERVER_LIMIT
+from robotether_server.store.fleet import Robot, User
+
+BOB = User(2, "bob")
+
+
+async def test_text_passes_unchanged_both_ways(relay, robot, sim1, http):
+    """A text message reaches the robot with every byte as it was, and comes back so."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_a_binary_frame_is_read_as_text_is(relay, robot, sim1, http):
+    """JSON in a binary frame passes, rubbish is refused."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_bytes(bytes(range(256)))
+        assert (await socket.receive_json(timeout=5))["level"] == "error"
+        await socket.send_bytes(PUBLISH.encode())
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_an_observer_who_floods_is_closed_and_nobody_else(
+    relay, robot, sim1, http, monkeypatch
+):
+    """With a code that says so; the driver of the same robot goes on."""
+    monkeypatch.setattr(message_validator, "FLOOD_AFTER_S", 0.3)
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob,
+    ):
+        flood = asyncio.create_task(_flood(bob))
+        code, reason = await closing(bob)
+        await flood
+        assert (code, reason) == (1008, "you sent robot sim1 too much for too long")
+        await _driven_on(ann)
+
+
+async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
+    """Publish until the robot has it: what this process kept of the driver's pongs makes the first commands old."""
+    async with asyncio.timeout(5):
+        while True:
+            await socket.send_str(PUBLISH)
+            if await socket.receive_str() == PUBLISH:
+                return
+            await asyncio.sleep(0.1)
+
+
+async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
+    with contextlib.suppress(ConnectionError):
+        while not socket.closed:
+            for _ in range(100):
+                await socket.send_str('{"op":"subscribe","topic":"/a"}')
+            await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+def wide(memory_database, sim1) -> Robot:
+    """Robot sim1, to which drivers may publish all and as much as may be."""
+    policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
+    wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
+    memory_database.robots = {sim1.id: wide}
+    return wide
+
+
+def large(size: int) -> str:
+    begin, end = '{"op":"publish","topic":"/map","msg":{"data":"', '"}}'
+    return begin + "x" * (size - len(begin) - len(end)) + end
+
+
+async def test_a_message_as_large_as_the_limit_passes(wide, relay, robot, http):
+    """10 MB to the byte is allowed, in both directions."""
+    message = large(MESSAGE_LIMIT)
+    async with http.ws_connect(relay.ros_url(wide), max_msg_size=0) as socket:
+        await socket.send_str(message)
+        assert await socket.receive_str(timeout=20) == message
+
+
+async def test_a_message_over_the_limit_ends_that_connection_only(relay, robot, sim1, http):
+    """11 MB close the sender with 1009 and a reason; another operator does not notice."""
+    async with (
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+        http.ws_connect(relay.ros_url(sim1)) as socket,
+    ):
+        await socket.send_str(large(11 * 1024 * 1024))
+        assert await closing(socket) == (1009, "you sent a message over 10 MB")
+        await other.send_json({"op": "subscribe", "topic": "/a"})
+        assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+
+
+async def test_an_observers_limit_is_small(relay, robot, sim1, http):
+    """Over 64 KB end an observer's connection, however few bytes of them have come."""
+    fitting = '{"op": "subscribe", "topic": "/a", "x": "' + "x" * (OBSERVER_LIMIT - 43) + '"}'
+    assert len(fitting) == OBSERVER_LIMIT
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await socket.send_str(fitting)
+        assert await socket.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+        # A frame's header that announces one byte more than the limit, and nothing of it.
+        socket._writer.transport.write(b"\x81\xff" + struct.pack("!Q", OBSERVER_LIMIT + 1))
+        assert await closing(socket) == (1009, "you sent a message over 64 KB")
+
+
+async def test_an_observer_gets_large_messages(relay, robot, sim1, http):
+    """The small limit is for what an observer says, and not for what the robot sends."""
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the observer has reached rosbridge")
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        assert len((await socket.receive(timeout=8)).data) == MESSAGE_LIMIT
+
+
+async def test_a_robots_message_over_the_limit_ends_with_1009(relay, robot, sim1, http):
+    """A robot that sends more than the limit ends the connection, and the reason names it."""
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        await robot.send_to_clients(b"x" * (MESSAGE_LIMIT + 1))
+        assert await closing(socket) == (1009, "robot sim1 sent a message over 10 MB")
+
+
+@pytest.mark.parametrize("rubbish", ["{", "", "[1]", '"publish"', "[" * 100_000, "{'op': 1}"])
+async def test_broken_json_is_answered_and_the_robot_not_bothered(
+    relay, robot, sim1, http, rubbish
+):
+    """Text that is no JSON object gets rosbridge's status error, and the connection goes on."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(rubbish)
+        status = await socket.receive_json(timeout=5)
+        assert (status["op"], status["level"]) == ("status", "error")
+        assert status["msg"].startswith("cannot read message: not JSON")
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_bytes_that_are_no_websocket_end_the_connection(relay, robot, sim1, http):
+    """A frame with reserved bits closes with 1002."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        transport = socket.get_extra_info("socket")
+        assert transport is not None
+        socket._writer.transport.write(b"\xff\xff\xff\xff")
+        code, reason = await closing(socket)
+        assert (code, reason) == (1002, "you broke the WebSocket protocol")
+
+
+async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, robot, sim1, http):
+    """What an observer may not send is answered with its id, and goes no further."""
+    allowed = [
+        {"op": "subscribe", "topic": "/pose"},
+        {"op": "call_service", "service": "/rosapi/topics", "id": "s1"},
+    ]
+    refused = [
+        {"op": "publish", "topic": "/cmd_vel", "id": "p1"},
+        {"op": "call_service", "service": "/stop_motor", "id": "p2"},
+        {"op": "advertise", "topic": "/cmd_vel", "id": "p3"},
+    ]
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        for message in refused:
+            await socket.send_json(message)
+            status = await socket.receive_json(timeout=5)
+            assert (status["op"], status["level"]) == ("status", "error")
+            assert status["id"] == message["id"]
+        await socket.send_bytes(b"\x16\x00\x00\x00bson")
+        assert "not JSON" in (await socket.receive_json(timeout=5))["msg"]
+        for message in allowed:
+            await socket.send_json(message)
+            assert await socket.receive_json(timeout=5) == message
+    assert [json.loads(text) for text in robot.received] == allowed
+    assert relay.relay.traffic.refused.total() == len(refused) + 1
+
+
+async def test_an_observers_message_is_written_anew(relay, robot, sim1, http):
+    """The robot gets the checked fields alone, and none of the bytes that the observer wrote."""
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await socket.send_str(
+            '{"op": "subscribe",  "topic": "/\\u0070ose", "message_intervall": 9,'
+            ' "x": {"op": "publish", "topic": "/cmd_vel"}, "n": 1}'
+        )
+        await socket.receive_str(timeout=5)
+    assert robot.received == ['{"op":"subscribe","topic":"/pose"}']
+
+
+async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
+    *, relay, robot, sim1, http, monkeypatch
+):
+    """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
+    # The moment below may be longer on a machine that stands still in it.
+    monkeypatch.setattr(bridge, "LINK_GRACE_S", 3.0)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in list(robot.clients):
+            client._req.transport.abort()
+        # The moment between, in which the relay must not yet have judged.
+        await asyncio.sleep(0.1)
+        await robot.session.close()
+        assert (await closing(socket))[0] == 4505
+
+
+async def test_a_rosbridge_that_goes_away_is_down(relay, robot, sim1, http):
+    """Rosbridge closes while the tunnel lives: 4504."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in list(robot.clients):
+            await client.close()
+        assert await closing(socket) == (
+            4504,
+            "rosbridge on robot sim1 does not answer: it closed the connection",
+        )
+
+
+async def test_a_robot_that_breaks_off_mid_message(relay, sim1, http):
+    """Half a frame and a reset end with 4504; nothing of the half message arrives."""
+    robot = await misbehaving(relay, sim1, "drops_mid_message")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4504
+    await robot.stop()
+
+
+async def test_a_robot_that_reads_nothing_is_down(wide, relay, sim1, http):
+    """A rosbridge that takes nothing any more ends with 4504, and memory stays bounded."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        message = large(1_000_000)
+        sending = asyncio.create_task(_send_until_closed(socket, message))
+        code, reason = await closing(socket)
+        assert (code, reason) == (
+            4504,
+            "rosbridge on robot sim1 does not answer: it took nothing for 1.5 s",
+        )
+        await sending
+    await robot.stop()
+
+
+async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: str) -> None:
+    try:
+        for _ in range(100):
+            await socket.send_str(message)
+    except ConnectionError:
+        return
+
+
+async def test_a_silent_client_is_let_go(relay, robot, sim1, http):
+    """No pong and no message for the limit closes with 4408."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        assert await closing_without_pong(socket) == 4408
+    await until(lambda: not robot.clients, "the robot's side is closed too")
+
+
+async def closing_without_pong(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+    async with asyncio.timeout(8):
+        while (message := await socket.receive()).type is WSMsgType.PING:
+            pass
+    assert message.type is WSMsgType.CLOSE
+    return message.data
+
+
+async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
+    """Pongs alone keep a quiet connection open beyond the limit."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(socket.receive(), FAST.limits.silent_after_s + 0.5)
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
+    """The relay answers pings of the client with the same payload."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        await socket.ping(b"hello")
+        while (message := await socket.receive(timeout=5)).type is WSMsgType.PING:
+            pass
+        assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
+
+
+async def test_a_client_that_never_reads_is_bounded_and_ends(relay, sim1, http):
+    """A flood to a client that does not read stops at the robot, and ends with client_slow."""
+    robot = await misbehaving(relay, sim1, "floods")
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        socket._response.connection.transport.pause_reading()
+        await until(
+            lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(), "the client is let go"
+        )
+        passed_on = relay.relay.traffic.bytes_to_client
+        socket._response.connection.transport.abort()
+    # All that the kernel's buffers on the way take, and no more.
+    assert passed_on < 40 * 1024 * 1024
+    await robot.stop()
+
+
+async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http):
+    """Closing the operator's side closes rosbridge's connection at once."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+    await until(lambda: not robot.clients, "rosbridge's connection is closed", within_s=0.5)
+
+
+async def test_an_operator_who_vanishes_frees_the_robot(relay, robot, sim1, http):
+    """A reset of the operator's TCP closes rosbridge's connection at once."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    socket._response.connection.transport.abort()
+    await until(lambda: not robot.clients, "rosbridge's connection is closed", within_s=0.5)
+    assert relay.relay.connections.count("drive") == 0
+
+
+@pytest.mark.parametrize(
+    ("frames", "name"), [([struct.pack("!H", 1000)], "client_left"), ([], "client_vanished")]
+)
+async def test_a_client_that_closes_and_cuts_has_left(
+    *, relay, robot, sim1, http, memory_database, frames, name
+):
+    """Who says goodbye and does not wait for the answer has not vanished."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    for frame in frames:
+        await socket.send_frame(frame, WSMsgType.CLOSE)
+    socket._response.connection.transport.abort()
+    await until(lambda: len(audit_lines(memory_database)) == 2, "the end is written")
+    assert audit_lines(memory_database)[1].details["end_code"] == name

@@ -1,0 +1,218 @@
+"""Drive commands on their way to the guard: stamps, ages, the newest one first, and the drive's books."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import Counter
+
+import pytest
+from fake_operator import FakeOperator
+from relay_clients import PUBLISH
+from relay_server import FAST, until, utc
+from robotether_server.relay.drives.drive_log import DriveLog
+from robotether_server.relay.rosbridge.command_age import CommandTimestamps
+from robotether_server.relay.rosbridge.drive_path import DriveLease, DrivePath
+from robotether_server.relay.rosbridge.message_validator import MessageValidator
+from robotether_server.robot_settings import DEFAULTS
+from robotether_server.store.control import DriveEntry
+
+NOON = utc(2026, 1, 1, 12, 0)
+
+
+def drives(memory_database) -> list[DriveEntry]:
+    return [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
+
+
+def stamps(robot) -> list[dict[str, object]]:
+    return [json.loads(data)["robotether"] for data in robot.received]
+
+
+async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarded, sim1, http):
+    """Of a page with beats it is the input event's; never later than that."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.beat")
+        timestamp_ms = guarded.session.clock_ms() - 100
+        await ann.drive(0.5, age_ms=100)
+        await until(lambda: guarded.received, "the command came")
+    (stamp,) = stamps(guarded)
+    assert stamp["fence"] == 1
+    assert timestamp_ms - 100 < stamp["t_ms"] <= timestamp_ms + 20
+
+
+async def test_a_command_of_a_timestamp_to_come_is_refused(relay, guarded, sim1, http):
+    """A client whose clock is ahead is told, and moves nothing."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.beat")
+        await ann.drive(0.5, age_ms=-5000)
+        assert "its moment is to come" in (await ann.until("status"))["msg"]
+        await ann.drive(0.25)
+        await until(lambda: guarded.received, "the right one came")
+    assert [json.loads(data)["msg"] for data in guarded.received] == [{"linear": {"x": 0.25}}]
+
+
+async def test_of_other_clients_the_timestamp_is_that_of_a_ping(relay, guarded, sim1, http):
+    """A client that writes no moment drives too; its commands count as no younger than a ping."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        await until(lambda: guarded.received, "the command came")
+        (stamp,) = stamps(guarded)
+        assert stamp["t_ms"] < guarded.session.clock_ms()
+        assert json.loads(guarded.received[0])["msg"] == {"linear": {"x": 0.5}}
+
+
+async def test_an_old_command_is_dropped_and_its_sender_told(
+    relay, guarded, sim1, http, memory_database
+):
+    """It never reaches the robot; the newer one does; the books count it."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.beat")
+        await ann.late_sender(0.9)
+        assert "ms old, over 500 ms" in (await ann.until("status"))["msg"]
+        await ann.drive(0.5)
+        await until(lambda: guarded.received, "the newer came")
+    assert json.loads(guarded.received[0])["msg"] == {"linear": {"x": 0.5}}
+    await until(
+        lambda: drives(memory_database) and drives(memory_database)[0].ended_at,
+        "the drive is written",
+    )
+    assert (drives(memory_database)[0].dropped_old, drives(memory_database)[0].top_speed_m_s) == (
+        1,
+        0.5,
+    )
+
+
+async def test_a_client_that_answers_no_ping_cannot_drive_on(relay, guarded, sim1, http):
+    """Its commands grow old, although they come in time."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        begun = time.monotonic()
+        while time.monotonic() - begun < 0.9:
+            await socket.send_str(PUBLISH)
+            await asyncio.sleep(0.05)
+        passed = len(guarded.received)
+        await socket.send_str(PUBLISH)
+        assert (await socket.receive()).type is not None
+        assert len(guarded.received) == passed
+
+
+async def test_robots_without_a_guard_get_the_message_alone(relay, robot, sim1, http):
+    """A rosbridge that nothing guards sees no member that it does not know."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+async def test_a_silent_cut_ends_the_lease(relay, guarded, sim1, http):
+    """Nothing comes any more: the lease is over, also while the robot sends."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        ann.silent_cut()
+        for _ in range(64):
+            await guarded.send_to_clients(b"x" * 65536)
+        await until(
+            lambda: relay.relay.control.driver(sim1.id) is None,
+            "nobody drives",
+            FAST.driver_limits.silent_after_s + 1.4,
+        )
+
+
+async def test_a_frozen_page_keeps_the_lease_but_drives_nothing(relay, guarded, sim1, http):
+    """The browser answers pings; commands alone keep a robot moving."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        await ann.frozen_page()
+        await asyncio.sleep(FAST.driver_limits.silent_after_s + 0.2)
+        assert relay.relay.control.driver(sim1.id) == "ann"
+        assert guarded.received == []
+
+
+async def test_a_flood_ends_with_the_newest_command(relay, guarded, sim1, http):
+    """Whatever is left out, the last command of many arrives."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.beat")
+        await ann.floods(500)
+        await until(
+            lambda: guarded.received and b"9.0" in guarded.received[-1].encode(), "the last came"
+        )
+
+
+class FullSocket:
+    """A robot's socket that takes nothing until told."""
+
+    def __init__(self) -> None:
+        self.full = True
+        self.sent: list[bytes] = []
+
+    def waiting_bytes(self) -> int:
+        return int(self.full)
+
+    async def send_frame(self, data: bytes, _kind: object) -> None:
+        self.sent.append(data)
+
+
+def command(speed: float, topic: str = "/cmd_vel"):
+    policy = DEFAULTS.policy
+    validator = MessageValidator(policy.drive, DEFAULTS.guard.drive_topics, policy.limits)
+    message = {"op": "publish", "topic": topic, "msg": {"linear": {"x": speed}}}
+    return validator.check(json.dumps(message).encode()).drive
+
+
+@pytest.fixture
+def sizes() -> list[int]:
+    """The sizes of what really went to the socket."""
+    return []
+
+
+@pytest.fixture
+def log() -> DriveLog:
+    return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, Counter())
+
+
+async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
+    """Behind a full socket the older ones are dropped; when there is room, the newest goes."""
+    socket = FullSocket()
+    lease = DriveLease(fence=1, max_age_s=0.5, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    running = asyncio.create_task(path.run())
+    for speed in (0.1, 0.2, 0.3):
+        await path.submit(command(speed))
+    await path.submit(command(1.0, "/arm/cmd_vel"))
+    # What waits was not sent: the watch must see that the robot takes nothing.
+    assert sizes == []
+    socket.full = False
+    await until(lambda: len(socket.sent) == 2, "the newest of both went")
+    assert sizes == [len(data) for data in socket.sent]
+    assert [json.loads(data)["msg"]["linear"]["x"] for data in socket.sent] == [0.3, 1.0]
+    assert log.entry.dropped_old == 2
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
+    """Room that comes too late is no use."""
+    socket = FullSocket()
+    lease = DriveLease(fence=1, max_age_s=0.1, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    running = asyncio.create_task(path.run())
+    await path.submit(command(0.1))
+    await asyncio.sleep(0.15)
+    socket.full = False
+    await until(lambda: log.entry.dropped_old == 1, "it is dropped")
+    assert socket.sent == []
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_many_topics_do_not_make_a_queue(log, sizes):
+    """Of a client that drives more topics than anybody has, few commands wait."""
+    socket = FullSocket()
+    lease = DriveLease(fence=1, max_age_s=5, clock=None, log=log, on_command=lambda: None)
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    for number in range(50):
+        await path.submit(command(0.1, f"/r{number}/cmd_vel"))
+    assert len(path._waiting) == 8

@@ -1,0 +1,319 @@
+"""Who is let in to a robot's rosbridge, and how the robot is reached."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import aiohttp
+import pytest
+from aiohttp import web
+from relay_clients import PUBLISH, audit_lines, closing, misbehaving
+from relay_server import FAST, running_relay, until
+from robotether_server.relay.auth.connections import Caps
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.store.fleet import User
+from stopwatch import Stopwatch
+
+ANN = User(1, "ann")
+BOB = User(2, "bob")
+
+
+async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tuple[int, str]:
+    """Try to open a WebSocket; return status and code of the refusal."""
+    upgrade = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+    }
+    async with http.get(url, headers=upgrade | headers) as answer:
+        assert answer.content_type == "application/problem+json"
+        problem = await answer.json()
+        assert problem["status"] == answer.status
+        return answer.status, problem["code"]
+
+
+async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_database, monkeypatch):
+    """Each kind of bad ticket is refused over HTTP with its own code."""
+    other = memory_database.add_robot(8, "sim2", u1="observe")
+    hidden = memory_database.add_robot(9, "sim3")
+    await until(lambda: 9 in relay.relay.fleet.known.robots, "the relay knows all robots")
+    good = relay.ticket(sim1)
+    base = f"{relay.url}/robots/sim1/ros"
+    assert await refusal(http, base) == (401, "ticket_missing")
+    assert await refusal(http, f"{base}?ticket=rubbish") == (401, "ticket_malformed")
+    forged = good[:-3] + ("AAA" if not good.endswith("AAA") else "BBB")
+    assert await refusal(http, f"{base}?ticket={forged}") == (401, "ticket_forged")
+    foreign = relay.ticket(other, "observe")
+    assert await refusal(http, f"{base}?ticket={foreign}") == (401, "ticket_foreign")
+    assert await refusal(http, f"{relay.url}/robots/nosuch/ros?ticket={good}") == (
+        404,
+        "robot_unknown",
+    )
+    assert await refusal(http, f"{relay.url}/robots/sim3/ros?ticket={relay.ticket(hidden)}") == (
+        404,
+        "robot_unknown",
+    )
+    drive = relay.ticket(other, "drive")
+    assert await refusal(http, f"{relay.url}/robots/sim2/ros?ticket={drive}") == (
+        403,
+        "grant_missing",
+    )
+    assert robot.clients_ever == 0
+
+
+async def test_an_old_ticket_is_expired(relay, robot, sim1, http, monkeypatch):
+    """A ticket older than its 30 s is refused with ticket_expired."""
+    url = relay.ros_url(sim1)
+    later = time.time() + 31
+    monkeypatch.setattr("itsdangerous.timed.time.time", lambda: later)
+    assert await refusal(http, url) == (401, "ticket_expired")
+    assert robot.clients_ever == 0
+
+
+async def test_a_ticket_opens_one_connection(relay, robot, sim1, http):
+    """A replayed ticket is refused, while what it opened goes on."""
+    url = relay.ros_url(sim1)
+    async with http.ws_connect(url) as socket:
+        assert await refusal(http, url) == (401, "ticket_used")
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+@pytest.mark.parametrize("granted", ["drive", "manage"])
+async def test_an_observing_connection_only_observes(
+    *, relay, robot, sim1, http, memory_database, granted
+):
+    """Whatever its user may do: the ticket's mode is what the connection is for."""
+    memory_database.grants[1, sim1.id] = granted
+    await relay.relay.fleet.poll()
+    async with http.ws_connect(relay.ros_url(sim1, "observe")) as socket:
+        await socket.send_str(PUBLISH)
+        answer = await socket.receive_json(timeout=5)
+    assert "an observing connection only subscribes" in answer["msg"]
+    assert robot.received == []
+
+
+async def test_pages_of_other_sites_are_refused(relay, robot, sim1, http):
+    """Only this site's own pages and listed origins may connect; the ticket is not used up."""
+    url = relay.ros_url(sim1)
+    for origin in ("https://evil.example", "null", "https://127.0.0.1:1", "https://[", relay.url):
+        assert await refusal(http, url, Origin=origin) == (403, "origin_refused")
+    async with http.ws_connect(url, origin="https://lab.example"):
+        pass
+    own = relay.url.replace("http:", "https:")
+    async with http.ws_connect(relay.ros_url(sim1), origin=own):
+        pass
+
+
+async def test_a_request_without_upgrade_does_not_use_the_ticket(relay, robot, sim1, http):
+    """A plain GET is told to use a WebSocket, and the ticket still opens one."""
+    url = relay.ros_url(sim1)
+    async with http.get(url) as answer:
+        assert answer.status == 426
+    async with http.ws_connect(url):
+        pass
+
+
+async def test_an_offline_robot_is_told_within_a_second(relay, sim1, http):
+    """The connection of a robot that was never there closes with 4503 and says so."""
+    with Stopwatch() as stopwatch:
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            code, reason = await closing(socket)
+    assert (code, reason) == (4503, "robot sim1 is offline: it has not connected yet")
+    assert stopwatch.s < 1
+
+
+async def test_an_offline_robot_says_since_when(relay, robot, sim1, http):
+    """After a robot's session ended, the reason names the time."""
+    await robot.stop()
+    await until(lambda: not relay.relay.registry.presence(sim1.id).online, "sim1 is offline")
+    since = relay.relay.registry.presence(sim1.id).since
+    assert since is not None
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert await closing(socket) == (
+            4503,
+            f"robot sim1 is offline since {since.strftime('%H:%M')} UTC",
+        )
+
+
+async def test_a_rosbridge_that_does_not_answer_is_told_within_a_second(relay, sim1, http):
+    """A tunnel to nothing closes with 4504."""
+    robot = await misbehaving(relay, sim1, "no_rosbridge")
+    with Stopwatch() as stopwatch:
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            code, reason = await closing(socket)
+    assert code == 4504
+    assert reason.startswith("rosbridge on robot sim1 does not answer")
+    assert stopwatch.s < 1
+    await robot.stop()
+
+
+async def test_a_tunnel_without_its_port_is_told_within_a_second(relay, robot, sim1, http):
+    """A session whose forward never opened closes with 4504, after a short patience."""
+    await robot._close_ports()
+    with Stopwatch() as stopwatch:
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            assert (await closing(socket))[0] == 4504
+    assert stopwatch.clock_s > 0.5
+    assert stopwatch.s < 1
+
+
+async def test_a_lost_tunnel_ends_its_connections_at_once(relay, robot, sim1, http):
+    """When the robot's session ends, operators hear 4505, though their TCP to the robot lives."""
+    robot.mode = "port_taken"
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        await robot.session.close()
+        with Stopwatch() as stopwatch:
+            assert await closing(socket) == (4505, "the link to robot sim1 is lost")
+        assert stopwatch.s < 0.25
+
+
+async def test_ended_rights_end_the_connection(relay, robot, sim1, http, memory_database):
+    """Taking a grant away closes with 4001; another user's connection goes on."""
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as socket,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+    ):
+        await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
+        del memory_database.grants[1, sim1.id]
+        assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
+        await other.send_json({"op": "subscribe", "topic": "/a"})
+        assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+
+
+async def test_a_driver_who_may_only_observe_now_is_ended(
+    relay, robot, sim1, http, memory_database
+):
+    """A grant lowered from drive to observe ends the drive connection."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        memory_database.grants[1, sim1.id] = "observe"
+        assert (await closing(socket))[0] == 4001
+
+
+async def test_too_many_connections_are_told_so(relay, robot, sim1, http):
+    """The one over the cap closes with 4429, and those that are open go on."""
+    relay.relay.connections.caps = Caps(per_user=1)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        for _ in range(2):
+            async with http.ws_connect(relay.ros_url(sim1)) as second:
+                assert await closing(second) == (
+                    4429,
+                    "you have 1 connections open already; close one first",
+                )
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.clients_ever == 1
+    await until(lambda: relay.relay.connections.count("drive") == 0, "the first is gone")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+@pytest.mark.parametrize("mode", ["observe", "drive"])
+@pytest.mark.parametrize("kind", ["login", "token"])
+async def test_what_a_credential_opened_ends_with_it(
+    *, relay, robot, sim1, http, memory_database, mode, kind
+):
+    """Logging out or deleting the token closes with 4001; the same user's other login goes on."""
+    other_mode = "observe" if mode == "drive" else "drive"
+    gone = credential_of(kind, memory_database.add_credential(kind, ANN))
+    async with (
+        http.ws_connect(relay.ros_url(sim1, mode, ANN, gone)) as socket,
+        http.ws_connect(relay.ros_url(sim1, other_mode, ANN)) as other,
+    ):
+        await until(lambda: len(robot.clients) == 2, "both have reached rosbridge")
+        await relay.relay.fleet.poll()
+        del memory_database.credentials[gone]
+        assert (await closing(socket))[0] == 4001
+        await other.send_json({"op": "subscribe", "topic": "/a"})
+        assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+
+
+async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
+    """A ticket of somebody who has logged out since closes with 4001 soon after it opened."""
+    gone = credential_of("login", "a login that ended before the ticket was shown")
+    async with http.ws_connect(relay.ros_url(sim1, "drive", ANN, gone)) as socket:
+        assert (await closing(socket))[0] == 4001
+
+
+@pytest.mark.parametrize(
+    ("down", "code", "reason"),
+    [
+        (False, 4001, "your rights on robot sim1 have ended or changed"),
+        (True, 4510, "cannot let you drive sim1: the database does not answer; try again shortly"),
+    ],
+)
+async def test_a_drive_begins_only_with_a_credential_that_holds_now(
+    *, memory_database, sim1, http, down, code, reason
+):
+    """The relay has not yet read that the token is gone, and asks before the lease begins."""
+    seldom = replace(FAST, poll_every_s=60)
+    async with running_relay(memory_database, seldom) as relay:
+        robot = await misbehaving(relay, sim1, "guarded")
+        await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is well")
+        token = credential_of("token", memory_database.add_credential("token", User(1, "ann")))
+        url = relay.ros_url(sim1, credential=token)
+        del memory_database.credentials[token]
+        memory_database.down = down
+        async with http.ws_connect(url) as socket:
+            assert await closing(socket) == (code, reason)
+        assert memory_database.fences == {}
+        memory_database.down = False
+        await robot.stop()
+
+
+async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
+    *, relay, robot, sim1, http, memory_database, monkeypatch
+):
+    """Nothing may slip in between the check of the grant and the watch on it."""
+    really_open = OperatorSocket.open
+
+    async def open_late(self: OperatorSocket, request: web.Request) -> None:
+        del memory_database.grants[1, sim1.id]
+        await relay.relay.fleet.poll()
+        await really_open(self, request)
+
+    monkeypatch.setattr(OperatorSocket, "open", open_late)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4001
+    assert robot.clients_ever == 0
+
+
+async def test_open_connections_go_on_without_a_database(relay, robot, sim1, http, memory_database):
+    """With the database away an open connection goes on, and a ticket still lets one observe."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        memory_database.down = True
+        await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+        async with http.ws_connect(relay.ros_url(sim1, "observe")) as second:
+            await second.send_json({"op": "subscribe", "topic": "/a"})
+            assert await second.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+
+
+async def test_drive_connections_are_in_the_audit_log(relay, robot, sim1, http, memory_database):
+    """Beginning and end of a drive connection are written with user, robot and address."""
+    async with http.ws_connect(relay.ros_url(sim1), headers={"X-Forwarded-For": "203.0.113.9"}):
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+    await until(lambda: len(audit_lines(memory_database)) == 2, "both lines are written")
+    began, ended = audit_lines(memory_database)
+    assert (began.kind, began.actor, began.robot) == ("drive_started", "ann", "sim1")
+    assert began.address == "203.0.113.9"
+    assert (ended.kind, ended.details["end_code"]) == ("drive_ended", "client_left")
+
+
+async def test_waiting_for_an_offline_robot_is_no_driving(relay, sim1, http, memory_database):
+    """A page that tries again and again leaves no audit lines, and is shown to nobody."""
+    with relay.relay.fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        for _ in range(3):
+            async with http.ws_connect(relay.ros_url(sim1)) as socket:
+                assert (await closing(socket))[0] == 4503
+        assert subscriber.pop_events() == []
+    await relay.relay.event_writer.flush(5)
+    assert audit_lines(memory_database) == []
