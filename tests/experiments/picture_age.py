@@ -29,7 +29,7 @@ from openssh_server import OpenSshServer, listens
 from picture_viewers import Picture, Taker, look_at_frames, look_at_stream
 from recovery import Site, Subject
 from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
-from robotether_server.relay.relay import Timing
+from robotether_server.relay.main import Timing
 from sections import Section, percentile
 
 SIM_ROBOT = Path(__file__).resolve().parents[2] / "images" / "sim_robot"

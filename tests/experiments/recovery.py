@@ -35,7 +35,7 @@ from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
 from robotether_agent.enrolment import Enrolment, EnrolmentStore, SshAccess, parse_host_keys
 from robotether_agent.keys import ensure_key
-from robotether_server.relay.relay import Timing
+from robotether_server.relay.main import Timing
 from robotether_server.store.fleet import Robot
 from sections import Section, percentile
 

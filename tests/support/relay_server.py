@@ -18,7 +18,7 @@ from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.liveness import LivenessLimits
-from robotether_server.relay.relay import Listen, Relay, Timing
+from robotether_server.relay.main import Listen, Relay, Timing
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.store.control import Kept, NewLease, Stop
 from robotether_server.store.fleet import (

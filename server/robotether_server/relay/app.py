@@ -1,22 +1,22 @@
 """The relay's HTTP applications: the public routes behind nginx, and the inside ones.
 
-`relay` makes both. The middleware is the border at which a Problem becomes an answer.
+`main` makes both. The middleware is the border at which a Problem becomes an answer.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable
+import re
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from robotether_server.problems import PROBLEM_JSON, HttpProblem, Problem, Throttled
+from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused, Problem, Throttled
 from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.events.handler import EventsHandler
-from robotether_server.relay.http.cors import Cors
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge.handler import RosbridgeHandler
 from robotether_server.relay.video.frames_handler import FramesHandler
@@ -30,6 +30,14 @@ server_log = logging.getLogger(f"{__name__}.server")
 MAX_BODY_BYTES = 4096
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+# What pages in ALLOWED_ORIGINS may ask for, with a token or ticket: control and video.
+CORS_PATHS = re.compile(
+    r"/api/v1/robots/[^/]+/(stop|release|lease|control)|/robots/[^/]+/video(/.*)?"
+)
+CORS_METHODS = "GET, HEAD, POST"
+CORS_HEADERS = "Authorization, Content-Type"
+PREFLIGHT_KEPT_S = 600
 
 
 class WithoutRequest(logging.Filter):
@@ -113,3 +121,40 @@ def problem_answer(problem: Problem) -> web.Response:
     return web.json_response(
         problem.as_dict(), status=problem.status, headers=headers, content_type=PROBLEM_JSON
     )
+
+
+class Cors:
+    """Lets pages in ALLOWED_ORIGINS read the answers for CORS_PATHS.
+
+    A login is never shown from there: no answer allows credentials.
+    """
+
+    def __init__(self, allowed_origins: Collection[str]) -> None:
+        self._allowed = frozenset(allowed_origins)
+
+    def preflight(self, request: web.Request) -> web.Response | None:
+        """Answer a browser that asks whether a page may; None: it asks for something else."""
+        if request.method != "OPTIONS" or not CORS_PATHS.fullmatch(request.path):
+            return None
+        if "Access-Control-Request-Method" not in request.headers:
+            return None
+        origin = request.headers.get("Origin", "")
+        if origin not in self._allowed:
+            raise OriginRefused(
+                f"cannot serve a page of {origin[:100]!r}: it is not in ALLOWED_ORIGINS"
+            )
+        headers = {
+            "Access-Control-Allow-Methods": CORS_METHODS,
+            "Access-Control-Allow-Headers": CORS_HEADERS,
+            "Access-Control-Max-Age": str(PREFLIGHT_KEPT_S),
+        }
+        return web.Response(status=204, headers=headers)
+
+    async def mark(self, request: web.Request, response: web.StreamResponse) -> None:
+        """Let the page read the answer; aiohttp calls this before an answer's headers go out."""
+        if not CORS_PATHS.fullmatch(request.path):
+            return
+        response.headers.add("Vary", "Origin")
+        origin = request.headers.get("Origin")
+        if origin is not None and origin in self._allowed:
+            response.headers["Access-Control-Allow-Origin"] = origin

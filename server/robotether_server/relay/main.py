@@ -1,4 +1,8 @@
-"""Runs the relay as a process: settings, log, event loop, and a stop on SIGTERM."""
+"""The relay as a process: makes the parts, joins them, and starts and stops them in order.
+
+Tests run several relays in their own process. Each thing that happens to a robot passes here once, and reaches
+connections, control, fleet events and observers from here.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +11,295 @@ import logging
 import os
 import signal
 import sys
+from dataclasses import dataclass, field
+from typing import cast
 
 import uvloop
+from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
 
 from robotether_server.problems import SettingsError
-from robotether_server.relay.db.database import ThreadedDatabase
-from robotether_server.relay.relay import Listen, Relay
+from robotether_server.relay.app import Cors, Handlers, inside_app, public_app, server_log
+from robotether_server.relay.auth.access import Access
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.control_api import ControlApi
+from robotether_server.relay.db.database import RelayDatabase, ThreadedDatabase
+from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.db.fleet import Fleet
+from robotether_server.relay.drives.viewer_stats import ViewerStats
+from robotether_server.relay.events.fleet_events import FleetEvents
+from robotether_server.relay.events.handler import EventsHandler
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.liveness import DRIVER_LIMITS, LivenessLimits
+from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.robot_link import LinkRules
+from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.rosbridge.bridge import Traffic
+from robotether_server.relay.rosbridge.handler import BridgeRules, RosbridgeHandler
+from robotether_server.relay.video.feed_link import FeedConnector
+from robotether_server.relay.video.feeds import Feeds
+from robotether_server.relay.video.frames_handler import FramesHandler
+from robotether_server.relay.video.handler import VideoHandler
+from robotether_server.relay.video.viewers import VideoContext
 from robotether_server.settings import RelaySettings, load_relay
 from robotether_server.store import Database
+from robotether_server.store.fleet import FormerSessions, Snapshot
+from robotether_server.tickets import TicketSigner
 
 log = logging.getLogger(__name__)
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+
+# All of stopping together takes under 3 s.
+HANDLERS_STOP_WITHIN_S = 1.0
+EVENTS_WRITTEN_WITHIN_S = 0.7
+# sshd may come back with another address.
+NAMES_KEPT_S = 2
+
+
+@dataclass(frozen=True)
+class Listen:
+    """Where the relay listens; tests give port 0."""
+
+    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
+    http_port: int = 8080
+    session_port: int = 8091
+    inside_port: int = 9100
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times that tests shorten."""
+
+    limits: LivenessLimits = field(default_factory=LivenessLimits)
+    driver_limits: LivenessLimits = DRIVER_LIMITS
+    heartbeat_s: float = 0.5
+    timeout_s: float = 5.0
+    poll_every_s: float = 1.0
+    drives_every_s: float = 10.0
+
+
+class Relay:
+    """All parts of the relay; made and run in one event loop."""
+
+    def __init__(
+        self,
+        settings: RelaySettings,
+        database: RelayDatabase,
+        *,
+        listen: Listen | None = None,
+        timing: Timing | None = None,
+    ) -> None:
+        self._settings = settings
+        self._database = database
+        self._listen = listen or Listen()
+        self._timing = timing or Timing()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._runners: list[web.AppRunner] = []
+        self.http_port = 0
+        self.inside_port = 0
+        self._make_state()
+        self._make_client()
+        self._make_feeds()
+        self._make_sessions()
+        self._make_apps()
+        self._add_gauges()
+
+    @property
+    def session_port(self) -> int:
+        """Where robots' sessions arrive."""
+        return self._sessions.port
+
+    async def start(self) -> None:
+        """Read the records once, if they can be read, and listen."""
+        self.event_writer.add(FormerSessions(before=utc_now()))
+        await self.fleet.poll()
+        self._tasks = [
+            asyncio.create_task(self.fleet.run(), name="fleet"),
+            asyncio.create_task(self.event_writer.run(), name="journal"),
+            asyncio.create_task(self._write_drives(), name="drives"),
+        ]
+        listen = self._listen
+        self.inside_port = await self._serve(self._inside, listen.inside_port)
+        self.http_port = await self._serve(self._public, listen.http_port)
+        await self._sessions.start(listen.host, listen.session_port)
+        log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
+
+    async def stop(self) -> None:
+        """Tell operators, then robots, and write the rest down."""
+        self.connections.end_all(close_reasons.relay_stopping())
+        self.fleet_events.end_subscriptions()
+        # Operators first: they must hear that the relay stops, and not that a link was lost.
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        await self.feeds.close()
+        await self._sessions.stop()
+        self.control.close()
+        await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._client.close()
+        self._database.close()
+
+    def _make_state(self) -> None:
+        database = self._database
+        self.traffic = Traffic()
+        self.metrics = Metrics(self.traffic)
+        self.event_writer = EventWriter(database)
+        self.credentials = Credentials(database)
+        self.registry = SessionRegistry()
+        self.connections = Connections()
+        self.viewer_stats = ViewerStats()
+        self.control = Control(
+            database=database,
+            event_writer=self.event_writer,
+            registry=self.registry,
+            snapshot=lambda: self.fleet.known,
+        )
+        self.fleet = Fleet(
+            database,
+            rights_changed=self._on_snapshot,
+            credentials_changed=self.credentials.recheck,
+            check_new_credentials=self.credentials.check_new,
+            last_seen=self.registry.remember,
+            kept=self.control.remember,
+            poll_every_s=self._timing.poll_every_s,
+        )
+        self.fleet_events = FleetEvents(
+            lambda: self.fleet.known, self.registry, self.connections, self.control
+        )
+        self.observer = RelayObserver(self.event_writer, self.metrics, lambda: self.fleet.known)
+        # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
+        self.registry.listen(
+            self.connections.on_robot_change,
+            self.control.on_robot_change,
+            self.fleet_events.on_robot_change,
+            self.observer.on_robot_change,
+        )
+        self.connections.listen(self.fleet_events.changed)
+        self.control.listen(self.fleet_events.changed)
+
+    def _on_snapshot(self, snapshot: Snapshot) -> None:
+        # Operators first: they must hear that their right ended, and not that a link was lost.
+        self.connections.end_unrighted(snapshot)
+        self.control.on_snapshot(snapshot)
+        self._sessions.on_snapshot(snapshot)
+        self.registry.forget_all_but(snapshot.robots)
+        self.fleet_events.all_changed()
+
+    def _make_client(self) -> None:
+        """Make the HTTP client towards robots; it keeps no connection and no cookie."""
+        connector = TCPConnector(limit=0, force_close=True, ttl_dns_cache=NAMES_KEPT_S)
+        self._client = ClientSession(
+            connector=connector,
+            cookie_jar=DummyCookieJar(),
+            auto_decompress=False,
+            trace_configs=[refuse_redirects()],
+            # aiohttp declares the class for text that it decodes; ours never does.
+            ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),
+        )
+
+    def _make_feeds(self) -> None:
+        connector = FeedConnector(self._client, self._settings.tunnel_host, self.registry)
+        self.feeds = Feeds(connector.start)
+        self.metrics.collect_feeds(self.feeds.traffic)
+        self.registry.listen(self.feeds.on_robot_change)
+
+    def _make_sessions(self) -> None:
+        settings, timing = self._settings, self._timing
+        self._sessions = SessionServer(
+            registry=self.registry,
+            snapshot=lambda: self.fleet.snapshot,
+            refresh=self.fleet.poll,
+            session_key=settings.session_key,
+            rules=LinkRules(
+                settings.tunnel_host,
+                greeting=self.control.greeting,
+                heartbeat_s=timing.heartbeat_s,
+                timeout_s=timing.timeout_s,
+                direct=settings.direct,
+            ),
+            checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
+            refused=self.observer.session_refused,
+        )
+
+    def _make_apps(self) -> None:
+        settings = self._settings
+        access = Access(
+            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+            credentials=self.credentials,
+            snapshot=lambda: self.fleet.snapshot,
+            allowed_origins=settings.allowed_origins,
+            clock=utc_now,
+        )
+        context = VideoContext(
+            access=access,
+            credentials=self.credentials,
+            registry=self.registry,
+            connections=self.connections,
+            client=self._client,
+            tunnel_host=settings.tunnel_host,
+            feeds=self.feeds,
+            viewer_stats=self.viewer_stats,
+        )
+        rosbridge = RosbridgeHandler(
+            context,
+            self.control,
+            rules=self._bridge_rules(),
+            report=self.observer.connection,
+            viewer_stats=self.viewer_stats,
+        )
+        frames, video = FramesHandler(context, self._timing.limits), VideoHandler(context)
+        events = EventsHandler(
+            access, self.credentials, self.fleet_events, lambda: self.connections.caps.per_user
+        )
+        control = ControlApi(access, self.control, lambda: self.fleet.snapshot)
+        handlers = Handlers(rosbridge, frames, video, events, control)
+        self._public = public_app(self.metrics, handlers, Cors(settings.allowed_origins))
+        self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
+
+    def _bridge_rules(self) -> BridgeRules:
+        timing, limit = self._timing, self._settings.message_limit_bytes
+        return BridgeRules(timing.limits, timing.driver_limits, limit, self.traffic)
+
+    async def _write_drives(self) -> None:
+        while True:
+            await asyncio.sleep(self._timing.drives_every_s)
+            self.observer.write_drives()
+
+    def _add_gauges(self) -> None:
+        gauge, connections = self.metrics.gauge, self.connections
+        gauge("robots_online", "Robots with a session", self.registry.online_count)
+        gauge("media_links", "Robots' media connections", lambda: self.registry.count("media"))
+        gauge("shell_links", "Robots' shell connections", lambda: self.registry.count("shell"))
+        gauge("leases", "Robots that somebody drives", self.control.leasing.count)
+        gauge("robots_stopped", "Robots that are stopped", self.control.stops.count)
+        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
+        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
+        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("video_feeds", "Cameras that are watched", self.feeds.count)
+        gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
+        gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
+        gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
+        gauge("journal_dropped", "Entries given up", lambda: self.event_writer.dropped)
+
+    async def _serve(self, app: web.Application, port: int) -> int:
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=server_log,
+            handler_cancellation=True,
+            shutdown_timeout=HANDLERS_STOP_WITHIN_S,
+        )
+        self._runners.append(runner)
+        await runner.setup()
+        await web.TCPSite(runner, self._listen.host, port, backlog=BACKLOG).start()
+        return int(runner.addresses[0][1])
 
 
 def main() -> None:

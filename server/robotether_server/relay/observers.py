@@ -1,17 +1,17 @@
 """Tells log, journal and metrics of what happens to robots and operators.
 
-`relay` hands it to the registry as a listener and to the handlers as their report. It never waits.
+`main` hands it to the registry as a listener and to the handlers as their report. It never waits.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.drives.drive_log import DriveLog
-from robotether_server.relay.guard_counts import GuardCounts
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.robots.sessions import Change, utc_now
 from robotether_server.relay.rosbridge.handler import ConnectionReport
@@ -165,3 +165,28 @@ def _summary(entry: DriveEntry, report: ConnectionReport) -> dict[str, object]:
         "distance_m": round(entry.distance_m, 3),
         "top_speed_m_s": round(entry.top_speed_m_s, 3),
     }
+
+
+class GuardCounts:
+    """What guards have refused since they reported last; each counts from its own start on."""
+
+    def __init__(self) -> None:
+        self._reported: dict[int, dict[str, int]] = {}
+
+    def new_refusals(self, robot_id: int, refused: Iterable[tuple[str, int]]) -> Counter[str]:
+        """Return how many more it refused, by kind; nothing of a robot that is heard for the first time."""
+        reported = dict(refused)
+        if not reported:
+            return Counter()
+        # What it refused before this relay began belongs to nobody that is known.
+        before = self._reported.get(robot_id, reported)
+        self._reported[robot_id] = reported
+        if any(reported.get(kind, 0) < count for kind, count in before.items()):
+            # Another guard, which began to count anew.
+            before = {}
+        return +Counter({kind: count - before.get(kind, 0) for kind, count in reported.items()})
+
+    def keep_only(self, robot_ids: Collection[int]) -> None:
+        """Forget robots that are gone."""
+        for robot_id in self._reported.keys() - set(robot_ids):
+            del self._reported[robot_id]

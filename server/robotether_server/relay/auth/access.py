@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from urllib.parse import urlsplit
 
+from aiohttp import ClientSession
+
 from robotether_server.problems import (
     CsrfRefused,
     GrantMissing,
@@ -25,8 +27,9 @@ from robotether_server.problems import (
     TicketUsed,
     TokenInvalid,
 )
-from robotether_server.relay.auth.connections import Use, permits
+from robotether_server.relay.auth.connections import Connections, Use, permits
 from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.relay.robots.sessions import SessionRegistry
 from robotether_server.store.fleet import Credential, Robot, Snapshot, User
 from robotether_server.store.grants import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
@@ -279,3 +282,15 @@ def _host_and_port(netloc: str) -> tuple[str, int] | None:
     if not parts.hostname or parts.netloc != netloc:
         return None
     return parts.hostname, HTTPS_PORT if port is None else port
+
+
+@dataclass(frozen=True)
+class HandlerContext:
+    """What all handlers need to let somebody through to a robot: robots' ports listen at `tunnel_host`."""
+
+    access: Access
+    credentials: Credentials
+    registry: SessionRegistry
+    connections: Connections
+    client: ClientSession
+    tunnel_host: str

@@ -1,6 +1,6 @@
 """The control of all robots in one place: who drives, who waits, who stopped, and the object that tells it.
 
-`relay` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
+`main` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Which robots are stopped: kept in the database, told to their guards, and taken back by a release.
 
-`control_api` and drivers' and observers' own operations stop robots, `relay` hands it what guards tell. A
+`control_api` and drivers' and observers' own operations stop robots, `main` hands it what guards tell. A
 stop needs no database: it holds in memory at once, its row is written when the database is there. A robot
 is stopped when either side says so. The newest stop takes the older one's place, so that a release which
 names what its person saw cannot end one unseen. Nothing here ever releases a robot that did not confirm it.

@@ -1,6 +1,6 @@
 """Writes robots' sessions and audit lines in the background, and keeps them while it cannot.
 
-`relay` reports to it and never waits. What cannot be written is kept and tried again; the queue is
+`main` reports to it and never waits. What cannot be written is kept and tried again; the queue is
 bounded, holds a session once with its newest state, and says in the log when it has to drop one.
 """
 

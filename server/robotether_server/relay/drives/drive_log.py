@@ -6,17 +6,19 @@ the next, and no longer than the guard lets it: the robot stops by itself then. 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from robotether_server.relay.drives.latency_histogram import LatencyHistogram
 from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts
 from robotether_server.store.control import DriveEntry
 
 # Before the guard's kinds: some have the name of a kind of the policy's.
 GUARD = "guard_"
+MIN_LATENCY_MS, MAX_LATENCY_MS = 0.1, 60_000.0
+LATENCY_STEP = math.log(1.02)
 
 
 @dataclass(frozen=True)
@@ -112,3 +114,29 @@ class DriveLog:
         lasted_s = min(max(now - at, 0.0), self._deadman_s)
         self.entry.distance_m += speed * lasted_s
         self.entry.turned_rad += turn * lasted_s
+
+
+class LatencyHistogram:
+    """Round trips, by how long they took, in bounded memory.
+
+    Times are counted in steps that grow by 2 %, so that a quantile is within 1 % of what was measured. What is
+    shorter or longer than the bounds counts as these.
+    """
+
+    def __init__(self) -> None:
+        # At most some 670 steps lie between the bounds.
+        self._counts: Counter[int] = Counter()
+
+    def add(self, ms: float) -> None:
+        """A round trip took so long."""
+        bounded = min(max(ms, MIN_LATENCY_MS), MAX_LATENCY_MS)
+        self._counts[round(math.log(bounded) / LATENCY_STEP)] += 1
+
+    def quantile(self, share: float) -> float | None:
+        """Return in ms the time within which this share of all came back; None: there was none."""
+        rank = math.ceil(share * self._counts.total())
+        for step in sorted(self._counts):
+            rank -= self._counts[step]
+            if rank <= 0:
+                return round(math.exp(step * LATENCY_STEP), 1)
+        return None

@@ -9,9 +9,19 @@ from __future__ import annotations
 import asyncio
 import struct
 from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
-from typing import Any, Literal
+from types import SimpleNamespace
+from typing import Any, Literal, NoReturn
 
-from aiohttp import ClientResponse, ClientWebSocketResponse, WSMsgType, web
+from aiohttp import (
+    ClientError,
+    ClientResponse,
+    ClientSession,
+    ClientWebSocketResponse,
+    TraceConfig,
+    TraceRequestRedirectParams,
+    WSMsgType,
+    web,
+)
 from aiohttp.abc import AbstractStreamWriter
 
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -173,3 +183,27 @@ def _waiting(transport: asyncio.Transport | None) -> int:
     if transport is None or transport.is_closing():
         return 0
     return transport.get_write_buffer_size()
+
+
+class RedirectedError(ClientError):
+    """A robot answered with a redirect."""
+
+
+def refuse_redirects() -> TraceConfig:
+    """Return what makes a client raise RedirectedError in place of following a redirect.
+
+    aiohttp follows redirects when it opens a WebSocket, and has no setting against that. A robot whose key was
+    stolen could so lead the connection of its own driver to another robot's port, or anywhere else on the relay's
+    networks.
+    """
+    trace = TraceConfig()
+    trace.on_request_redirect.append(_refuse)
+    return trace
+
+
+async def _refuse(
+    _client: ClientSession, _context: SimpleNamespace, redirect: TraceRequestRedirectParams
+) -> NoReturn:
+    # Before anything else is done with it: the connection must not stay open in the pool.
+    redirect.response.close()
+    raise RedirectedError("it answered with a redirect, which is not followed")

@@ -1,4 +1,4 @@
-"""Tries a robot's forwarded ports from the relay's side, when its agent asks.
+"""Looks at robots' forwarded ports from the relay's side: what is behind them, and when one is free again.
 
 `robot_link` gives each session a `LinkChecks`, all of a relay share one `PortChecker`. A check never
 holds up the link, takes a bounded time, and reads only the first bytes of an answer.
@@ -33,6 +33,8 @@ _REQUEST = (
 )
 # How many bytes of an answer tell enough: of HTTP's its status, of SSH's its name.
 _LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
+RELEASE_POLL_S = 0.02
+RELEASE_CONNECT_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -127,3 +129,23 @@ class LinkChecks:
                 log.exception("cannot check a robot's ports")
             await asyncio.sleep(self._every_s)
         self._task = None
+
+
+async def wait_released(host: str, port: int, *, within_s: float) -> bool:
+    """Return True as soon as nobody accepts on `host:port`, False when `within_s` is over."""
+    deadline = asyncio.get_running_loop().time() + within_s
+    while await _accepts(host, port):
+        if asyncio.get_running_loop().time() >= deadline:
+            return False
+        await asyncio.sleep(RELEASE_POLL_S)
+    return True
+
+
+async def _accepts(host: str, port: int) -> bool:
+    try:
+        async with asyncio.timeout(RELEASE_CONNECT_S):
+            _, writer = await asyncio.open_connection(host, port)
+    except OSError:  # TimeoutError is one: sshd itself is away, and no port of it is taken
+        return False
+    writer.close()
+    return True

@@ -18,8 +18,7 @@ from typing import Any
 from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
-from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker
-from robotether_server.relay.robots.ports import wait_released
+from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
 from robotether_server.relay.robots.robot_clock import RobotClock
 from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
 from robotether_server.relay.robots.sessions import ByeCode, Kind, SessionRegistry

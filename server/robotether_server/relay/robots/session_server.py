@@ -1,6 +1,6 @@
 """Accepts robots' sessions from sshd's session command, checks their preface, and runs their links.
 
-`relay` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
+`main` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
 itself at once gets no answer.
 """
 

@@ -22,8 +22,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.liveness import Liveness, LivenessLimits
 from robotether_server.relay.http.sockets import OperatorSocket, RobotSocket
-from robotether_server.relay.rosbridge.command_age import CommandTimestamps
-from robotether_server.relay.rosbridge.drive_path import DriveLease, DrivePath
+from robotether_server.relay.rosbridge.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,

@@ -1,14 +1,16 @@
 """The way of one driver's commands to the robot: their age, the newest one first, and the drive's books.
 
-`rosbridge` makes one for each connection with a lease; `bridge` hands it every drive command that passed
-the gate. A command never waits behind another: when the robot's side is full, only the newest of each topic
-waits, and it goes on if it is young enough by then. It must never send a command that is too old.
+`handler` makes one for each connection with a lease; `bridge` hands it every drive command that passed the
+message validator. A command never waits behind another: when the robot's side is full, only the newest of
+each topic waits, and it goes on if it is young enough by then. It must never send a command that is too old.
 """
 
 from __future__ import annotations
 
 import asyncio
+import struct
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
@@ -19,13 +21,55 @@ from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.robot_clock import RobotClock
-from robotether_server.relay.rosbridge.command_age import CommandTimestamps
 from robotether_server.relay.rosbridge.drive_commands import DriveCommand, stamped
 from robotether_server.relay.rosbridge.message_validator import status_error
 
+# Pings may be unanswered as long as a silent client is waited for; of more, the oldest are forgotten.
+MAX_PINGS_OPEN = 64
+# Two clocks drift apart by less between beats; some browsers round theirs to 0.1 s.
+AHEAD_S = 0.25
+_SEQUENCE = struct.Struct("!Q")
 # Clients drive one or two topics.
 MAX_WAITING = 8
-LOOK_EVERY_S = 0.005
+POLL_EVERY_S = 0.005
+
+
+class CommandTimestamps:
+    """The earliest time at which each command of one connection can have been sent, so that its age is a bound.
+
+    A client that stamps its commands says the time itself, on our clock as its beats tell it. Of another one it is
+    known that a message behind a pong is younger than that pong's ping. Times are seconds of time.monotonic().
+    """
+
+    def __init__(self, opened_at: float) -> None:
+        # Nothing can have been sent before the connection was open.
+        self._earliest = opened_at
+        self._sequence = 0
+        self._open: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS_OPEN)
+
+    def ping(self, now: float) -> bytes:
+        """Return the payload of a ping that is sent now."""
+        self._sequence += 1
+        self._open.append((self._sequence, now))
+        return _SEQUENCE.pack(self._sequence)
+
+    def pong(self, payload: bytes) -> float | None:
+        """A pong came; return when its ping was sent. None: it answers none of our open pings, and says nothing."""
+        if len(payload) != _SEQUENCE.size:
+            return None
+        (sequence,) = _SEQUENCE.unpack(payload)
+        if not any(sequence == each for each, _ in self._open):
+            return None
+        while self._open and self._open[0][0] <= sequence:
+            _, self._earliest = self._open.popleft()
+        return self._earliest
+
+    def of(self, stamp_ms: float | None, now: float) -> float | None:
+        """Return the earliest moment of a command that came now; None: it says one that is to come."""
+        if stamp_ms is None:
+            return self._earliest
+        # Such a client's clock is wrong, or ours stood still: its commands would never grow old.
+        return None if stamp_ms / 1000 > now + AHEAD_S else min(stamp_ms / 1000, now)
 
 
 @dataclass(frozen=True)
@@ -82,7 +126,7 @@ class DrivePath:
             await self._wake.wait()
             self._wake.clear()
             while self._waiting:
-                await asyncio.sleep(LOOK_EVERY_S)
+                await asyncio.sleep(POLL_EVERY_S)
                 if not self._robot.waiting_bytes():
                     await self._send_waiting()
 

@@ -14,9 +14,8 @@ from functools import partial
 from aiohttp import web
 
 from robotether_server.problems import HttpProblem, StoreUnavailable
-from robotether_server.relay.auth.access import Permit, request_of
+from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.auth.connections import Connection
-from robotether_server.relay.auth.handler_context import HandlerContext
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_log import DriveCounters, DriveLog
 from robotether_server.relay.drives.viewer_stats import ViewerStats

@@ -1,6 +1,6 @@
 """The WebSocket to a robot's frames service, from which one feed gets its pictures.
 
-`relay` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
+`main` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
 while the robot is there, asks for the robot's clock, and tells the robot what the feed wants and has taken.
 """
 

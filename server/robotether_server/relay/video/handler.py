@@ -1,7 +1,7 @@
 """Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is, or out of a feed.
 
 The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
-browser gets nothing from the robot but the picture, as `video_headers` says: a robot's page could
+browser gets nothing from the robot but the picture, as `headers` says: a robot's page could
 otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
 of both sides. `frames_handler` answers /video/frames.
 """

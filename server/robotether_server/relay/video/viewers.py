@@ -13,9 +13,8 @@ from functools import partial
 from aiohttp import web
 
 from robotether_server.problems import FieldInvalid
-from robotether_server.relay.auth.access import Permit
+from robotether_server.relay.auth.access import HandlerContext, Permit
 from robotether_server.relay.auth.connections import Connection
-from robotether_server.relay.auth.handler_context import HandlerContext
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason

@@ -7,11 +7,16 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
 
-from fake_robot import HOST
-from relay_server import relay_settings, until
-from robotether_server.relay.main import run
-from robotether_server.relay.relay import Listen
+import pytest
+from fake_robot import HOST, FakeRobot, RobotSession
+from relay_clients import closing, configured, ended
+from relay_server import SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
+from robotether_server.relay.main import Listen, run
+from robotether_server.store.fleet import Entry, FormerSessions, User
 
 
 def test_a_missing_setting_stops_the_start_with_a_sentence():
@@ -41,3 +46,126 @@ async def test_sigterm_stops_it(caplog):
         await running
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().remove_signal_handler(number)
+
+
+ANN = User(1, "ann")
+
+
+async def test_sessions_are_written_when_the_database_is_back(
+    relay, sim1, memory_database, connect
+):
+    """A session that came and went while the database was away is written afterwards."""
+    memory_database.down = True
+    session = await configured(await connect())
+    await session.close()
+    await until(lambda: not relay.relay.registry.presence(sim1.id).online, "it is offline")
+    assert memory_database.sessions() == []
+    memory_database.down = False
+    await until(memory_database.sessions, "it is written")
+    assert memory_database.sessions()[0].ended_at is not None
+
+
+async def test_former_sessions_are_closed_at_the_start(memory_database):
+    """The first entry of a relay ends what a former one left open."""
+    async with running_relay(memory_database):
+        await until(lambda: memory_database.written, "something is written")
+    assert isinstance(memory_database.written[0], FormerSessions)
+
+
+async def test_stopping_tells_operators_and_is_quick(memory_database, sim1, http):
+    """Operators hear 1001, streams end, robots hear bye, and all is over within 3 s."""
+    token = memory_database.add_credential("token", ANN)
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    async with running_relay(memory_database) as relay:
+        await robot.start(relay.relay.session_port)
+        socket = await http.ws_connect(relay.ros_url(sim1))
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        headers = {"Authorization": f"Bearer {token}"}
+        events = await http.get(f"{relay.url}/api/v1/events", headers=headers)
+        await events.content.readuntil(b"\n\n")
+        heard = asyncio.create_task(closing(socket))
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 3
+    assert await heard == (1001, "the relay is stopping; connect again in a moment")
+    assert await ended(robot.session) == "relay_stopping"
+    assert memory_database.sessions()[-1].end_code == "relay_stopping"
+    # A stream that was cut instead of ended would raise here.
+    await events.content.read()
+    events.close()
+    await socket.close()
+    await robot.stop()
+
+
+async def test_without_a_first_snapshot_everything_is_unavailable(memory_database, http):
+    """A relay that has never reached the database refuses with store_unavailable."""
+    memory_database.down = True
+    async with running_relay(memory_database) as relay:
+        ticket = relay.ticket(memory_database.robots[7])
+        for path in (f"/robots/sim1/video/x?ticket={ticket}", "/api/v1/events"):
+            async with http.get(f"{relay.url}{path}") as answer:
+                assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
+        memory_database.down = False
+        await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
+
+
+class SlowRecords(MemoryDatabase):
+    """Records that take their time to write."""
+
+    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+        await asyncio.sleep(0.2)
+        return await super().write(entries)
+
+
+async def test_the_last_entries_are_written_before_the_end():
+    """A stop waits for a slow database, within its time."""
+    memory_database = SlowRecords()
+    sim1 = memory_database.add_robot(7, "sim1")
+    session = RobotSession(sim1.id, kind="session", session_key=SESSION_KEY)
+    async with running_relay(memory_database) as relay:
+        await session.connect(relay.relay.session_port)
+        await configured(session)
+    assert [entry.end_code for entry in memory_database.sessions()] == ["relay_stopping"]
+    await session.close()
+
+
+async def test_nothing_listens_after_the_stop(memory_database):
+    """All three ports are free again, so that the next relay can have them."""
+    async with running_relay(memory_database) as relay:
+        ports = (relay.relay.http_port, relay.relay.session_port, relay.relay.inside_port)
+        for port in ports:
+            _, writer = await asyncio.open_connection(HOST, port)
+            writer.close()
+    for port in ports:
+        with pytest.raises(ConnectionRefusedError):
+            await asyncio.open_connection(HOST, port)
+
+
+async def test_a_disabled_robots_operators_hear_of_their_rights(
+    *, relay, robot, sim1, http, memory_database
+):
+    """Right and link end together; what the operator hears is the cause."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        memory_database.robots = {sim1.id: replace(sim1, state="disabled")}
+        assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
+        assert await ended(robot.session) == "robot_disabled"
+
+
+async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, sim1, http):
+    """Connections end before watchers are told, and what is not known any more is forgotten."""
+    with relay.relay.fleet_events.subscribed(ANN.id) as subscriber:
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            await until(lambda: robot.clients, "the operator has reached rosbridge")
+            await robot.session.close()
+            assert (await closing(socket))[0] == 4505
+        subscriber.first_event()
+        assert subscriber.first_event()[1][0]["drivers"] == []
+
+
+async def test_a_robot_whose_row_is_gone_is_forgotten(relay, robot, sim1, memory_database):
+    """What was known of it does not come back with a new row of the same id."""
+    row, memory_database.robots = memory_database.robots, {}
+    await until(lambda: relay.relay.registry.presence(sim1.id).since is None, "it is forgotten")
+    memory_database.robots = row
+    await until(lambda: relay.relay.fleet.known.robots, "the row is back")
+    assert relay.relay.registry.presence(sim1.id).since is None

@@ -16,7 +16,7 @@ from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import ThreadedDatabase
-from robotether_server.relay.relay import Timing
+from robotether_server.relay.main import Timing
 from robotether_server.settings import DatabaseSettings
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import (

@@ -11,7 +11,8 @@ from typing import cast
 
 import aiohttp
 import pytest
-from aiohttp import WSMsgType, web
+from aiohttp import ClientSession, WSMsgType, web
+from aiohttp.test_utils import TestServer
 from fake_robot import HOST, WAIT_S
 from relay_clients import closing
 from relay_server import until
@@ -20,8 +21,10 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import (
     NEVER_SENT,
     OperatorSocket,
+    RedirectedError,
     RobotSocket,
     ViewerSocket,
+    refuse_redirects,
 )
 from robotether_server.relay.video.frame_protocol import WHOLE_BINARY, websocket_header
 
@@ -236,3 +239,44 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
         assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
     assert waited[0] > 0
     assert waited[1] == 0
+
+
+class Elsewhere:
+    """A server that counts who comes, and one that sends everybody there."""
+
+    def __init__(self) -> None:
+        self.visits = 0
+
+    async def visit(self, _request: web.Request) -> web.Response:
+        self.visits += 1
+        return web.Response()
+
+
+@pytest.fixture
+async def elsewhere() -> AsyncIterator[tuple[Elsewhere, TestServer]]:
+    counting, app = Elsewhere(), web.Application()
+    app.router.add_get("/", counting.visit)
+    async with TestServer(app) as server:
+        yield counting, server
+
+
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+async def test_a_redirect_is_not_followed(elsewhere, status):
+    """Neither by a request nor when a WebSocket opens."""
+    counting, target = elsewhere
+
+    async def redirect(_request: web.Request) -> web.Response:
+        return web.Response(status=status, headers={"Location": str(target.make_url("/"))})
+
+    app = web.Application()
+    app.router.add_get("/", redirect)
+    async with (
+        TestServer(app) as robot,
+        ClientSession(trace_configs=[refuse_redirects()]) as client,
+    ):
+        with pytest.raises(RedirectedError):
+            await client.ws_connect(robot.make_url("/"))
+        with pytest.raises(RedirectedError):
+            await client.get(robot.make_url("/"))
+        assert (await client.get(target.make_url("/"))).status == 200
+    assert counting.visits == 1
