@@ -176,10 +176,12 @@ def _seen_stop(members: Mapping[str, Any]) -> ShownStop | None:
     return ShownStop(by, at)
 
 
-def _text(members: Mapping[str, Any], name: str, longest: int) -> str | None:
+def _text(members: Mapping[str, Any], name: str, max_length: int) -> str | None:
     value = members.get(name)
     if value is None:
         return None
-    if not isinstance(value, str) or len(value) > longest or not value.isprintable():
-        raise FieldInvalid(f"cannot use {name}: it must be a text of at most {longest} characters")
+    if not isinstance(value, str) or len(value) > max_length or not value.isprintable():
+        raise FieldInvalid(
+            f"cannot use {name}: it must be a text of at most {max_length} characters"
+        )
     return value

@@ -34,19 +34,19 @@ class EventsHandler:
         access: Access,
         credentials: Credentials,
         fleet_events: FleetEvents,
-        most_of_user: Callable[[], int],
+        max_per_user: Callable[[], int],
     ) -> None:
         self._access = access
         self._credentials = credentials
         self._fleet_events = fleet_events
-        self._most_of_user = most_of_user
+        self._max_per_user = max_per_user
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Tell the fleet, then each change, until the client or its right is gone."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
         mine = self._fleet_events.subscribers_of(asker.user.id)
-        if mine >= self._most_of_user():
+        if mine >= self._max_per_user():
             raise TooManyConnections(f"cannot follow the fleet: you follow it {mine} times already")
         response = web.StreamResponse(headers=HEADERS)
         with (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 
-def delays(first_s: float = 0.5, longest_s: float = 5.0, factor: float = 2.0) -> Iterator[float]:
+def delays(first_s: float = 0.5, max_s: float = 5.0, factor: float = 2.0) -> Iterator[float]:
     """Yield seconds to wait before the second, third, ... try."""
     delay = first_s
     while True:
         yield delay
-        delay = min(delay * factor, longest_s)
+        delay = min(delay * factor, max_s)

@@ -40,7 +40,7 @@ def authorize(snapshot: Snapshot, preface: Preface) -> Robot:
 
 def needs_config(before: Robot, after: Robot) -> bool:
     """Tell whether a live link needs another configuration; RefusedError when it needs a new login."""
-    if _took_a_port(before, after):
+    if _lost_port(before, after):
         raise _ports_changed(after)
     return _config_of(before) != _config_of(after)
 
@@ -60,7 +60,7 @@ def _is_key_of(robot: Robot, fingerprint: str) -> bool:
     return fingerprint in (robot.fingerprint, robot.previous_fingerprint)
 
 
-def _took_a_port(before: Robot, after: Robot) -> bool:
+def _lost_port(before: Robot, after: Robot) -> bool:
     # A first shell port takes nothing away: the agent opens another connection for it.
     return any(
         old is not None and old != new

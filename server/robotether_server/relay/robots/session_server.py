@@ -93,7 +93,7 @@ class SessionServer:
         try:
             async with asyncio.timeout(PREFACE_WITHIN_S):
                 preface = await self._read_preface(reader)
-            robot = await self._admit(preface)
+            robot = await self._authorize(preface)
         except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
             self._refused("preface")
             log.warning("a connection to the session port is closed: %s", _why(exc))
@@ -106,7 +106,7 @@ class SessionServer:
         else:
             await self._run_link(preface, robot, reader, writer)
 
-    async def _admit(self, preface: Preface) -> Robot:
+    async def _authorize(self, preface: Preface) -> Robot:
         """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
         try:
             return authorize(self._snapshot(), preface)

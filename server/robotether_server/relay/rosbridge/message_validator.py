@@ -99,7 +99,7 @@ class MessageValidator:
         now = clock()
         self._clock = clock
         self._drives = policy.drives
-        self._most_bytes = limits.message_kb * KB
+        self._max_bytes = limits.message_kb * KB
         self._subscriptions = Subscriptions(limits.subscriptions)
         per_s = limits.messages_per_s / (1 if policy.drives else OBSERVERS_SHARE)
         # The largest text must fit in what may come at once.
@@ -147,8 +147,8 @@ class MessageValidator:
     def _check_amount(self, data: bytes) -> bool:
         """Tell whether the message may pass whatever it is; if not, it still may be a stop."""
         size = len(data)
-        if size > self._most_bytes:
-            limit = self._most_bytes // KB
+        if size > self._max_bytes:
+            limit = self._max_bytes // KB
             raise _RefusalError(
                 "size", f"cannot pass message: it has over {limit} KB, the robot's limit"
             )
@@ -193,8 +193,8 @@ class MessageValidator:
         if written["op"] == "unsubscribe":
             self._subscriptions.remove(topic, subscription_id)
         elif not self._subscriptions.add(topic, subscription_id):
-            most = len(self._subscriptions)
-            why = f"cannot subscribe to {topic}: this connection has {most} subscriptions, the robot's limit"
+            max_count = len(self._subscriptions)
+            why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
@@ -285,8 +285,8 @@ class Subscriptions:
     At most so many; a topic may be subscribed several times, each under an id of its own.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, max_count: int) -> None:
+        self._max_count = max_count
         self._ids: dict[str, set[str | int | None]] = {}
         self._count = 0
 
@@ -298,7 +298,7 @@ class Subscriptions:
         ids = self._ids.get(topic, set())
         if subscription_id in ids:
             return True
-        if self._count >= self._most:
+        if self._count >= self._max_count:
             return False
         self._ids.setdefault(topic, ids).add(subscription_id)
         self._count += 1

@@ -35,13 +35,13 @@ from robotether_server.relay.video.frame_protocol import (
     MAX_FRAME_BYTES,
     BrokenFramesError,
     SenderClock,
-    Want,
+    StreamRequest,
     clock_sync_text,
     credit_text,
     parse_clock_sync_answer,
     parse_status,
     parse_text,
-    want_text,
+    stream_request_text,
 )
 
 log = logging.getLogger(__name__)
@@ -55,8 +55,8 @@ STEADY_S = 10.0
 CLOCK_SYNC_EVERY_S = 1.0
 # Beats go out all the time: nothing at all for so long is a connection that is dead.
 SILENT_AFTER_S = 8.0
-# Viewers come together, and one may change its wish with a slider.
-WANT_EVERY_S = 0.1
+# Viewers come together, and one may change its request with a slider.
+REQUEST_EVERY_S = 0.1
 # Beside pictures, which come for credits: an answer to each beat, a status at each change, and some. Reading
 # without a limit would starve everybody else.
 MESSAGES_PER_S = 50
@@ -159,9 +159,9 @@ class FeedLink:
             self._feed.on_status(parse_status(message))
 
     async def _send_due(self, socket: RobotSocket) -> None:
-        """Tell what is due: wishes, credits and beats; drop a connection on which nothing comes."""
-        wanted: Want | None = None
-        wanted_s = synced_s = -CLOCK_SYNC_EVERY_S
+        """Send what is due: stream requests, credits and clock syncs; drop a connection on which nothing comes."""
+        sent_request: StreamRequest | None = None
+        sent_request_s = synced_s = -CLOCK_SYNC_EVERY_S
         try:
             while True:
                 now_s = time.monotonic()
@@ -171,14 +171,18 @@ class FeedLink:
                 if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
                     synced_s = now_s
                     await _send(socket, clock_sync_text(now_s * 1000))
-                want = self._feed.want()
-                if want is not None and want != wanted and now_s - wanted_s >= WANT_EVERY_S:
-                    wanted, wanted_s = want, now_s
-                    await _send(socket, want_text(want))
-                if wanted is not None and (credit := self._feed.credit()) is not None:
+                request = self._feed.stream_request()
+                if (
+                    request is not None
+                    and request != sent_request
+                    and now_s - sent_request_s >= REQUEST_EVERY_S
+                ):
+                    sent_request, sent_request_s = request, now_s
+                    await _send(socket, stream_request_text(request))
+                if sent_request is not None and (credit := self._feed.credit()) is not None:
                     await _send(socket, credit_text(*credit))
-                hurries = want is not None and want != wanted
-                await self._due(WANT_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
+                hurries = request is not None and request != sent_request
+                await self._due(REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
         except ConnectionError:
             log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
         socket.drop()

@@ -25,7 +25,7 @@ from robotether_server.relay.video.frame_protocol import (
     BrokenFramesError,
     Frame,
     SenderClock,
-    Want,
+    StreamRequest,
     parse_frame,
 )
 from robotether_server.store.fleet import Robot
@@ -55,7 +55,7 @@ class Viewer(Protocol):
     """Somebody who follows a feed."""
 
     @property
-    def want(self) -> Want | None:
+    def stream_request(self) -> StreamRequest | None:
         """What it wants to see; None: it has not said so yet."""
 
     def notify(self) -> None:
@@ -128,10 +128,12 @@ class Feed:
         self._traffic.bytes_out += len(frame.message)
         self._traffic.skipped += skipped
 
-    def want(self) -> Want | None:
+    def stream_request(self) -> StreamRequest | None:
         """What all viewers want together."""
-        wants = [viewer.want for viewer in self._viewers if viewer.want is not None]
-        return reduce(Want.and_also, wants) if wants else None
+        requests = [
+            viewer.stream_request for viewer in self._viewers if viewer.stream_request is not None
+        ]
+        return reduce(StreamRequest.and_also, requests) if requests else None
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""

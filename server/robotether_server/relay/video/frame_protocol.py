@@ -1,4 +1,4 @@
-"""The frames protocol (docs/media.md) in bytes and texts: pictures, wishes, credits, beats and statuses.
+"""The frames protocol (docs/media.md) in bytes and texts: frames, stream requests, credits, clock syncs and statuses.
 
 `feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A picture is written once, with its
 WebSocket header, and all viewers get that one object: what a server sends has no mask. Pure.
@@ -36,7 +36,7 @@ class BrokenFramesError(ValueError):
 
 
 @dataclass(frozen=True)
-class Want:
+class StreamRequest:
     """What a receiver wants to see; width and height are both None for the camera's own size."""
 
     quality_min: int = 20
@@ -46,10 +46,10 @@ class Want:
     width: int | None = None
     height: int | None = None
 
-    def and_also(self, other: Want) -> Want:
+    def and_also(self, other: StreamRequest) -> StreamRequest:
         """Return what serves both: the best that either wants, and as quickly as either wants it."""
-        larger = max(self, other, key=lambda want: want.pixels)
-        return Want(
+        larger = max(self, other, key=lambda request: request.pixels)
+        return StreamRequest(
             quality_min=min(self.quality_min, other.quality_min),
             quality_max=max(self.quality_max, other.quality_max),
             fps=max(self.fps, other.fps),
@@ -148,10 +148,10 @@ def parse_text(data: bytes) -> dict[str, Any]:
     return message
 
 
-def parse_want(message: Mapping[str, Any]) -> Want:
-    """Read a wish; what is not said has its default."""
-    default = Want()
-    want = Want(
+def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
+    """Read a stream request; what is not said has its default."""
+    default = StreamRequest()
+    request = StreamRequest(
         quality_min=_whole(message, "quality_min", default.quality_min, 1, 100),
         quality_max=_whole(message, "quality_max", default.quality_max, 1, 100),
         fps=_number(message, "fps", default.fps, 0.1, 60),
@@ -159,11 +159,11 @@ def parse_want(message: Mapping[str, Any]) -> Want:
         width=_side(message, "width"),
         height=_side(message, "height"),
     )
-    if want.quality_min > want.quality_max:
+    if request.quality_min > request.quality_max:
         raise BrokenFramesError("quality_min is over quality_max")
-    if (want.width is None) != (want.height is None):
+    if (request.width is None) != (request.height is None):
         raise BrokenFramesError("width and height go together")
-    return want
+    return request
 
 
 def parse_credit(message: Mapping[str, Any]) -> tuple[int, int | None]:
@@ -202,9 +202,9 @@ def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
     }
 
 
-def want_text(want: Want) -> bytes:
-    """Write a wish."""
-    return _written({"op": "want", **asdict(want)})
+def stream_request_text(request: StreamRequest) -> bytes:
+    """Write a stream request."""
+    return _written({"op": "want", **asdict(request)})
 
 
 def credit_text(frames: int, taken: int | None) -> bytes:

@@ -29,11 +29,11 @@ from robotether_server.relay.video.frame_protocol import (
     MAX_CREDITS,
     MAX_TEXT_BYTES,
     BrokenFramesError,
-    Want,
+    StreamRequest,
     parse_clock_sync,
     parse_credit,
+    parse_stream_request,
     parse_text,
-    parse_want,
     text_message,
 )
 from robotether_server.relay.video.viewers import (
@@ -95,7 +95,7 @@ class FramesSession:
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
         )
-        self.want: Want | None = None
+        self.stream_request: StreamRequest | None = None
         self._credits = 0
         # Numbers of pictures that were sent and not yet taken.
         self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
@@ -185,11 +185,11 @@ class FramesSession:
         elif operation == "beat":
             self._clock_sync_ms = parse_clock_sync(message)
         elif operation == "want":
-            self.want = parse_want(message)
+            self.stream_request = parse_stream_request(message)
             self._feed.due.set()
 
     def _on_credit(self, frames: int, taken: int | None) -> None:
-        if self.want is None:
+        if self.stream_request is None:
             raise BrokenFramesError("want comes before credit")
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if taken is None and self._under_way:

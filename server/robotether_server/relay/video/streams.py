@@ -19,7 +19,12 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import keep_little_unsent
 from robotether_server.relay.video.feeds import Feed
-from robotether_server.relay.video.frame_protocol import BrokenFramesError, Frame, Want, parse_want
+from robotether_server.relay.video.frame_protocol import (
+    BrokenFramesError,
+    Frame,
+    StreamRequest,
+    parse_stream_request,
+)
 from robotether_server.relay.video.headers import headers_of_stream
 from robotether_server.relay.video.viewers import Cursor, VideoContext, topic_of
 
@@ -47,8 +52,8 @@ def is_for_feed(request: web.Request) -> bool:
 class StreamViewer:
     """Who follows a feed for a multipart answer."""
 
-    def __init__(self, want: Want) -> None:
-        self.want = want
+    def __init__(self, stream_request: StreamRequest) -> None:
+        self.stream_request = stream_request
         self.close_reason: CloseReason | None = None
         self._changed = asyncio.Event()
 
@@ -82,7 +87,7 @@ class Streams:
     ) -> web.StreamResponse | None:
         """Answer until either side ends; None when the robot has no frames service."""
         robot, user = permit.robot, permit.user
-        viewer = StreamViewer(want_of(request))
+        viewer = StreamViewer(stream_request_of(request))
         with (
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
             self._context.viewer_stats.viewing(robot.id, user.id),
@@ -159,7 +164,7 @@ class StreamSession:
         self._context.viewer_stats.count(robot.id, user.id, frame.size)
 
 
-def want_of(request: web.Request) -> Want:
+def stream_request_of(request: web.Request) -> StreamRequest:
     """Read out of a stream's query what is wanted; a quality is the best, and less on a narrow link."""
     asked: dict[str, object] = {}
     names = {"quality": "quality_max", "width": "width", "height": "height"}
@@ -167,8 +172,10 @@ def want_of(request: web.Request) -> Want:
         for name, member in names.items():
             if name in request.query:
                 asked[member] = int(request.query[name])
-        asked["quality_min"] = min(Want().quality_min, int(request.query.get("quality", "100")))
-        return parse_want(asked)
+        asked["quality_min"] = min(
+            StreamRequest().quality_min, int(request.query.get("quality", "100"))
+        )
+        return parse_stream_request(asked)
     except (ValueError, BrokenFramesError) as exc:
         raise FieldInvalid(
             "cannot show a stream: quality is 1 to 100, width and height go together, in pixels up to 4096"

@@ -108,7 +108,7 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
         await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
 
 
-class SlowRecords(MemoryDatabase):
+class SlowDatabase(MemoryDatabase):
     """Records that take their time to write."""
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
@@ -118,7 +118,7 @@ class SlowRecords(MemoryDatabase):
 
 async def test_the_last_entries_are_written_before_the_end():
     """A stop waits for a slow database, within its time."""
-    memory_database = SlowRecords()
+    memory_database = SlowDatabase()
     sim1 = memory_database.add_robot(7, "sim1")
     session = RobotSession(sim1.id, kind="session", session_key=SESSION_KEY)
     async with running_relay(memory_database) as relay:

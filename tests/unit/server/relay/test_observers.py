@@ -22,8 +22,8 @@ from robotether_server.relay.rosbridge.handler import ConnectionReport
 from robotether_server.store.control import DriveEntry
 from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 
-CAME, LEFT = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
-ONLINE = Presence(online=True, since=CAME, address="198.51.100.7")
+CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
+ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
 
 
 class Notes(EventWriter):
@@ -67,12 +67,12 @@ def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer
     """Coming, telling a version and leaving are three states of one row."""
     observer.on_robot_change(Change("connected", 7, ONLINE))
     observer.on_robot_change(Change("updated", 7, replace(ONLINE, agent_version="0.1.0")))
-    observer.on_robot_change(Change("disconnected", 7, Presence(since=LEFT), "timeout"))
-    begun = SessionEntry(7, CAME, "198.51.100.7")
+    observer.on_robot_change(Change("disconnected", 7, Presence(since=DISCONNECTED), "timeout"))
+    begun = SessionEntry(7, CONNECTED, "198.51.100.7")
     assert event_writer.notes == [
         begun,
         replace(begun, agent_version="0.1.0"),
-        replace(begun, agent_version="0.1.0", ended_at=LEFT, end_code="timeout"),
+        replace(begun, agent_version="0.1.0", ended_at=DISCONNECTED, end_code="timeout"),
     ]
     assert event_writer.waiting() == 1
 
@@ -82,7 +82,7 @@ def test_rosbridge_that_its_network_reaches_is_written(observer, event_writer):
     observer.on_robot_change(Change("connected", 7, ONLINE))
     for exposed in (True, True, False):
         observer.on_robot_change(Change("updated", 7, replace(ONLINE, ros_exposed=exposed)))
-    begun = SessionEntry(7, CAME, "198.51.100.7")
+    begun = SessionEntry(7, CONNECTED, "198.51.100.7")
     assert event_writer.notes == [begun, replace(begun, ros_exposed=True), begun]
 
 
@@ -100,7 +100,9 @@ def test_robots_are_logged_by_name_and_their_close_reasons_counted(
     """Every line names the robot; one whose row is gone, its id."""
     observer.on_robot_change(Change("connected", 7, ONLINE))
     memory_database.robots = {}
-    observer.on_robot_change(Change("disconnected", 7, Presence(since=LEFT), "robot_unknown"))
+    observer.on_robot_change(
+        Change("disconnected", 7, Presence(since=DISCONNECTED), "robot_unknown")
+    )
     observer.session_refused("preface")
     assert caplog.messages == [
         "robot sim1 is online from 198.51.100.7",
@@ -122,8 +124,8 @@ def test_a_drive_is_two_audit_lines_and_one_record(observer, event_writer, sim1,
     lines = [entry for entry in event_writer.notes if isinstance(entry, AuditEntry)]
     assert [entry.kind for entry in lines] == ["drive_started", "drive_ended"]
     assert lines[0].details == {"fence": 13}
-    came_to = {"end_code": "link_lost", "fence": 13, "lasted_s": 12.3, "distance_m": 0.1}
-    assert lines[1].details == came_to | {"top_speed_m_s": 1.0}
+    summary = {"end_code": "link_lost", "fence": 13, "lasted_s": 12.3, "distance_m": 0.1}
+    assert lines[1].details == summary | {"top_speed_m_s": 1.0}
     assert {(entry.actor, entry.robot, entry.address) for entry in lines} == {
         ("ann", "sim1", "203.0.113.9")
     }
@@ -202,7 +204,7 @@ def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer,
 
 
 def a_drive() -> DriveLog:
-    return DriveLog(DriveEntry(7, "sim1", "ann", 13, CAME), 0.5, Counter())
+    return DriveLog(DriveEntry(7, "sim1", "ann", 13, CONNECTED), 0.5, Counter())
 
 
 @pytest.mark.parametrize("changes", [{"use": "observe"}, {"reached": False}])

@@ -97,7 +97,7 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     assert ended == ["gone"]
 
 
-class SlowRecords(MemoryDatabase):
+class SlowDatabase(MemoryDatabase):
     """Records whose next answer waits until the test lets it go."""
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials,
 
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     """The answer tells nothing of a credential that was not in the question."""
-    memory_database = SlowRecords()
+    memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
     login, late = (
         credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
@@ -153,7 +153,7 @@ async def test_who_comes_during_a_recheck_is_not_ended_by_it():
 
 async def test_an_answer_of_before_a_change_is_not_kept():
     """A login that ends while it is looked up is looked up again the next time."""
-    memory_database = SlowRecords()
+    memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
     login = credential_of("login", memory_database.add_credential("login", ANN))
     asking = asyncio.create_task(credentials.user_of(login))

@@ -26,7 +26,7 @@ NOON = utc(2026, 1, 1, 12, 0)
 
 
 @dataclass(eq=False)
-class Seat:
+class FakeHolder:
     """A connection of a user."""
 
     of: User
@@ -44,24 +44,24 @@ def at(seconds: float) -> Now:
     return Now(seconds, NOON + timedelta(seconds=seconds))
 
 
-def driven_by(user: User, lease: Lease, seconds: float = 0.0) -> Seat:
-    seat = Seat(user)
-    lease.claim(seat, at(seconds))
-    assert lease.grant(seat, lease.fence + 1, at(seconds))
-    return seat
+def driven_by(user: User, lease: Lease, seconds: float = 0.0) -> FakeHolder:
+    holder = FakeHolder(user)
+    lease.claim(holder, at(seconds))
+    assert lease.grant(holder, lease.fence + 1, at(seconds))
+    return holder
 
 
 def test_a_second_user_is_told_who_drives():
     """Also while the first is still waiting for its number."""
     lease = Lease()
-    seat = Seat(ANN)
-    lease.claim(seat, at(0))
+    holder = FakeHolder(ANN)
+    lease.claim(holder, at(0))
     with pytest.raises(HeldError) as held:
-        lease.claim(Seat(BEN), at(0))
+        lease.claim(FakeHolder(BEN), at(0))
     assert (held.value.user, held.value.since) == ("ann", None)
-    lease.grant(seat, 1, at(1))
+    lease.grant(holder, 1, at(1))
     with pytest.raises(HeldError) as held:
-        lease.claim(Seat(BEN), at(2))
+        lease.claim(FakeHolder(BEN), at(2))
     assert held.value.since == at(1)
 
 
@@ -69,7 +69,7 @@ def test_the_same_user_takes_over_with_a_higher_number():
     """The older connection drives until then, and its end later ends nothing."""
     lease = Lease()
     older = driven_by(ANN, lease)
-    newer = Seat(ANN)
+    newer = FakeHolder(ANN)
     assert lease.claim(newer, at(1)) is None
     assert lease.driver.holder is older
     assert lease.grant(newer, 2, at(1))
@@ -80,7 +80,7 @@ def test_the_same_user_takes_over_with_a_higher_number():
 def test_of_two_claims_of_a_user_the_newer_counts():
     """The older claimant is returned, and gets nothing."""
     lease = Lease()
-    older, newer = Seat(ANN), Seat(ANN)
+    older, newer = FakeHolder(ANN), FakeHolder(ANN)
     lease.claim(older, at(0))
     assert lease.claim(newer, at(0)) is older
     assert not lease.grant(older, 1, at(1))
@@ -91,7 +91,7 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection():
     """Without a database who drives drives on."""
     lease = Lease()
     older = driven_by(ANN, lease)
-    newer = Seat(ANN)
+    newer = FakeHolder(ANN)
     lease.claim(newer, at(1))
     lease.end(newer, at(2))
     assert lease.driver.holder is older
@@ -100,35 +100,35 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection():
 def test_a_number_that_is_not_newer_is_no_lease():
     """What the guard would refuse is not granted."""
     lease = Lease(fence=5)
-    seat = Seat(ANN)
-    lease.claim(seat, at(0))
-    assert not lease.grant(seat, 5, at(0))
-    assert lease.grant(seat, 6, at(0))
+    holder = FakeHolder(ANN)
+    lease.claim(holder, at(0))
+    assert not lease.grant(holder, 5, at(0))
+    assert lease.grant(holder, 6, at(0))
 
 
 def test_a_claim_that_was_revoked_is_not_granted():
     """A stop that comes while the database numbers the drive wins."""
     lease = Lease()
-    seat = Seat(ANN)
-    lease.claim(seat, at(0))
-    assert lease.revoke() is seat
-    assert not lease.grant(seat, 1, at(1))
+    holder = FakeHolder(ANN)
+    lease.claim(holder, at(0))
+    assert lease.revoke() is holder
+    assert not lease.grant(holder, 1, at(1))
 
 
 def test_the_control_passes_on_after_20_s_without_input():
     """Each command puts it off; then it is kept for the asker for 10 s, and free afterwards."""
     lease = Lease()
-    seat = driven_by(ANN, lease)
+    holder = driven_by(ANN, lease)
     assert lease.ask(BEN, at(1))
     assert lease.passes_at() == at(21)
     lease.on_command(at(15))
     assert lease.pass_on(at(34.9)) is None
     passed = lease.pass_on(at(35))
-    assert (passed.driver.holder, passed.to) == (seat, BEN)
+    assert (passed.driver.holder, passed.to) == (holder, BEN)
     assert lease.reserved(at(44.9)).user == BEN
     with pytest.raises(HeldError):
-        lease.claim(Seat(ANN), at(40))
-    lease.claim(Seat(BEN), at(40))
+        lease.claim(FakeHolder(ANN), at(40))
+    lease.claim(FakeHolder(BEN), at(40))
     assert lease.reserved(at(45)) is None
 
 
@@ -138,19 +138,19 @@ def test_nobody_else_gets_a_kept_lease_until_its_time_is_over():
     driven_by(ANN, lease)
     lease.take(BEN, at(0))
     with pytest.raises(HeldError):
-        lease.claim(Seat(CARL), at(9.9))
-    lease.claim(Seat(CARL), at(10))
+        lease.claim(FakeHolder(CARL), at(9.9))
+    lease.claim(FakeHolder(CARL), at(10))
 
 
 def test_questions_are_answered_by_the_driver():
     """Handing over ends the drive, refusing ends the question."""
     lease = Lease()
-    seat = driven_by(ANN, lease)
+    holder = driven_by(ANN, lease)
     lease.ask(BEN, at(0))
     assert lease.refuse(ANN, at(1)) == BEN
     assert lease.passes_at() is None
     lease.ask(BEN, at(2))
-    assert lease.hand_over(ANN, at(3)).driver.holder is seat
+    assert lease.hand_over(ANN, at(3)).driver.holder is holder
     assert lease.driver is None
     assert lease.reserved(at(4)).user == BEN
 
@@ -241,14 +241,14 @@ def test_what_is_kept_for_a_manager_is_not_taken_again():
 def test_who_waits_is_next_when_the_driver_leaves():
     """Also when the driver's next connection got no number."""
     lease = Lease()
-    seat = driven_by(ANN, lease)
+    holder = driven_by(ANN, lease)
     lease.ask(BEN, at(0))
-    lease.end(seat, at(1))
+    lease.end(holder, at(1))
     assert lease.reserved(at(2)).user == BEN
     lease = Lease()
     older = driven_by(ANN, lease)
     lease.ask(BEN, at(0))
-    newer = Seat(ANN)
+    newer = FakeHolder(ANN)
     lease.claim(newer, at(1))
     lease.end(older, at(2))
     assert lease.reserved(at(2)) is None
@@ -265,7 +265,7 @@ def test_without_the_right_nobody_waits():
     assert lease.keep_only(lambda user_id: user_id == ANN.id)
     lease.take(BEN, at(1))
     assert lease.keep_only(lambda _user_id: False)
-    lease.claim(Seat(CARL), at(2))
+    lease.claim(FakeHolder(CARL), at(2))
 
 
 class LeaseMachine(RuleBasedStateMachine):
@@ -275,8 +275,8 @@ class LeaseMachine(RuleBasedStateMachine):
         super().__init__()
         self.lease = Lease()
         self.now = at(0)
-        self.claimed: list[tuple[Seat, int]] = []
-        self.open: set[Seat] = set()
+        self.claimed: list[tuple[FakeHolder, int]] = []
+        self.open: set[FakeHolder] = set()
         self.database = 0
         self.granted: list[int] = []
 
@@ -291,28 +291,28 @@ class LeaseMachine(RuleBasedStateMachine):
 
     @rule(user=users)
     def connect(self, user):
-        seat = Seat(user)
+        holder = FakeHolder(user)
         with contextlib.suppress(HeldError):
-            older = self.lease.claim(seat, self.now)
+            older = self.lease.claim(holder, self.now)
             assert older is None or older.of == user
             self.database += 1
-            self.claimed.append((seat, self.database))
+            self.claimed.append((holder, self.database))
 
-    @rule(place=st.integers(0, 5))
-    def database_answers(self, place):
+    @rule(index=st.integers(0, 5))
+    def database_answers(self, index):
         """Answers may come in any order, and late."""
         if self.claimed:
-            seat, fence = self.claimed.pop(place % len(self.claimed))
-            if self.lease.grant(seat, fence, self.now):
+            holder, fence = self.claimed.pop(index % len(self.claimed))
+            if self.lease.grant(holder, fence, self.now):
                 self.granted.append(fence)
-                assert {older.of for older in self.open} <= {seat.of}
-                self.open = {seat}
+                assert {older.of for older in self.open} <= {holder.of}
+                self.open = {holder}
 
     @rule(user=users)
     def disconnect(self, user):
-        for seat in [seat for seat in self.open if seat.of == user]:
-            self.open.discard(seat)
-            self.lease.end(seat, self.now)
+        for holder in [holder for holder in self.open if holder.of == user]:
+            self.open.discard(holder)
+            self.lease.end(holder, self.now)
 
     @rule(user=users, deed=st.sampled_from(["ask", "refuse", "hand_over", "take"]))
     def act(self, user, deed):

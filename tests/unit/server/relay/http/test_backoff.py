@@ -14,6 +14,6 @@ def test_pauses_double_up_to_the_longest():
 
 def test_each_outage_begins_with_a_short_pause():
     """Two generators know nothing of each other."""
-    worn = delays(first_s=0.1, longest_s=1.0, factor=3.0)
+    worn = delays(first_s=0.1, max_s=1.0, factor=3.0)
     assert list(islice(worn, 4))[-1] == 1.0
-    assert next(delays(first_s=0.1, longest_s=1.0, factor=3.0)) == 0.1
+    assert next(delays(first_s=0.1, max_s=1.0, factor=3.0)) == 0.1

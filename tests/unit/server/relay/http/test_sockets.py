@@ -247,7 +247,7 @@ class Elsewhere:
     def __init__(self) -> None:
         self.visits = 0
 
-    async def visit(self, _request: web.Request) -> web.Response:
+    async def session(self, _request: web.Request) -> web.Response:
         self.visits += 1
         return web.Response()
 
@@ -255,7 +255,7 @@ class Elsewhere:
 @pytest.fixture
 async def elsewhere() -> AsyncIterator[tuple[Elsewhere, TestServer]]:
     counting, app = Elsewhere(), web.Application()
-    app.router.add_get("/", counting.visit)
+    app.router.add_get("/", counting.session)
     async with TestServer(app) as server:
         yield counting, server
 

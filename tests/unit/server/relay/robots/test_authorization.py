@@ -65,7 +65,7 @@ def test_who_is_admitted(robot, preface, code):
 
 
 @pytest.mark.parametrize(
-    ("change", "news"),
+    ("change", "needed"),
     [
         ({}, False),
         ({"name": "turtle"}, True),
@@ -74,9 +74,9 @@ def test_who_is_admitted(robot, preface, code):
         ({"fingerprint": "SHA256:newer"}, False),
     ],
 )
-def test_what_is_told_to_a_live_link(change, news):
+def test_what_is_told_to_a_live_link(change, needed):
     """A new name or wish is; what the agent knows or need not know is not."""
-    assert needs_config(SIM1, replace(SIM1, **change)) is news
+    assert needs_config(SIM1, replace(SIM1, **change)) is needed
 
 
 def test_a_first_shell_port_is_news():

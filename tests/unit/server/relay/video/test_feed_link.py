@@ -37,7 +37,7 @@ async def test_no_viewers_wish_no_frame(camera, relay, sim1, http):
 
 async def test_wishes_that_come_together_are_told_once(camera, watch, monkeypatch):
     """A slider that is dragged does not make the robot's camera start for each step."""
-    monkeypatch.setattr("robotether_server.relay.video.feed_link.WANT_EVERY_S", 0.4)
+    monkeypatch.setattr("robotether_server.relay.video.feed_link.REQUEST_EVERY_S", 0.4)
     viewer = await watch()
     await camera.wait_for("want")
     for quality in range(30, 80):

@@ -13,7 +13,11 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change, Presence
 from robotether_server.relay.video import feeds as feeds_module
 from robotether_server.relay.video.feeds import Feed, Feeds, FeedTraffic
-from robotether_server.relay.video.frame_protocol import BrokenFramesError, SenderClock, Want
+from robotether_server.relay.video.frame_protocol import (
+    BrokenFramesError,
+    SenderClock,
+    StreamRequest,
+)
 
 JPEG = b"\xff\xd8\xff\xd9"
 
@@ -21,8 +25,10 @@ JPEG = b"\xff\xd8\xff\xd9"
 class Eye:
     """A viewer that counts what it is told."""
 
-    def __init__(self, want: Want | None = None, *, breaks: bool = False) -> None:
-        self.want = want
+    def __init__(
+        self, stream_request: StreamRequest | None = None, *, breaks: bool = False
+    ) -> None:
+        self.stream_request = stream_request
         self.on_status = 0
         self.close_reasons: list[CloseReason] = []
         self._breaks = breaks
@@ -127,12 +133,12 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
 
 async def test_wishes_of_all_are_one(feed):
     """Who has not said a wish yet has none."""
-    assert feed.want() is None
+    assert feed.stream_request() is None
     feed.join(Eye())
-    assert feed.want() is None
-    feed.join(Eye(Want(fps=5, quality_max=90)))
-    feed.join(Eye(Want(fps=10, quality_max=60)))
-    assert feed.want() == Want(fps=10, quality_max=90)
+    assert feed.stream_request() is None
+    feed.join(Eye(StreamRequest(fps=5, quality_max=90)))
+    feed.join(Eye(StreamRequest(fps=10, quality_max=60)))
+    assert feed.stream_request() == StreamRequest(fps=10, quality_max=90)
 
 
 async def _for_ever() -> CloseReason:

@@ -15,14 +15,14 @@ from robotether_server.relay.video.frame_protocol import (
     BrokenFramesError,
     Frame,
     SenderClock,
-    Want,
+    StreamRequest,
     parse_clock_sync,
     parse_clock_sync_answer,
     parse_credit,
     parse_frame,
     parse_status,
+    parse_stream_request,
     parse_text,
-    parse_want,
     text_message,
 )
 
@@ -100,8 +100,10 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
 
 def test_each_member_of_a_wish_has_a_default():
     """An empty wish is the default, and a member that nobody knows is skipped."""
-    assert parse_want({"op": "want", "codecs": ["vp9"]}) == Want()
-    assert parse_want({"fps": 5, "width": 640, "height": 480}) == Want(fps=5, width=640, height=480)
+    assert parse_stream_request({"op": "want", "codecs": ["vp9"]}) == StreamRequest()
+    assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
+        fps=5, width=640, height=480
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,11 +129,11 @@ def test_each_member_of_a_wish_has_a_default():
 def test_a_wish_out_of_bounds_is_refused(member):
     """Nothing is bent into what it might have meant."""
     with pytest.raises(BrokenFramesError):
-        parse_want(member)
+        parse_stream_request(member)
 
 
 WANTS = st.builds(
-    lambda low, more, fps, latency, size: Want(low, low + more, fps, latency, *size),
+    lambda low, more, fps, latency, size: StreamRequest(low, low + more, fps, latency, *size),
     st.integers(1, 50),
     st.integers(0, 50),
     st.floats(0.1, 60),
@@ -155,7 +157,7 @@ def test_what_two_want_together_serves_both(one, other):
 
 def test_the_cameras_own_size_is_the_largest():
     """Who wants no size of their own gets no smaller picture because of who does."""
-    assert Want().and_also(Want(width=4096, height=4096)).width is None
+    assert StreamRequest().and_also(StreamRequest(width=4096, height=4096)).width is None
 
 
 @pytest.mark.parametrize(

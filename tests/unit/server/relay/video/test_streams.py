@@ -68,9 +68,9 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
     assert on_air.topics == ["/a"]
     assert robot.video_requests == []
     await until(lambda: not on_air.connections, "the feed is closed")
-    delivered = relay.relay.viewer_stats.of(7, ANN.id)
-    assert delivered.frames >= 3
-    assert delivered.bytes == delivered.frames * len(JPEG)
+    viewer_counts = relay.relay.viewer_stats.of(7, ANN.id)
+    assert viewer_counts.frames >= 3
+    assert viewer_counts.bytes == viewer_counts.frames * len(JPEG)
 
 
 async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_air, watch):
