@@ -1,4 +1,4 @@
-"""Tells log, journal and metrics of what happens to robots and operators.
+"""Tells log, event writer and metrics of what happens to robots and operators.
 
 `main` hands it to the registry as a listener and to the handlers as their report. It never waits.
 """

@@ -155,7 +155,7 @@ class Access:
         return Permit(asker.user, robot, "video", asker.credential, may_drive=may_drive)
 
     async def for_frames(self, request: Request, name: str) -> Permit:
-        """Let a ticket open one connection to the pictures of robot `name`, and use it up; or a login or token."""
+        """Let a ticket open one connection to the frames of robot `name`, and use it up; or a login or token."""
         permit = await self.for_video(request, name)
         if request.ticket is not None:
             ticket, issued_at = self._verified(request.ticket)

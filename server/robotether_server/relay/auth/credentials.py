@@ -1,7 +1,7 @@
 """Logins and API tokens: who they belong to, and ending what hangs on one that is gone.
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
-a page with many pictures asks the database once. `fleet` has those that something live hangs on
+a page with many videos asks the database once. `fleet` has those that something live hangs on
 asked again; such a one is believed as long as what hangs on it, with the database away, too.
 """
 

@@ -1,4 +1,4 @@
-"""How many pictures each user got of each robot, their bytes, and how long they watched: for the records of drives.
+"""How many frames each user got of each robot, their bytes, and how long they watched: for the records of drives.
 
 `feeds` and `streams` count, `observers` reads at a drive's beginning and end. Numbers only grow while the relay
 runs. No network; the clock is handed in.
@@ -17,7 +17,7 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True)
 class ViewerCounts:
-    """Pictures, the bytes of these pictures, and the seconds in which at least one video was open."""
+    """Frames, the bytes of these frames, and the seconds in which at least one video was open."""
 
     frames: int = 0
     bytes: int = 0
@@ -48,7 +48,7 @@ class ViewerStats:
         self._open_since: dict[Key, float] = {}
 
     def count(self, robot_id: int, user_id: int, size: int) -> None:
-        """A picture of `size` bytes went to this user."""
+        """A frame of `size` bytes went to this user."""
         self._frames[robot_id, user_id] += 1
         self._bytes[robot_id, user_id] += size
 

@@ -1,7 +1,7 @@
 """The fleet as operators see it: robot objects, and who has yet to be told of which change.
 
-`events` follows it, one `Subscriber` a client. A feed remembers which robots changed and not how, so a
-slow client gets each robot's newest state once, and a feed is never larger than the fleet.
+`events` follows it, one `Subscriber` a client. A subscriber remembers which robots changed and not how, so a
+slow client gets each robot's newest state once, and a subscriber is never larger than the fleet.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class FleetEvents:
 
     @contextmanager
     def subscribed(self, user_id: int) -> Iterator[Subscriber]:
-        """Make a feed for a user; it hears of changes inside the block."""
+        """Make a subscriber for a user; it hears of changes inside the block."""
         subscriber = Subscriber(self, user_id)
         self._subscribers.add(subscriber)
         try:
@@ -72,7 +72,7 @@ class FleetEvents:
             self.changed(change.robot_id)
 
     def all_changed(self) -> None:
-        """Rows or rights changed: every robot that a feed shows or may show now."""
+        """Rows or rights changed: every robot that a subscriber shows or may show now."""
         self._rtt_notified_at.clear()
         for subscriber in self._subscribers:
             subscriber.mark_all()

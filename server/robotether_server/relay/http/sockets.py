@@ -30,7 +30,7 @@ from robotether_server.relay.http.close_reasons import CloseReason
 SEND_BUFFER_BYTES = 64 * 1024
 # What the system may keep of a driver's messages, doubled by Linux.
 DRIVE_SEND_BYTES = 32 * 1024
-# What the system may keep of a viewer's pictures beside what is under way.
+# What the system may keep of a viewer's frames beside what is under way.
 UNSENT_BYTES = 32 * 1024
 # How long an operator has to take what waits and to answer the close; and a robot.
 OPERATOR_FAREWELL_S = 2.0

@@ -26,7 +26,7 @@ from robotether_server.relay.rosbridge.message_validator import status_error
 
 # Pings may be unanswered as long as a silent client is waited for; of more, the oldest are forgotten.
 MAX_PINGS_OPEN = 64
-# Two clocks drift apart by less between beats; some browsers round theirs to 0.1 s.
+# Two clocks drift apart by less between clock syncs; some browsers round theirs to 0.1 s.
 AHEAD_S = 0.25
 _SEQUENCE = struct.Struct("!Q")
 # Clients drive one or two topics.
@@ -37,8 +37,9 @@ POLL_EVERY_S = 0.005
 class CommandTimestamps:
     """The earliest time at which each command of one connection can have been sent, so that its age is a bound.
 
-    A client that stamps its commands says the time itself, on our clock as its beats tell it. Of another one it is
-    known that a message behind a pong is younger than that pong's ping. Times are seconds of time.monotonic().
+    A client that stamps its commands says the time itself, on our clock as its clock syncs tell it. Of another
+    one it is known that a message behind a pong is younger than that pong's ping. Times are seconds of
+    time.monotonic().
     """
 
     def __init__(self, opened_at: float) -> None:

@@ -1,8 +1,8 @@
-"""Operations of our own on the rosbridge WebSocket: beats, the control object, and the stop.
+"""Operations of our own on the rosbridge WebSocket: clock syncs, the control object, and the stop.
 
-Each bridge has one. Only a client that sends beats gets any of these, so that other rosbridge clients never
+Each bridge has one. Only a client that sends clock syncs gets any of these, so that other rosbridge clients never
 see them. None reaches a robot, and none waits for the database. What comes from a robot passes unread, so a robot can
-write the same operations: the key in a client's beats, which no robot sees, shows which ones are the relay's.
+write the same operations: the key in a client's clock syncs, which no robot sees, shows which ones are the relay's.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The WebSocket to a robot's frames service, from which one feed gets its pictures.
+"""The WebSocket to a robot's frames service, from which one feed gets its frames.
 
 `main` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
 while the robot is there, asks for the robot's clock, and tells the robot what the feed wants and has taken.
@@ -53,11 +53,11 @@ RETRY_S = 0.2
 # A connection that held for so long was none that breaks again and again.
 STEADY_S = 10.0
 CLOCK_SYNC_EVERY_S = 1.0
-# Beats go out all the time: nothing at all for so long is a connection that is dead.
+# Clock syncs go out all the time: nothing at all for so long is a connection that is dead.
 SILENT_AFTER_S = 8.0
 # Viewers come together, and one may change its request with a slider.
 REQUEST_EVERY_S = 0.1
-# Beside pictures, which come for credits: an answer to each beat, a status at each change, and some. Reading
+# Beside frames, which come for credits: an answer to each clock sync, a status at each change, and some. Reading
 # without a limit would starve everybody else.
 MESSAGES_PER_S = 50
 MESSAGES_AT_ONCE = 100
@@ -84,12 +84,12 @@ class FeedConnector:
     registry: SessionRegistry
 
     def start(self, feed: Feed) -> asyncio.Task[CloseReason]:
-        """Start to bring a feed its pictures; the task returns why there are no more."""
+        """Start to bring a feed its frames; the task returns why there are no more."""
         return asyncio.create_task(FeedLink(feed, self).run(), name=f"feed {feed.robot.name}")
 
 
 class FeedLink:
-    """Brings one feed its pictures."""
+    """Brings one feed its frames."""
 
     def __init__(self, feed: Feed, connector: FeedConnector) -> None:
         self._feed = feed
@@ -98,7 +98,7 @@ class FeedLink:
         self._received_s = 0.0
 
     async def run(self) -> CloseReason:
-        """Bring pictures until there is no way to the robot; return why."""
+        """Bring frames until there is no way to the robot; return why."""
         within_s, pauses = FIRST_WITHIN_S, delays(RETRY_S)
         while True:
             try:
@@ -167,7 +167,7 @@ class FeedLink:
                 now_s = time.monotonic()
                 if now_s - self._received_s > SILENT_AFTER_S:
                     break
-                # Before the first credit: a picture whose moment nobody can tell is of no use.
+                # Before the first credit: a frame whose moment nobody can tell is of no use.
                 if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
                     synced_s = now_s
                     await _send(socket, clock_sync_text(now_s * 1000))

@@ -1,7 +1,7 @@
-"""One feed a robot and camera, whatever the number of viewers: the newest picture, and credits for the robot.
+"""One feed a robot and camera, whatever the number of viewers: the newest frame, and credits for the robot.
 
-`frames_handler` and `streams` join feeds; a `FeedLink` brings each its pictures. Only the newest picture is kept, and
-each viewer takes it when it can: nothing queues here, and who is slow skips pictures and slows no one.
+`frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Only the newest frame is kept, and
+each viewer takes it when it can: nothing queues here, and who is slow skips frames and slows no one.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class Viewer(Protocol):
         """What it wants to see; None: it has not said so yet."""
 
     def notify(self) -> None:
-        """There is a newer picture, or another status; must not wait."""
+        """There is a newer frame, or another status; must not wait."""
 
     def end(self, close_reason: CloseReason) -> None:
         """The feed is over."""
 
 
 class Feed:
-    """The newest picture of one camera of one robot, and who looks at it."""
+    """The newest frame of one camera of one robot, and who looks at it."""
 
     def __init__(self, robot: Robot, topic: str, traffic: FeedTraffic) -> None:
         self.robot = robot
@@ -109,7 +109,7 @@ class Feed:
             viewer.end(close_reason)
 
     def taken(self, sequence: int) -> None:
-        """A viewer has this picture, or waits for one after it; the quickest counts."""
+        """A viewer has this frame, or waits for one after it; the quickest counts."""
         if sequence not in self._untaken:
             return
         self._taken = sequence
@@ -119,11 +119,11 @@ class Feed:
         self.due.set()
 
     def fresh(self, now_s: float) -> bool:
-        """Tell whether the newest picture came so lately that somebody new shall see it."""
+        """Tell whether the newest frame came so lately that somebody new shall see it."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
 
     def sent(self, frame: Frame, skipped: int) -> None:
-        """A viewer was sent this picture, and so many before it were not."""
+        """A viewer was sent this frame, and so many before it were not."""
         self._traffic.frames_out += 1
         self._traffic.bytes_out += len(frame.message)
         self._traffic.skipped += skipped
@@ -155,7 +155,7 @@ class Feed:
         return frames, taken
 
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
-        """A picture came, with a moment on the robot's clock."""
+        """A frame came, with a moment on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
         if not self._credits_open:
             raise BrokenFramesError("more pictures came than were asked for")
@@ -191,7 +191,7 @@ class Feed:
         try:
             viewer.notify()
         except Exception:
-            # One viewer's defect must not cost the others their pictures.
+            # One viewer's defect must not cost the others their frames.
             log.exception("robot %s: a viewer failed", self.robot.name)
             viewer.end(close_reasons.relay_failed())
 
@@ -200,7 +200,7 @@ StartFeed = Callable[[Feed], "asyncio.Task[CloseReason]"]
 
 
 class Feeds:
-    """All feeds, by robot and topic. `start` starts the task that brings a feed its pictures."""
+    """All feeds, by robot and topic. `start` starts the task that brings a feed its frames."""
 
     def __init__(self, start: StartFeed) -> None:
         self.traffic = FeedTraffic()

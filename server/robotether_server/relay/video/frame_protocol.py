@@ -1,6 +1,6 @@
 """The frames protocol (docs/media.md) in bytes and texts: frames, stream requests, credits, clock syncs and statuses.
 
-`feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A picture is written once, with its
+`feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A frame is written once, with its
 WebSocket header, and all viewers get that one object: what a server sends has no mask. Pure.
 """
 
@@ -65,9 +65,9 @@ class StreamRequest:
 
 
 class Frame:
-    """One picture on its way through the relay; `timestamp_s` and `received_s` are on the relay's clock.
+    """One frame on its way through the relay; `timestamp_s` and `received_s` are on the relay's clock.
 
-    `position` counts the pictures that came, `sequence` those that the robot's source gave.
+    `position` counts the frames that came, `sequence` those that the robot's source gave.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Frame:
 
     @property
     def jpeg(self) -> memoryview:
-        """The picture alone, not copied."""
+        """The frame alone, not copied."""
         return memoryview(self.message)[self._begins_at :]
 
     def part(self, boundary: str, unix_ahead_s: float) -> bytes:
@@ -108,24 +108,24 @@ class Frame:
 
 
 class SenderClock:
-    """How far the sender's clock is ahead of ours, at most: its answers to beats say it."""
+    """How far the sender's clock is ahead of ours, at most: its answers to clock syncs say it."""
 
     def __init__(self) -> None:
         self._behind_ms = WindowedMaximum(CLOCK_SYNCS_KEPT_S)
 
     def on_answer(self, now_s: float, t_ms: float, sender_ms: float) -> None:
-        """The answer to a beat came."""
+        """The answer to a clock sync came."""
         self._behind_ms.add(now_s, t_ms - sender_ms)
 
     def ours(self, now_s: float, sender_ms: float) -> float | None:
         """Return in seconds of our clock when the sender's showed this, never later; None: not known."""
         behind_ms = self._behind_ms.at(now_s)
-        # A picture of the future is a clock that jumped.
+        # A frame of the future is a clock that jumped.
         return None if behind_ms is None else min((sender_ms + behind_ms) / 1000, now_s)
 
 
 def parse_frame(data: bytes) -> tuple[int, int, float]:
-    """Read a picture's codec, number and moment in ms."""
+    """Read a frame's codec, number and moment in ms."""
     if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
         raise BrokenFramesError("a picture has no header, nothing after it, or more than 10 MiB")
     codec, _, _, sequence, timestamp_ms = HEADER.unpack_from(data)
@@ -167,7 +167,7 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
 
 
 def parse_credit(message: Mapping[str, Any]) -> tuple[int, int | None]:
-    """Read how many more pictures may come, and the number of the newest that was taken."""
+    """Read how many more frames may come, and the number of the newest that was taken."""
     taken = message.get("taken")
     if taken is not None:
         taken = _whole(message, "taken", 0, 0, SEQUENCES - 1)

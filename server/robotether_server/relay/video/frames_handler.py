@@ -1,8 +1,8 @@
-"""Answers /robots/NAME/video/frames: a camera's pictures over a WebSocket, by the viewer's credits.
+"""Answers /robots/NAME/video/frames: a camera's frames over a WebSocket, by the viewer's credits.
 
 What concerns ticket, origin or name is refused over HTTP; all that concerns the robot is told after the
 upgrade, as a close code with a reason. What is due is written at once when nothing waits in this program,
-and else when that is gone: the newest answer to a beat, the newest status, the newest picture.
+and else when that is gone: the newest answer to a clock sync, the newest status, the newest frame.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from robotether_server.relay.video.viewers import (
 
 log = logging.getLogger(__name__)
 
-# Two texts a picture at 60 pictures a second, and some.
+# Two texts a frame at 60 frames a second, and some.
 MESSAGES_PER_S = 200
 MESSAGES_AT_ONCE = 400
 
@@ -97,7 +97,7 @@ class FramesSession:
         )
         self.stream_request: StreamRequest | None = None
         self._credits = 0
-        # Numbers of pictures that were sent and not yet taken.
+        # Numbers of frames that were sent and not yet taken.
         self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
         self._clock_sync_ms: float | None = None
         self._sent_status: dict[str, object] | None = None

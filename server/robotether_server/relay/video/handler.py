@@ -1,7 +1,7 @@
 """Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is, or out of a feed.
 
 The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
-browser gets nothing from the robot but the picture, as `headers` says: a robot's page could
+browser gets nothing from the robot but the frame, as `headers` says: a robot's page could
 otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
 of both sides. `frames_handler` answers /video/frames.
 """
@@ -36,7 +36,7 @@ from robotether_server.store.fleet import Robot
 log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
-# web_video_server makes a stream's first answer when the first picture is there.
+# web_video_server makes a stream's first answer when the first frame is there.
 HEADERS_WITHIN_S = 10.0
 # With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
 ANSWERS = range(200, 600)
@@ -63,7 +63,7 @@ class VideoHandler:
             if request.transport is not None:
                 request.transport.abort()
 
-        # A ticket is what a page of another site asks with, which may then show the picture.
+        # A ticket is what a page of another site asks with, which may then show the frame.
         embeddable = asked.ticket is not None
         connection = connection_of(permit, request.query.get("topic", ""), cut)
         if (why := self._context.connections.no_room(connection)) is not None:

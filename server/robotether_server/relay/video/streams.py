@@ -1,6 +1,6 @@
-"""Answers /robots/NAME/video/stream out of a feed: multipart pictures, for <img> and programs.
+"""Answers /robots/NAME/video/stream out of a feed: multipart frames, for <img> and programs.
 
-`video` asks here first. Such a viewer gives no credit: it is sent the newest picture whenever the system has
+`video` asks here first. Such a viewer gives no credit: it is sent the newest frame whenever the system has
 taken the last one, and what waits in the system is kept small.
 """
 
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
 FIRST_FRAME_WITHIN_S = 10.0
-# A robot that knew it could write a part of any kind into a picture.
+# A robot that knew it could write a part of any kind into a frame.
 BOUNDARY = secrets.token_hex(16)
 # What web_video_server does to its own stream and no feed can: such a stream is passed through.
 CHANGES_FRAME = frozenset({"default_transport", "invert", "qos_profile"})
@@ -67,7 +67,7 @@ class StreamViewer:
         self._changed.set()
 
     async def next(self, cursor: Cursor) -> Frame | None:
-        """Wait for a picture that was not sent yet; None when there are no more."""
+        """Wait for a frame that was not sent yet; None when there are no more."""
         while self.close_reason is None:
             if (frame := cursor.next()) is not None:
                 return frame
@@ -100,7 +100,7 @@ class Streams:
             return await session.answer(request, first, headers_of_stream(embeddable=embeddable))
 
     async def _first(self, feed: Feed, viewer: StreamViewer, cursor: Cursor) -> Frame | None:
-        """Wait for the first picture; None when the robot has no frames service."""
+        """Wait for the first frame; None when the robot has no frames service."""
         robot = feed.robot.name
         try:
             async with asyncio.timeout(FIRST_FRAME_WITHIN_S):
@@ -115,7 +115,7 @@ class Streams:
 
 
 class StreamSession:
-    """One answer from its first picture on."""
+    """One answer from its first frame on."""
 
     def __init__(
         self,

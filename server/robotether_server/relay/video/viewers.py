@@ -1,4 +1,4 @@
-"""What all who watch a robot's cameras have in common: room, rights, and which picture comes next.
+"""What all who watch a robot's cameras have in common: room, rights, and which frame comes next.
 
 `video`, `streams` and `frames_handler` let their viewers in here. Each is cut when its link, right or login ends.
 """
@@ -56,7 +56,7 @@ def counted(context: HandlerContext, permit: Permit, connection: Connection) -> 
 
 
 class Cursor:
-    """Which picture of a feed one viewer gets next: the newest, if it has not had it."""
+    """Which frame of a feed one viewer gets next: the newest, if it has not had it."""
 
     def __init__(self, feed: Feed, now_s: float) -> None:
         self._feed = feed
@@ -67,12 +67,12 @@ class Cursor:
             feed.taken(self._last.sequence)
 
     def next(self) -> Frame | None:
-        """Return the picture that the viewer gets next, None when it has had the newest."""
+        """Return the frame that the viewer gets next, None when it has had the newest."""
         newest = self._feed.newest
         return None if newest is self._last and self._shown else newest
 
     def sent(self, frame: Frame) -> None:
-        """The viewer was sent the picture."""
+        """The viewer was sent the frame."""
         before = frame.position if self._last is None else self._last.position + self._shown
         self._feed.sent(frame, max(0, frame.position - before))
         self._last, self._shown = frame, True

@@ -1,4 +1,4 @@
-"""What happens, as log, journal and metrics learn it; without a network."""
+"""What happens, as log, event writer and metrics learn it; without a network."""
 
 from __future__ import annotations
 

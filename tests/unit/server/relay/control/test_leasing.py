@@ -82,7 +82,7 @@ async def test_what_the_guard_refuses_stands_in_the_drives_record(
 async def test_what_a_drive_was_like_stands_in_its_record(
     relay, guarded, sim1, http, memory_database
 ):
-    """Round trips, bytes of both directions, and the pictures that this driver got of this robot meanwhile."""
+    """Round trips, bytes of both directions, and the frames that this driver got of this robot meanwhile."""
     viewer_stats, observer = relay.relay.viewer_stats, relay.relay.observer
 
     def record() -> DriveEntry | None:

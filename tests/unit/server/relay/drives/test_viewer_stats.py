@@ -1,4 +1,4 @@
-"""The counts of pictures that users got."""
+"""The counts of frames that users got."""
 
 from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts, ViewerStats
 
@@ -25,7 +25,7 @@ def test_counts_each_users_frames_of_each_robot_by_themselves() -> None:
 
 
 def test_tells_what_came_since_an_earlier_count() -> None:
-    """A drive's pictures and seconds are those between its beginning and its end."""
+    """A drive's frames and seconds are those between its beginning and its end."""
     clock = _Clock()
     viewer_stats = ViewerStats(clock)
     viewer_stats.count(7, 3, 1000)

@@ -135,7 +135,7 @@ async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
 
 
 async def test_a_change_wakes_who_waits(fleet_events, sim1):
-    """Waiting ends with a change or the end of the feed, and begins anew."""
+    """Waiting ends with a change or the end of the subscriber, and begins anew."""
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for happens in (lambda: fleet_events.changed(7), fleet_events.end_subscriptions):

@@ -75,7 +75,7 @@ def test_who_is_admitted(robot, preface, code):
     ],
 )
 def test_what_is_told_to_a_live_link(change, needed):
-    """A new name or wish is; what the agent knows or need not know is not."""
+    """A new name or request is; what the agent knows or need not know is not."""
     assert needs_config(SIM1, replace(SIM1, **change)) is needed
 
 

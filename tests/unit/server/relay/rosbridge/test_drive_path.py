@@ -35,7 +35,7 @@ def stamps(robot) -> list[dict[str, object]]:
 
 
 async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarded, sim1, http):
-    """Of a page with beats it is the input event's; never later than that."""
+    """Of a page with clock syncs it is the input event's; never later than that."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
         await ann.until("robotether.beat")

@@ -1,4 +1,4 @@
-"""Beats, the control object and the stop on the rosbridge WebSocket."""
+"""Clock syncs, the control object and the stop on the rosbridge WebSocket."""
 
 from __future__ import annotations
 

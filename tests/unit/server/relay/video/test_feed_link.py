@@ -12,7 +12,7 @@ JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
 async def test_the_robot_is_asked_for_its_clock_before_the_first_credit(camera, watch):
-    """A picture whose moment nobody can tell would be of no use."""
+    """A frame whose moment nobody can tell would be of no use."""
     await watch()
     await camera.wait_for("credit")
     assert [text["op"] for text in camera.texts] == ["beat", "want", "credit"]

@@ -50,7 +50,7 @@ def clock() -> SenderClock:
 
 
 def come(feed: Feed, sequence: int, *, codec: int = 1) -> None:
-    """Have the robot's picture of this number come."""
+    """Have the robot's frame of this number come."""
     now_s = time.monotonic()
     header = struct.pack("!BBHId", codec, 0, 70, sequence, now_s * 1000)
     feed.on_frame(header + JPEG, now_s, clock())
@@ -77,7 +77,7 @@ async def test_two_credits_are_open_and_no_more(feed):
 
 
 async def test_who_has_the_newest_has_those_before_it(feed):
-    """A picture that was skipped is given back with the one after it, and once."""
+    """A frame that was skipped is given back with the one after it, and once."""
     come(feed, 1)
     come(feed, 2)
     feed.taken(2)
@@ -110,7 +110,7 @@ async def test_a_new_connection_begins_with_new_credits_and_numbers_that_go_on(f
 
 
 async def test_what_nobody_can_show_is_given_back(feed):
-    """A codec that the relay does not know, and a picture before the robot's clock is known."""
+    """A codec that the relay does not know, and a frame before the robot's clock is known."""
     eye = Eye()
     feed.join(eye)
     come(feed, 1, codec=2)
@@ -121,7 +121,7 @@ async def test_what_nobody_can_show_is_given_back(feed):
 
 
 async def test_one_viewers_defect_is_its_own(feed, caplog):
-    """The others hear of the picture."""
+    """The others hear of the frame."""
     broken, sound = Eye(breaks=True), Eye()
     feed.join(broken)
     feed.join(sound)
@@ -132,7 +132,7 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
 
 
 async def test_wishes_of_all_are_one(feed):
-    """Who has not said a wish yet has none."""
+    """Who has not said a request yet has none."""
     assert feed.stream_request() is None
     feed.join(Eye())
     assert feed.stream_request() is None

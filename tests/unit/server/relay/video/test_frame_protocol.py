@@ -99,7 +99,7 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
 
 
 def test_each_member_of_a_wish_has_a_default():
-    """An empty wish is the default, and a member that nobody knows is skipped."""
+    """An empty request is the default, and a member that nobody knows is skipped."""
     assert parse_stream_request({"op": "want", "codecs": ["vp9"]}) == StreamRequest()
     assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
         fps=5, width=640, height=480
@@ -156,7 +156,7 @@ def test_what_two_want_together_serves_both(one, other):
 
 
 def test_the_cameras_own_size_is_the_largest():
-    """Who wants no size of their own gets no smaller picture because of who does."""
+    """Who wants no size of their own gets no smaller frame because of who does."""
     assert StreamRequest().and_also(StreamRequest(width=4096, height=4096)).width is None
 
 
@@ -165,7 +165,7 @@ def test_the_cameras_own_size_is_the_largest():
     [({}, (1, None)), ({"frames": 2, "taken": 41}, (2, 41)), ({"taken": None}, (1, None))],
 )
 def test_a_credit_is_read(message, expected):
-    """One picture, and none taken, unless it says something else."""
+    """One frame, and none taken, unless it says something else."""
     assert parse_credit(message) == expected
 
 
@@ -222,7 +222,7 @@ def test_a_text_is_framed_whole():
     st.floats(0, 1000),
 )
 def test_a_frames_timestamp_is_never_later_than_it_was(ahead_ms, travels, age_ms):
-    """Whatever the clocks and the way there and back, the age of a picture is not understated."""
+    """Whatever the clocks and the way there and back, the age of a frame is not understated."""
     clock, now_ms = SenderClock(), 10_000.0
     for there_ms, back_ms in travels:
         asked_ms = now_ms

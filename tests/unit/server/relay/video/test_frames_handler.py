@@ -22,7 +22,7 @@ def frames_url(relay, robot, query: str) -> str:
 
 
 async def test_a_credit_brings_one_frame(camera, watch):
-    """No picture without a credit, one for each, and it is the robot's own but for its moment."""
+    """No frame without a credit, one for each, and it is the robot's own but for its moment."""
     viewer = await watch()
     await camera.wait_for("credit", frames=2, taken=None)
     await camera.show(JPEG)
@@ -31,7 +31,7 @@ async def test_a_credit_brings_one_frame(camera, watch):
     assert (seen.codec, seen.flags, seen.quality, seen.jpeg) == (1, 1, 70, JPEG)
     await camera.show(JPEG + b"2")
     await viewer.socket.send_json({"op": "beat", "t_ms": 1.5})
-    # The answer comes although a picture waits, and the picture does not.
+    # The answer comes although a frame waits, and the frame does not.
     assert (await viewer.text("beat"))["t_ms"] == 1.5
     await viewer.credit()
     assert (await viewer.frame()).jpeg == JPEG + b"2"
@@ -52,7 +52,7 @@ async def test_timestamps_are_told_in_the_relays_clock(camera, watch):
 
 
 async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
-    """One takes each picture, the other a single one and then the newest; the robot's credit follows the quick one."""
+    """One takes each frame, the other a single one and then the newest; the robot's credit follows the quick one."""
     quick, slow = await watch(), await watch(BOB)
     await camera.wait_for("credit")
     await slow.credit()
@@ -73,7 +73,7 @@ async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
 
 
 async def test_one_stream_leaves_the_robot(camera, watch, relay):
-    """However many watch, the robot sends each picture once."""
+    """However many watch, the robot sends each frame once."""
     viewers = [await watch() for _ in range(12)]
     await camera.wait_for("credit")
     for viewer in viewers:
@@ -115,7 +115,7 @@ async def test_the_last_viewer_ends_the_feed(camera, watch, relay):
 
 
 async def test_who_comes_back_at_once_finds_the_feed(camera, watch):
-    """A page that is loaded anew makes the robot open nothing anew, and sees the newest picture at once."""
+    """A page that is loaded anew makes the robot open nothing anew, and sees the newest frame at once."""
     viewer = await watch()
     await camera.wait_for("credit")
     sequence = await camera.show(JPEG)
@@ -148,7 +148,7 @@ async def test_a_new_viewer_sees_no_old_frame(camera, watch, monkeypatch):
 
 
 async def test_nothing_is_asked_of_the_robot_while_nobody_takes(camera, watch):
-    """Two pictures wait at the relay, and no third leaves the robot."""
+    """Two frames wait at the relay, and no third leaves the robot."""
     viewer = await watch()
     await camera.wait_for("credit", frames=2)
     first, second = await camera.show(JPEG), await camera.show(JPEG)
@@ -248,7 +248,7 @@ async def test_a_silent_viewer_is_let_go(camera, watch):
 
 
 async def test_a_viewer_that_takes_nothing_is_bounded_and_let_go(camera, watch, relay):
-    """One picture waits for it in the relay, whatever it asks for, while another sees them all."""
+    """One frame waits for it in the relay, whatever it asks for, while another sees them all."""
     stuck, quick = await watch(), await watch(BOB)
     await camera.wait_for("credit")
     frame = b"x" * 2_000_000
@@ -288,7 +288,7 @@ async def test_what_breaks_the_protocol_ends_it(camera, watch, text):
 
 
 async def test_credit_before_a_wish_ends_it(camera, relay, sim1, http):
-    """A wish comes first."""
+    """A request comes first."""
     url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
     async with http.ws_connect(url) as socket:
         await socket.send_json({"op": "credit"})

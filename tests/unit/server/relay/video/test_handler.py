@@ -21,7 +21,7 @@ def video_url(relay: RelayServer, robot: Robot, rest: str) -> str:
 
 
 async def test_a_snapshot_passes_with_what_describes_it(relay, robot, sim1, http, login):
-    """The picture arrives as it is; nothing of the robot's could act on our site."""
+    """The frame arrives as it is; nothing of the robot's could act on our site."""
     async with http.get(video_url(relay, sim1, "snapshot?topic=/a&x=1"), headers=login) as answer:
         assert answer.status == 200
         assert await answer.read() == JPEG
@@ -178,7 +178,7 @@ async def test_a_robots_answer_is_never_a_part_of_a_page(*, relay, robot, sim1, 
 async def test_an_answer_that_breaks_off_is_cut_and_logged(
     *, relay, robot, sim1, http, login, caplog
 ):
-    """The viewer does not take half a picture for whole, and the log names the robot."""
+    """The viewer does not take half a frame for whole, and the log names the robot."""
     caplog.set_level("INFO")
     head = b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\nContent-Length: 9\r\n\r\n"
     robot.raw_answer = [head + b"half"]

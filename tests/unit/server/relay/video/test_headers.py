@@ -13,7 +13,7 @@ from robotether_server.relay.video.headers import (
 
 @pytest.mark.parametrize("destination", ["image", "video", "empty", "document", "iframe", "frame"])
 def test_what_shows_a_picture_may_have_it(destination):
-    """Pictures, films, pages in their sandbox, and data for a page's own script."""
+    """Frames, films, pages in their sandbox, and data for a page's own script."""
     check_destination({"Sec-Fetch-Dest": destination})
 
 

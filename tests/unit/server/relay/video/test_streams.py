@@ -34,7 +34,7 @@ async def head_and_frame(
 
 
 async def showing(camera) -> None:
-    """Show pictures as fast as credit comes."""
+    """Show frames as fast as credit comes."""
     while True:
         await camera.show(JPEG)
         await asyncio.sleep(0.01)
@@ -42,7 +42,7 @@ async def showing(camera) -> None:
 
 @pytest.fixture
 async def on_air(camera):
-    """A camera that shows pictures."""
+    """A camera that shows frames."""
     task = asyncio.create_task(showing(camera))
     yield camera
     task.cancel()
@@ -134,7 +134,7 @@ async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
 
 
 async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
-    """Without a picture."""
+    """Without a frame."""
     async with http.head(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
@@ -177,7 +177,7 @@ async def test_a_lost_link_cuts_the_stream(*, relay, sim1, http, login, on_air, 
 async def test_who_takes_nothing_skips_and_is_cut(
     *, relay, sim1, http, login, camera, watch, monkeypatch
 ):
-    """Little waits for it, and another viewer sees each picture meanwhile."""
+    """Little waits for it, and another viewer sees each frame meanwhile."""
     monkeypatch.setattr("robotether_server.relay.video.streams.VIEWER_SLOW_AFTER_S", 0.5)
     # Under what aiohttp waits for by itself.
     viewer, large = await watch(User(2, "bob")), b"x" * 60_000

@@ -1,4 +1,4 @@
-"""Which picture of a feed one viewer gets next."""
+"""Which frame of a feed one viewer gets next."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robotether_server.relay.video.viewers import Cursor
 
 
 class Books(Feed):
-    """A feed whose pictures a test sets, and that notes what was taken."""
+    """A feed whose frames a test sets, and that notes what was taken."""
 
     def __init__(self, robot) -> None:
         super().__init__(robot, "/a", FeedTraffic())
@@ -32,7 +32,7 @@ class Books(Feed):
 
 @pytest.fixture
 async def feed(sim1) -> Books:
-    """A feed without a picture."""
+    """A feed without a frame."""
     return Books(sim1)
 
 
