@@ -4,7 +4,6 @@
 
 import { backoff } from "../backoff.js";
 import { FramesLink } from "./frameslink.js";
-import { MjpegLink, streamUrl } from "./mjpeglink.js";
 
 const OPEN_MS = 5000;
 const LOOK_MS = 100;
@@ -80,7 +79,7 @@ export class FrameStream {
     return this.at === null ? null : this.now() - this.at;
   }
 
-  async attempt({ plain = false } = {}) {
+  async attempt() {
     this.endLink();
     const { round } = this;
     const current = (act) => (value) => (round === this.round ? act(value) : undefined);
@@ -88,13 +87,13 @@ export class FrameStream {
     this.timer = setTimeout(() => this.fail("unreachable"), OPEN_MS);
     try {
       const url = await this.url();
-      if (round === this.round) this.open(url, plain, current);
+      if (round === this.round) this.open(url, current);
     } catch (error) {
       current(() => this.refuse(error))();
     }
   }
 
-  open(url, plain, current) {
+  open(url, current) {
     const handlers = {
       want: this.wanted,
       onFrame: current((frame) => this.take(frame)),
@@ -105,9 +104,7 @@ export class FrameStream {
     };
     this.asking = false;
     clearTimeout(this.timer); // from here on the link itself watches for silence
-    this.link = plain
-      ? new MjpegLink(streamUrl(url, this.wanted), handlers)
-      : new FramesLink(this.openSocket(url), handlers);
+    this.link = new FramesLink(this.openSocket(url), handlers);
   }
 
   // It counts when it is to be seen: until then, and for ever if it cannot be shown, the page has the one before.
@@ -131,10 +128,7 @@ export class FrameStream {
     this.look();
   }
 
-  // A robot with an older agent is looked at in the way it knows.
-  lose({ code, reason = "", status = 0, opened }) {
-    if (code === 4506 && reason.includes("frames_unknown")) return this.attempt({ plain: true });
-    if (status) return this.refuse({ status, code });
+  lose({ code, reason, opened }) {
     this.fail(BY_CODE[code] ?? (opened ? "cut" : "unreachable"), reason);
   }
 
