@@ -10,10 +10,9 @@ export const api = new Api({
 });
 
 // As in client/api.js.
-export const post = (path, body, options) => api.post(path, body, options);
 export const lease = (robot, action, more) => api.lease(robot, action, more);
 export const stop = (robot) => api.stop(robot);
 export const release = (robot, stopped) => api.release(robot, stopped);
 
 // All that this user manages, or those of a site.
-export const stopAll = (site) => post("/api/v1/stop", site ? { site } : {}, { keepalive: true });
+export const stopAll = (site) => api.post("/api/v1/stop", site ? { site } : {}, { keepalive: true });

@@ -60,7 +60,7 @@ export class Readings {
 }
 
 // Two decimals, and no "-0.00" for a robot that stands still.
-export const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
+const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
 
 const ageText = (ms) => (ms < 10_000 ? ages.measured(Math.round(ms)) : ages.long(Math.round(ms / 1000)));
 

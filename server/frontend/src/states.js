@@ -4,17 +4,6 @@
 
 import { reasons } from "./texts.js";
 
-export const NAMES = [
-  "connecting",
-  "live",
-  "offline",
-  "rosbridge_down",
-  "link_lost",
-  "server_unreachable",
-  "not_allowed",
-  "lease_unavailable",
-];
-
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
 // The robot is there, but this page no longer drives it: it goes on as an observer, at once.
 const unseated = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });

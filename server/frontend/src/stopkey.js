@@ -27,7 +27,7 @@ function act(event, onStop) {
   if (!event.repeat) onStop();
 }
 
-export function meant({ code, target, ctrlKey, altKey, metaKey, isComposing }) {
+function meant({ code, target, ctrlKey, altKey, metaKey, isComposing }) {
   if (code !== "Space" || ctrlKey || altKey || metaKey || isComposing) return false;
   return !matches(target, TEXT) && !matches(target, HELD);
 }

@@ -1,11 +1,5 @@
 // Every sentence that the scripts show, in one place, ready for translation. No logic beyond filling in.
 
-export const level = {
-  observe: "You may watch",
-  drive: "You may drive",
-  manage: "You may drive and manage",
-};
-
 export const connection = {
   connecting: {
     title: "Connecting",

@@ -10,7 +10,7 @@ const IN_STATE = {
   stopped: ({ control }) => Boolean(control?.stopped),
   attention: (robot) => robot.state === "pending" || attention(robot).length > 0,
 };
-export const STATES = Object.keys(IN_STATE);
+const STATES = Object.keys(IN_STATE);
 
 // What a robot is sorted by; who has none comes last, whichever way it is sorted.
 const NUMBERS = {
@@ -22,7 +22,7 @@ const TEXTS = {
   driver: ({ control }) => control?.driver?.user || null,
   site: ({ site }) => site || null,
 };
-export const SORTS = ["state", "name", ...Object.keys(NUMBERS), "driver", "site"];
+const SORTS = ["state", "name", ...Object.keys(NUMBERS), "driver", "site"];
 
 // {words, site, states, sort, down}; `site` null is every site and "" none.
 export function fromQuery(query) {

@@ -5,7 +5,7 @@ import { isHeavy } from "./heavy.js";
 import { numberAt, numbersIn } from "./fields.js";
 import { LastMinute, Rate } from "./samples.js";
 
-export const THROTTLE_MS = 500;
+const THROTTLE_MS = 500;
 export const MEASURE_MS = 3000;
 
 export class Look {

@@ -1,6 +1,6 @@
 // The robot's diagnostics (REP-107): the newest of each name, and the worst of all. Pure.
 
-export const LEVELS = ["ok", "warn", "error", "stale"];
+const LEVELS = ["ok", "warn", "error", "stale"];
 
 // From what needs no look to what does: of what is stale nothing is known.
 const ORDER = ["ok", "warn", "stale", "error"];

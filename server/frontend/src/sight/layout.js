@@ -3,7 +3,7 @@
 
 import { MAP } from "./sources.js";
 
-export const KINDS = ["one", "inset", "grid"];
+const KINDS = ["one", "inset", "grid"];
 
 const GRID_PLACES = 4;
 const QUARTER = 90;

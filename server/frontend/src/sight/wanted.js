@@ -1,7 +1,7 @@
 // What is wanted of a camera (docs/media.md, `want`), by the person's choice, the robot's settings and the room on the page. Pure.
 
 // Automatic, or one of the steps that the paper drove with, and one below.
-export const QUALITIES = ["auto", "90", "70", "50", "30"];
+const QUALITIES = ["auto", "90", "70", "50", "30"];
 
 // A small picture is asked for in few sizes: each change is a new request at the camera.
 const PARTS = [0.25, 0.5];

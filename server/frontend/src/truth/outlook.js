@@ -1,7 +1,6 @@
 // The one state that the page's banner shows, out of all that is true at once: what keeps the robot from driving
 // comes first. Pure.
 
-export const NAMES = ["disabled", "stopping", "stopped", "guard_down", "held", "blind"];
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
 // `state` is the connection's (states.js); `control` as in docs/protocols.md, `sight` the kind of sighthold.js; `disabled` by an
