@@ -203,7 +203,7 @@ export class Connection {
     if (state.retry) this.timer = setTimeout(() => this.connect(), this.delay(state));
   }
 
-  // Whoever loses the wheel sees on at once; but were that refused too, the next attempt has to wait.
+  // Whoever loses the control sees on at once; but were that refused too, the next attempt has to wait.
   delay({ lost }) {
     const hurry = Boolean(lost) && !this.yielded;
     this.yielded = hurry;

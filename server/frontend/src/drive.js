@@ -14,7 +14,7 @@ import { setUpPanels } from "./panels/panels.js";
 import { Readback } from "./readback.js";
 import { Readings } from "./readings.js";
 import { RttMeter } from "./rtt.js";
-import { Seat } from "./seat.js";
+import { DriveMode } from "./driveMode.js";
 import { driveSettings } from "./settings.js";
 import { Stay } from "./stay.js";
 import { StopBar } from "./stopbar.js";
@@ -23,7 +23,7 @@ import { requestTicket } from "./tickets.js";
 import { Arming } from "./truth/arming.js";
 import { SightHold } from "./truth/sighthold.js";
 import { View } from "./view.js";
-import { Wheel } from "./wheel.js";
+import { ControlPanel } from "./controlPanel.js";
 
 const CHECK_MS = 50;
 const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
@@ -37,13 +37,13 @@ const facts = { since: "" };
 
 const loginUse = new LoginUse();
 const stay = new Stay(robot);
-const seat = new Seat({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showSeat });
-const sight = new SightHold({ afterMs: holdAfterMs, onChange: showSeat });
+const driveMode = new DriveMode({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showDriveMode });
+const sight = new SightHold({ afterMs: holdAfterMs, onChange: showDriveMode });
 const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
 const session = new Session({
   driveTopic,
   wheelbase,
-  requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, seat.mode)),
+  requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, driveMode.mode)),
   prepare: (call) => discovery.run(call),
   onState: showState,
   onLeaving: () => arming.leave(),
@@ -70,13 +70,13 @@ const rtt = new RttMeter({
   onReading: (reading) => readings.rtt(reading, { server: beats.roundTripMs, robot: facts.rttMs }),
 });
 const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
-const controls = seat.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
-const wheel = new Wheel(root, { robot, seat, busy: () => controls.held() });
+const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
+const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
   tell: () => session.stop(),
-  onReleased: (again) => seat.released(again),
+  onReleased: (again) => driveMode.released(again),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
 const arming = new Arming({
@@ -91,7 +91,7 @@ function controlOptions() {
     limits,
     publish: (twist, moment) => arming.publish(twist, moment),
     mayQueue: () => session.mayQueue,
-    onTake: () => seat.press() || controls.letGo(),
+    onTake: () => driveMode.press() || controls.letGo(),
     onWanted: useWanted,
     onStop: () => stopBar.press(),
   };
@@ -110,26 +110,26 @@ function useSpeed(speed) {
 }
 
 function useControl(control) {
-  if (session.news.linked) panels.hearOwn(control, seat.driving);
-  seat.hear(control);
+  if (session.news.linked) panels.hearOwn(control, driveMode.driving);
+  driveMode.receive(control);
   stopBar.hear(control.stopped);
 }
 
 function showState(state) {
-  if (state.lost) seat.lose(state.lost, state.reason);
+  if (state.lost) driveMode.lose(state.lost, state.reason);
   if (state.name === "not_allowed") endAll(state);
   const live = state.name === "live";
-  commands.use(live && seat.driving);
-  if (!live && state.name !== "connecting") seat.settle();
-  if (!seat.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
+  commands.use(live && driveMode.driving);
+  if (!live && state.name !== "connecting") driveMode.settle();
+  if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
   sight.revoke();
-  showSeat();
+  showDriveMode();
   useLink(live);
 }
 
 function useLink(live) {
   if (live) {
-    seat.settle();
+    driveMode.settle();
     rtt.start();
     view.retryNow();
   } else {
@@ -142,28 +142,28 @@ function useLink(live) {
 
 // The banner says why; who drives and what the cameras see this page is told no more.
 function endAll({ login }) {
-  seat.end();
+  driveMode.end();
   byTestId(root, "control").hidden = true;
   view.refuse(login ? "login_missing" : "rights_ended");
 }
 
-function showSeat() {
+function showDriveMode() {
   const { live } = connection;
   showBanner();
-  wheel.show(live);
-  panels.use({ live, driving: seat.driving });
-  const { driving, armed, pressed, mayDrive, free } = seat;
+  controlPanel.show(live);
+  panels.use({ live, driving: driveMode.driving });
+  const { driving, armed, pressed, mayDrive, free } = driveMode;
   const watches = mayDrive && (pressed || (live && !driving));
   arming.update({ mayMove: live && driving && armed, watches, free });
 }
 
 function showBanner() {
-  const { driving, armed: begun, control, free } = seat;
+  const { driving, armed: begun, control, free } = driveMode;
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
-  const mayDrive = seat.mayDrive;
-  const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: seat.wasStopped };
+  const mayDrive = driveMode.mayDrive;
+  const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: driveMode.wasStopped };
   banner.show(connection.state, { ...facts, ...shown, sight: sight.kind });
-  stopBar.offer(seat.wasStopped ? "again" : "idle");
+  stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 
 function useTopics({ twistType, speed, topics }) {
@@ -186,7 +186,7 @@ function useNews(robotNews) {
 
 // All but this page, which the server counts as well.
 function showWatchers(observers) {
-  const others = observers - (connection.live && !seat.driving ? 1 : 0);
+  const others = observers - (connection.live && !driveMode.driving ? 1 : 0);
   setText(byTestId(root, "watchers"), watchers(others));
 }
 
@@ -204,7 +204,7 @@ loginUse.watch(window);
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
-  stay.keep(seat.kept);
+  stay.keep(driveMode.saved);
   arming.disarm();
   connection.stop();
 });

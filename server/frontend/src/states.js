@@ -6,7 +6,7 @@ import { reasons } from "./texts.js";
 
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
 // The robot is there, but this page no longer drives it: it goes on as an observer, at once.
-const unseated = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
+const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
 const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
 
 const BY_CLOSE_CODE = {
@@ -15,10 +15,10 @@ const BY_CLOSE_CODE = {
   1009: () => retrying("link_lost"),
   // Rights or settings changed; what is left, the next ticket tells.
   4001: () => retrying("connecting"),
-  4002: unseated("superseded"),
-  4003: unseated("robot_stopped"),
-  4009: unseated("lease_held"),
-  4010: unseated("lease_lost"),
+  4002: lostControl("superseded"),
+  4003: lostControl("robot_stopped"),
+  4009: lostControl("lease_held"),
+  4010: lostControl("lease_lost"),
   4408: () => retrying("link_lost"),
   4413: () => retrying("link_lost"),
   4429: () => retrying("server_unreachable", reasons.crowded),

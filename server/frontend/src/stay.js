@@ -12,7 +12,7 @@ export class Stay {
     this.name = `drove ${robot}`;
   }
 
-  // `drove` as of seat.js, or null when the page did not drive.
+  // `drove` as of driveMode.js, or null when the page did not drive.
   keep(drove) {
     if (drove) this.kept.write(this.name, { ...drove, at: this.now() });
   }

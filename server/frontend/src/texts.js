@@ -66,8 +66,8 @@ export const control = {
   failed: (detail) => detail || "The server does not answer. Try again.",
 };
 
-// By why the seat changed, as in seat.js.
-export const seat = {
+// By why the drive mode changed, as in driveMode.js.
+export const driveMode = {
   lease_held: () => "The control is somebody else's, so you are watching.",
   lease_lost: ({ reason }) => `You no longer drive: ${reason || "somebody else has the control"}.`,
   superseded: () => "You went on in another window, so this one is watching.",

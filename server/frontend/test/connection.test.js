@@ -269,7 +269,7 @@ test("news during an attempt or on a live link does nothing", async () => {
 });
 
 for (const code of [4002, 4003, 4009, 4010]) {
-  test(`whoever loses the wheel by ${code} sees on at once`, async () => {
+  test(`whoever loses the control by ${code} sees on at once`, async () => {
     connection.start();
     await goLive();
     links[0].onClose({ code, reason: "" });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { afterClose, afterTicketRefusal } from "../src/states.js";
-import { connection as texts, seat as notes } from "../src/texts.js";
+import { connection as texts, driveMode as notes } from "../src/texts.js";
 
 const shown = (code, wasLive = false) => {
   const { name, retry } = afterClose({ code, wasLive });
@@ -24,7 +24,7 @@ test("each close code of the contract has its own state", () => {
   assert.equal(shown(1001), "server_unreachable retry");
 });
 
-test("each way to lose the wheel has a sentence of its own, and the page goes on", () => {
+test("each way to lose the control has a sentence of its own, and the page goes on", () => {
   const lost = [4002, 4003, 4009, 4010].map((code) => afterClose({ code, reason: "ben has it" }));
   assert.deepEqual(
     lost.map(({ lost }) => lost),

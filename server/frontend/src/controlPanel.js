@@ -1,19 +1,19 @@
 // The part of the drive page that says who drives and lets a person ask, answer, take, begin and give up.
-// The markup is the server's (drive.html); what can be done is seat.js's to say.
+// The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
 import { lease } from "./calls.js";
 import { serverClock } from "./clock.js";
 import { byTestId, localTime, part, setText } from "./page.js";
 import { Question } from "./question.js";
-import { control as texts, seat as notes } from "./texts.js";
+import { control as texts, driveMode as notes } from "./texts.js";
 
 const TICK_MS = 500;
 
-export class Wheel {
+export class ControlPanel {
   // `busy` as of question.js.
-  constructor(root, { robot, seat, busy }) {
+  constructor(root, { robot, driveMode, busy }) {
     this.robot = robot;
-    this.seat = seat;
+    this.driveMode = driveMode;
     this.live = false;
     this.element = byTestId(root, "control");
     this.questionElement = byTestId(root, "question");
@@ -26,9 +26,9 @@ export class Wheel {
 
   listen() {
     const acts = {
-      arm: () => this.seat.arm(),
-      drive: () => this.seat.drive(),
-      leave: () => this.seat.leave(),
+      arm: () => this.driveMode.arm(),
+      drive: () => this.driveMode.drive(),
+      leave: () => this.driveMode.leave(),
       ask: () => this.ask(),
       withdraw: () => this.withdraw(),
       take: () => this.askSure(true),
@@ -47,35 +47,35 @@ export class Wheel {
   // `live`: the connection stands.
   show(live = this.live) {
     this.live = live;
-    const { seat } = this;
-    this.element.dataset.mode = seat.mode;
-    setText(part(this.element, "driver"), driverText(seat));
-    setText(part(this.element, "note"), [noteText(seat.note), guardText(seat.control)].join(" ").trim());
-    setText(this.button("drive"), seat.busy === "busy_window" ? texts.driveHere : texts.drive);
-    const deeds = seat.deeds(live);
-    this.showDeeds(deeds);
-    if (!deeds.includes("take")) this.askSure(false);
+    const { driveMode } = this;
+    this.element.dataset.mode = driveMode.mode;
+    setText(part(this.element, "driver"), driverText(driveMode));
+    setText(part(this.element, "note"), [noteText(driveMode.note), guardText(driveMode.control)].join(" ").trim());
+    setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
+    const actions = driveMode.actions(live);
+    this.showActions(actions);
+    if (!actions.includes("take")) this.askSure(false);
     this.showQuestion();
     this.count();
   }
 
   // A button that goes while it has the focus hands it to what came in its place.
-  showDeeds(deeds) {
+  showActions(actions) {
     const buttons = [...part(this.element, "deeds").querySelectorAll("[data-deed]")];
     const focused = buttons.find((button) => button === document.activeElement);
-    for (const button of buttons) button.hidden = !deeds.includes(button.dataset.deed);
+    for (const button of buttons) button.hidden = !actions.includes(button.dataset.deed);
     if (focused?.hidden) (buttons.find((button) => !button.hidden) ?? this.element).focus();
   }
 
   showQuestion() {
-    const { asking } = this.seat;
+    const { asking } = this.driveMode;
     this.question.show(Boolean(asking));
     setText(part(this.questionElement, "text"), asking ? texts.asks(asking.user) : "");
   }
 
   // The seconds change outside of the live regions, which would be read out each time.
   count() {
-    const { asking, asked, control, me } = this.seat;
+    const { asking, asked, control, me } = this.driveMode;
     const left = (waiting) => serverClock.secondsUntil(waiting.passes_at);
     setText(part(this.questionElement, "left"), asking ? texts.passes(left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
@@ -86,20 +86,20 @@ export class Wheel {
   }
 
   async ask() {
-    this.seat.ask();
+    this.driveMode.ask();
     const answer = await lease(this.robot, "ask");
-    if (answer.ok || this.seat.asked !== "sent") return;
-    if (answer.code === "lease_free") this.seat.drive();
-    else this.seat.forget(failure(answer));
+    if (answer.ok || this.driveMode.asked !== "sent") return;
+    if (answer.code === "lease_free") this.driveMode.drive();
+    else this.driveMode.forget(failure(answer));
   }
 
   async withdraw() {
-    this.seat.forget();
+    this.driveMode.forget();
     await lease(this.robot, "withdraw");
   }
 
   askSure(sure) {
-    const { driver } = this.seat.control;
+    const { driver } = this.driveMode.control;
     const changes = this.sure.shown !== sure;
     this.sure.show(sure);
     setText(part(this.sureElement, "text"), sure && driver ? texts.takeSure(driver.user) : "");
@@ -109,13 +109,13 @@ export class Wheel {
   async take() {
     this.askSure(false);
     const answer = await lease(this.robot, "take");
-    if (answer.ok || answer.code === "lease_free") this.seat.drive();
-    else this.seat.say(failure(answer));
+    if (answer.ok || answer.code === "lease_free") this.driveMode.drive();
+    else this.driveMode.setNote(failure(answer));
   }
 
   // To the one whom the person reads of, who may have taken the question back.
   handOver() {
-    const { asking } = this.seat;
+    const { asking } = this.driveMode;
     if (asking) this.answer("hand_over", { to: asking.user });
   }
 
@@ -123,7 +123,7 @@ export class Wheel {
     this.question.show(false);
     const answer = await lease(this.robot, action, more);
     if (answer.ok || answer.code === "nobody_asks") return;
-    this.seat.say(failure(answer));
+    this.driveMode.setNote(failure(answer));
     this.showQuestion();
   }
 }

@@ -1,14 +1,14 @@
 // Whether this page drives its robot or watches it, and what a person can do about that. Pure.
-// It must never take the wheel unless the person asked for it on this page, nor by a mere press of a driving key while
+// It must never take the control unless the person asked for it on this page, nor by a mere press of a driving key while
 // somebody drives, in another window of this person's included, and never arm the controls when control comes at a
 // moment that the person does not choose.
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };
 
-export class Seat {
+export class DriveMode {
   // `me` is the user's name, `level` observe, drive or manage. `onMove()` asks for a connection of the mode
-  // that counts from now on, `onChange()` tells of all else. `drove` is the seat's `kept` of before a reload, or null.
+  // that counts from now on, `onChange()` tells of all else. `drove` is the drive mode's `saved` of before a reload, or null.
   constructor({ me, level, drove = null, onMove, onChange = () => {} }) {
     Object.assign(this, { me, level, onMove, onChange });
     this.mayDrive = level !== "observe";
@@ -17,7 +17,7 @@ export class Seat {
     this.pressed = false; // a press took the control, which is on its way
     this.known = false; // whether the control object has come
     this.asked = null; // "sent", "waiting"
-    this.note = null; // {why, by}: what last changed the seat; with `busy`, why a press did not
+    this.note = null; // {why, by}: what last changed the drive mode; with `busy`, why a press did not
     this.wasStopped = false; // whether a stop ended this page's drive, and still holds
     this.control = NOTHING;
   }
@@ -27,11 +27,11 @@ export class Seat {
   }
 
   // What a reload of this page begins with.
-  get kept() {
+  get saved() {
     return this.driving ? { armed: this.armed } : null;
   }
 
-  hear(control) {
+  receive(control) {
     const before = this.control;
     this.control = { ...NOTHING, ...control };
     this.known = true;
@@ -66,7 +66,7 @@ export class Seat {
   press() {
     if (this.driving) return this.pressed;
     if (!this.known || this.asked) return false;
-    if (this.busy) this.say({ why: this.busy, by: this.other?.user, busy: true });
+    if (this.busy) this.setNote({ why: this.busy, by: this.other?.user, busy: true });
     else this.drive("pressed");
     return this.pressed;
   }
@@ -89,17 +89,17 @@ export class Seat {
     return this.pressed || (this.mayDrive && !this.driving && this.known && !this.asked && !this.busy);
   }
 
-  // A person took the wheel by the button, or by a press of what drives.
+  // A person took the control by the button, or by a press of what drives.
   drive(why = null) {
     this.pressed = why === "pressed";
-    this.sit({ armed: true, why });
+    this.startDriving({ armed: true, why });
   }
 
   // A person held the release button. Who drove when the robot was stopped, and read so, drives again; for others the
   // control is free.
   released(again) {
     if (again) this.drive("released");
-    else this.say({ why: "released" });
+    else this.setNote({ why: "released" });
   }
 
   // This page is told nothing any more.
@@ -135,7 +135,7 @@ export class Seat {
     this.onChange();
   }
 
-  say(note) {
+  setNote(note) {
     this.note = note;
     this.onChange();
   }
@@ -144,13 +144,13 @@ export class Seat {
     const { driver, waiting, reserved, stopped } = this.control;
     if (waiting?.user === this.me) this.asked = "waiting";
     else if (stopped) this.endQuestion({ why: "stopped_meanwhile" });
-    else if (reserved?.user === this.me) this.sit({ armed: false, why: "arrived" });
+    else if (reserved?.user === this.me) this.startDriving({ armed: false, why: "arrived" });
     else if (this.asked === "waiting") this.unanswered(driver, reserved);
   }
 
   // What was asked no longer stands, and control did not come.
   unanswered(driver, reserved) {
-    if (!driver && !reserved) this.sit({ armed: false, why: "arrived" });
+    if (!driver && !reserved) this.startDriving({ armed: false, why: "arrived" });
     else if (driver && driver.user !== this.me) this.endQuestion({ why: "refused", by: driver.user });
     else this.endQuestion(null);
   }
@@ -160,7 +160,7 @@ export class Seat {
     this.note = note;
   }
 
-  sit({ armed, why = null }) {
+  startDriving({ armed, why = null }) {
     this.mode = "drive";
     this.armed = armed;
     this.wasStopped = false;
@@ -176,15 +176,15 @@ export class Seat {
   }
 
   // The names of what can be done now; `live` says whether the connection stands.
-  deeds(live) {
+  actions(live) {
     if (!this.mayDrive || !live) return [];
     if (this.driving) return this.armed ? ["leave"] : ["arm", "leave"];
     if (this.control.stopped) return [];
-    if (this.asked) return ["withdraw", ...this.taking()];
-    return [...this.turns(), ...this.taking()];
+    if (this.asked) return ["withdraw", ...this.takeActions()];
+    return [...this.askActions(), ...this.takeActions()];
   }
 
-  turns() {
+  askActions() {
     if (!this.known) return [];
     const { driver, waiting } = this.control;
     const { other } = this;
@@ -192,7 +192,7 @@ export class Seat {
     return driver && !waiting ? ["ask"] : [];
   }
 
-  taking() {
+  takeActions() {
     const { driver } = this.control;
     return this.level === "manage" && driver && driver.user !== this.me ? ["take"] : [];
   }
