@@ -2,8 +2,8 @@
 
 import { byTestId, part, setText } from "./page.js";
 import { connection, logIn } from "./texts.js";
-import { states } from "./texts/truth.js";
-import { outlook } from "./truth/outlook.js";
+import { states } from "./texts/safety.js";
+import { selectStatus } from "./safety/statusSelector.js";
 
 const texts = { ...connection, ...states };
 const TURNED_MS = 700; // who presses sooner meant what the button was before
@@ -19,10 +19,10 @@ export class Banner {
     this.turnedAt = -Infinity;
   }
 
-  // `state` as of states.js; `facts` are those of truth/outlook.js and what the sentences need.
+  // `state` as of states.js; `facts` are those of safety/statusSelector.js and what the sentences need.
   show(state, facts) {
     this.state = state;
-    this.shown = outlook(state, facts);
+    this.shown = selectStatus(state, facts);
     const text = texts[this.shown];
     this.element.dataset.state = state.name;
     this.element.dataset.shown = this.shown;

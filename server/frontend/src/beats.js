@@ -6,7 +6,7 @@ import { median } from "./rtt.js";
 
 const PERIOD_MS = 250;
 const KEPT_MS = 10_000;
-const TRIPS = 12; // three seconds of them
+const SAMPLES = 12; // three seconds of them
 
 const KEY_BYTES = 16;
 
@@ -35,7 +35,7 @@ export class Beats {
   forget() {
     this.key = undefined;
     this.samples = [];
-    this.trips = [];
+    this.roundTrips = [];
   }
 
   beat() {
@@ -51,7 +51,7 @@ export class Beats {
   hear({ t_ms, relay_ms }) {
     if (!Number.isFinite(relay_ms)) return;
     const at = this.now();
-    if (Number.isFinite(t_ms)) this.trips = [...this.trips, at - t_ms].slice(-TRIPS);
+    if (Number.isFinite(t_ms)) this.roundTrips = [...this.roundTrips, at - t_ms].slice(-SAMPLES);
     this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
   }
 
@@ -64,7 +64,7 @@ export class Beats {
 
   // Between this page and the relay and back; null while it is not known.
   get roundTripMs() {
-    return this.trips.length ? median(this.trips) : null;
+    return this.roundTrips.length ? median(this.roundTrips) : null;
   }
 
   fresh(at) {

@@ -18,10 +18,10 @@ import { DriveMode } from "./driveMode.js";
 import { driveSettings } from "./settings.js";
 import { Stay } from "./stay.js";
 import { StopBar } from "./stopbar.js";
-import { watchers } from "./texts/truth.js";
+import { watchers } from "./texts/safety.js";
 import { requestTicket } from "./tickets.js";
-import { Arming } from "./truth/arming.js";
-import { SightHold } from "./truth/sighthold.js";
+import { Arming } from "./safety/arming.js";
+import { VideoInterlock } from "./safety/videoInterlock.js";
 import { View } from "./view.js";
 import { ControlPanel } from "./controlPanel.js";
 
@@ -38,7 +38,7 @@ const facts = { since: "" };
 const loginUse = new LoginUse();
 const stay = new Stay(robot);
 const driveMode = new DriveMode({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showDriveMode });
-const sight = new SightHold({ afterMs: holdAfterMs, onChange: showDriveMode });
+const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });
 const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
 const session = new Session({
   driveTopic,
@@ -54,16 +54,16 @@ const subscribe = (spec, handler) => connection.subscribe(spec, handler);
 
 const banner = new Banner(root, {
   onRetry: () => connection.retryNow({ asked: true }),
-  onBlind: () => sight.allow(),
+  onBlind: () => interlock.allow(),
 });
-const readings = new Readings(root, { picture: () => sight.ageMs });
+const readings = new Readings(root, { picture: () => interlock.ageMs });
 const view = new View(root, {
   robot,
   settings,
   openFrames: (topic, options) =>
     new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
-  onFreshness: (freshness) => sight.hear(freshness),
+  onFreshness: (freshness) => interlock.receive(freshness),
 });
 const rtt = new RttMeter({
   call: (service, request) => connection.call(service, request),
@@ -81,7 +81,7 @@ const stopBar = new StopBar(root, {
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
 const arming = new Arming({
   controls: () => controls,
-  sight,
+  interlock,
   send: (twist, moment) => commands.publish(twist, moment),
 });
 
@@ -122,7 +122,7 @@ function showState(state) {
   commands.use(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();
   if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
-  sight.revoke();
+  interlock.revoke();
   showDriveMode();
   useLink(live);
 }
@@ -162,7 +162,7 @@ function showBanner() {
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
   const mayDrive = driveMode.mayDrive;
   const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: driveMode.wasStopped };
-  banner.show(connection.state, { ...facts, ...shown, sight: sight.kind });
+  banner.show(connection.state, { ...facts, ...shown, video: interlock.kind });
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 
@@ -209,7 +209,7 @@ window.addEventListener("pagehide", () => {
   connection.stop();
 });
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
-setInterval(() => sight.check(), CHECK_MS);
+setInterval(() => interlock.check(), CHECK_MS);
 connection.start();
 view.start();
 feed.start();

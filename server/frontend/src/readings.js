@@ -2,8 +2,8 @@
 
 import { byTestId, part, setText } from "./page.js";
 import { readings as texts } from "./texts.js";
-import { ages, trip } from "./texts/truth.js";
-import { split } from "./truth/trip.js";
+import { dataAge, latency } from "./texts/safety.js";
+import { latencyBreakdown } from "./safety/latencyBreakdown.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;
@@ -31,21 +31,21 @@ export class Readings {
     const old = reading && reading.ageMs > OLD_MS;
     this.value("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
     this.wayMs = reading ? reading.medianMs / 2 : 0;
-    this.showParts(reading && !old ? split({ total: reading.medianMs, ...parts }) : null);
+    this.showParts(reading && !old ? latencyBreakdown({ total: reading.medianMs, ...parts }) : null);
     setText(part(this.root, "rtt-age"), old ? texts.old(Math.round(reading.ageMs / 1000)) : "");
   }
 
   showParts(parts) {
     const element = byTestId(this.root, "rtt-parts");
-    setText(part(element, "short"), parts ? trip.parts(rounded(parts)) : "");
-    setText(part(element, "words"), parts ? trip.words(rounded(parts)) : "");
+    setText(part(element, "short"), parts ? latency.parts(rounded(parts)) : "");
+    setText(part(element, "words"), parts ? latency.words(rounded(parts)) : "");
   }
 
   // A speed was on its way for a while before it came here.
   tick() {
     const picture = this.picture();
     const speed = this.speedAt === null ? null : performance.now() - this.speedAt + this.wayMs;
-    this.value("picture-age", picture === null ? ages.none : ages.exact(Math.round(picture)));
+    this.value("picture-age", picture === null ? dataAge.none : dataAge.exact(Math.round(picture)));
     this.write("speed-age", speed === null ? "" : ageText(speed));
   }
 
@@ -62,9 +62,9 @@ export class Readings {
 // Two decimals, and no "-0.00" for a robot that stands still.
 const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
 
-const ageText = (ms) => (ms < 10_000 ? ages.measured(Math.round(ms)) : ages.long(Math.round(ms / 1000)));
+const ageText = (ms) => (ms < 10_000 ? dataAge.measured(Math.round(ms)) : dataAge.long(Math.round(ms / 1000)));
 
 function rounded(parts) {
-  const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : trip.unknown]);
+  const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);
   return Object.fromEntries(texts);
 }

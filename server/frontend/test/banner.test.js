@@ -24,7 +24,7 @@ afterEach(() => {
   globalThis.document = before;
 });
 
-const held = () => banner.show(LIVE, { control: {}, driving: true, sight: "missing" });
+const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
 const press = () => parts["state-action"].dispatchEvent(new Event("click"));
 
 test("a press that was meant for what the button was before lets nobody drive without a picture", () => {
@@ -44,7 +44,7 @@ test("who has had the time to read it, or saw no button before, may drive withou
   held();
   clock += 700;
   press();
-  banner.show(LIVE, { control: {}, driving: true, sight: "seen" });
+  banner.show(LIVE, { control: {}, driving: true, video: "seen" });
   clock += 700;
   held();
   press();

@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { SightHold } from "../../src/truth/sighthold.js";
+import { VideoInterlock } from "../../src/safety/videoInterlock.js";
 
 let clock, wall, changes, hold;
 
 function make(afterMs = 1000) {
   changes = [];
-  hold = new SightHold({
+  hold = new VideoInterlock({
     afterMs,
     onChange: () => changes.push(hold.kind),
     now: () => clock,
@@ -27,7 +27,7 @@ function pass(ms) {
   hold.check();
 }
 
-const see = (ageMs) => hold.hear({ state: "fresh", ageMs });
+const see = (ageMs) => hold.receive({ state: "fresh", ageMs });
 
 test("driving is held until the first picture", () => {
   assert.equal(hold.held, true);
@@ -47,7 +47,7 @@ test("a picture grows old by itself: no word of it is no word that it is fresh",
 
 test("the limit is the robot's, whatever the picture itself calls old", () => {
   make(3000);
-  hold.hear({ state: "old", ageMs: 2500 });
+  hold.receive({ state: "old", ageMs: 2500 });
   assert.equal(hold.held, false);
   make(300);
   see(400);
@@ -56,16 +56,16 @@ test("the limit is the robot's, whatever the picture itself calls old", () => {
 
 test("a picture that is lost holds at once", () => {
   see(10);
-  hold.hear({ state: "none", ageMs: null });
+  hold.receive({ state: "none", ageMs: null });
   assert.equal(hold.kind, "missing");
   assert.equal(hold.held, true);
 });
 
 test("a robot without a camera is never held, nor one whose settings say so", () => {
-  hold.hear({ state: "off", ageMs: null });
+  hold.receive({ state: "off", ageMs: null });
   assert.equal(hold.held, false);
   make(null);
-  hold.hear({ state: "none", ageMs: null });
+  hold.receive({ state: "none", ageMs: null });
   pass(60_000);
   assert.equal(hold.held, false);
 });
@@ -73,7 +73,7 @@ test("a robot without a camera is never held, nor one whose settings say so", ()
 test("a person may drive without the picture until it is back, and then not again", () => {
   hold.allow();
   assert.equal(hold.kind, "blind");
-  hold.hear({ state: "none", ageMs: null });
+  hold.receive({ state: "none", ageMs: null });
   pass(10_000);
   assert.equal(hold.held, false);
   see(10);
@@ -104,7 +104,7 @@ test("after a sleep of the machine, in which the clock of ages stood, only a new
 });
 
 test("a reading without an age is no picture", () => {
-  hold.hear({ state: "fresh", ageMs: NaN });
+  hold.receive({ state: "fresh", ageMs: NaN });
   assert.equal(hold.held, true);
 });
 

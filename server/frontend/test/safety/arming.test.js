@@ -2,14 +2,14 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { Teleop } from "../../src/teleop.js";
-import { Arming } from "../../src/truth/arming.js";
-import { SightHold } from "../../src/truth/sighthold.js";
+import { Arming } from "../../src/safety/arming.js";
+import { VideoInterlock } from "../../src/safety/videoInterlock.js";
 
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };
 const CHECK_MS = 50;
 
-let clock, sent, mayMove, watches, takes, teleop, sight, arming;
+let clock, sent, mayMove, watches, takes, teleop, interlock, arming;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -19,13 +19,13 @@ beforeEach(() => {
   mayMove = true;
   watches = false;
   takes = 0;
-  sight = new SightHold({
+  interlock = new VideoInterlock({
     afterMs: 1000,
     onChange: () => arming.update({ mayMove, watches, free: watches }),
     now: () => clock,
     wall: () => clock,
   });
-  arming = new Arming({ controls: () => teleop, sight, send: (twist) => sent.push({ ...twist, at: clock }) });
+  arming = new Arming({ controls: () => teleop, interlock, send: (twist) => sent.push({ ...twist, at: clock }) });
   teleop = new Teleop({
     publish: (twist, moment) => arming.publish(twist, moment),
     limits: { linear: 1, angular: 1 },
@@ -41,11 +41,11 @@ function pass(ms, checks = true) {
   for (let left = ms; left > 0; left -= 10) {
     clock += 10;
     mock.timers.tick(10);
-    if (checks && clock % CHECK_MS === 0) sight.check();
+    if (checks && clock % CHECK_MS === 0) interlock.check();
   }
 }
 
-const see = (ageMs = 0) => sight.hear({ state: "fresh", ageMs });
+const see = (ageMs = 0) => interlock.receive({ state: "fresh", ageMs });
 const moving = () => sent.filter(({ forward }) => forward !== 0);
 
 test("before the first picture nothing that is pressed counts", () => {
@@ -93,7 +93,7 @@ test("a person who drives without the picture needs a new press, too", () => {
   teleop.hold("keyboard", FORWARD);
   pass(1500);
   sent.length = 0;
-  sight.allow();
+  interlock.allow();
   pass(500);
   assert.deepEqual(sent, []);
   teleop.hold("keyboard", FORWARD);

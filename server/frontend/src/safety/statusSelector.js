@@ -3,22 +3,22 @@
 
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
-// `state` is the connection's (states.js); `control` as in docs/protocols.md, `sight` the kind of sighthold.js; `disabled` by an
+// `state` is the connection's (states.js); `control` as in docs/protocols.md, `video` the kind of videoInterlock.js; `disabled` by an
 // administrator.
-export function outlook({ name }, { control = {}, driving, sight, disabled = false }) {
+export function selectStatus({ name }, { control = {}, driving, video, disabled = false }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;
-  return robots(control) ?? (driving ? pictures(sight) : null) ?? "live";
+  return robotStatus(control) ?? (driving ? videoStatus(video) : null) ?? "live";
 }
 
 const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
 
-function robots({ stopped, guard }) {
+function robotStatus({ stopped, guard }) {
   if (stopped) return stopped.confirmed ? "stopped" : "stopping";
   return guard === "down" ? "guard_down" : null;
 }
 
 // Whoever watches is held by nothing.
-function pictures(sight) {
-  if (sight === "missing" || sight === "old") return "held";
-  return sight === "blind" ? "blind" : null;
+function videoStatus(video) {
+  if (video === "missing" || video === "old") return "held";
+  return video === "blind" ? "blind" : null;
 }

@@ -1,6 +1,6 @@
 // Sentences of the pages: how old things are and why driving is held. No logic beyond filling in.
 
-// By the names of truth/outlook.js; those of a connection that does not stand are in texts.js.
+// By the names of safety/statusSelector.js; those of a connection that does not stand are in texts.js.
 export const states = {
   disabled: { title: "Disabled", detail: () => "By an administrator." },
   stopping: {
@@ -17,7 +17,7 @@ export const states = {
   },
   held: {
     title: "Paused",
-    detail: ({ sight }) => (sight === "old" ? "The video is frozen." : "There is no video to drive by."),
+    detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
     action: "Drive without picture",
   },
   blind: {
@@ -31,14 +31,14 @@ function afterStop(mayDrive, again) {
   return again ? "Hold the button below to drive again." : "Hold the button below to release it.";
 }
 
-export const ages = {
+export const dataAge = {
   none: "-",
   exact: (ms) => String(ms),
   measured: (ms) => `speed ${ms} ms`,
   long: (seconds) => `speed ${seconds} s`,
 };
 
-export const trip = {
+export const latency = {
   parts: ({ server, robot, rosbridge }) => `${server}+${robot}+${rosbridge}`,
   words: ({ server, robot, rosbridge }) =>
     `${server} ms to the server, ${robot} ms on to the robot, ${rosbridge} ms in its rosbridge`,

@@ -2,16 +2,16 @@
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
 export class Arming {
-  // `controls` as of controls.js; `sight` as of sighthold.js; `send(twist, moment)` publishes a command.
-  constructor({ controls, sight, send }) {
-    Object.assign(this, { controls, sight, send });
+  // `controls` as of controls.js; `interlock` as of videoInterlock.js; `send(twist, moment)` publishes a command.
+  constructor({ controls, interlock, send }) {
+    Object.assign(this, { controls, interlock, send });
     this.armed = false;
   }
 
   // `mayMove`: the link stands, this page drives, and the person has begun. `watches`: a press is heard all the same, and
   // takes the control if `free`.
   update({ mayMove, watches = false, free = false }) {
-    if (mayMove && this.sight.held) this.hold();
+    if (mayMove && this.interlock.held) this.hold();
     else if (mayMove) this.arm();
     else if (watches) this.watch(free);
     else this.disarm();
@@ -47,8 +47,8 @@ export class Arming {
 
   // Each command asks anew whether the person can see: a timer may be late.
   publish(twist, moment) {
-    this.sight.check();
+    this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;
-    if (still || !this.sight.held) this.send(twist, moment);
+    if (still || !this.interlock.held) this.send(twist, moment);
   }
 }

@@ -4,7 +4,7 @@
 
 const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
 
-export class SightHold {
+export class VideoInterlock {
   // `afterMs`: the greatest age of the picture, null for any. `onChange()` comes when `kind` has become another.
   // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
   constructor({ afterMs, onChange = () => {}, now = () => performance.now(), wall = () => Date.now() }) {
@@ -18,7 +18,7 @@ export class SightHold {
   }
 
   // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
-  hear({ state, ageMs }) {
+  receive({ state, ageMs }) {
     this.state = state;
     this.at = Number.isFinite(ageMs) ? this.now() - ageMs : null;
     this.check();
