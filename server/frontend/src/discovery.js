@@ -1,7 +1,7 @@
 // Asks the robot which topics it has, through rosapi, and asks again until it has told what the page needs.
 
 import { speedReader, speedTopic, twistType } from "./messages.js";
-import { cameraTopics, topicOf } from "./sight/sources.js";
+import { cameraTopics, topicOf } from "./video/sources.js";
 
 const AGAIN_MS = 5000;
 

@@ -1,7 +1,7 @@
 // Shows the speed that the robot reports, and says nothing rather than something old.
 
 import { speedReader } from "./messages.js";
-import { poseReader } from "./sight/poses.js";
+import { poseReader } from "./video/poses.js";
 
 const THROTTLE_MS = 100;
 const OLD_MS = 1000;

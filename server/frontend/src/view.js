@@ -2,23 +2,23 @@
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
 import { byTestId, part, setText } from "./page.js";
-import { FreshnessNews, MainMoment, Sleep, freshness } from "./sight/freshness.js";
-import { markFull, mayBeFull, toggleFull } from "./sight/fullscreen.js";
-import { Hud } from "./sight/hud.js";
-import { deedOf } from "./sight/keys.js";
-import { Layout } from "./sight/layout.js";
-import { recall, remember } from "./sight/memory.js";
-import { MAP, cameraTopics, offeredCameras, topicOf } from "./sight/sources.js";
-import { saveStill } from "./sight/still.js";
-import { Tiles } from "./sight/tiles.js";
-import { Vitals } from "./sight/vitals.js";
-import { wantedQuality } from "./sight/wanted.js";
-import { World } from "./sight/world.js";
+import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./video/freshness.js";
+import { markFull, mayBeFull, toggleFull } from "./video/fullscreen.js";
+import { Hud } from "./video/hud.js";
+import { viewActionOf } from "./video/keys.js";
+import { Layout } from "./video/layout.js";
+import { recall, remember } from "./video/memory.js";
+import { MAP, cameraTopics, offeredCameras, topicOf } from "./video/sources.js";
+import { saveSnapshot } from "./video/snapshot.js";
+import { Tiles } from "./video/tiles.js";
+import { Overlays } from "./video/overlays.js";
+import { requestedQuality } from "./video/streamRequest.js";
+import { World } from "./video/world.js";
 import { driveSettings } from "./settings.js";
-import { sight as texts } from "./texts/sight.js";
+import { video as texts } from "./texts/video.js";
 
 const USUAL_HOLD_MS = 1000;
-const LOOK_MS = 100;
+const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
 const NOTE_MS = 4000;
 const SETTLE_MS = 300;
@@ -33,13 +33,13 @@ export class View {
     this.memory = recall(robot);
     this.layout = new Layout(this.memory.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
-    this.moment = new MainMoment();
+    this.mainTimestamp = new MainTimestamp();
     this.sleep = new Sleep();
-    this.news = new FreshnessNews(onFreshness);
+    this.freshness = new FreshnessReporter(onFreshness);
     this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
     this.refused = null;
     this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
-    this.vitals = new Vitals(part(this.element, "vitals"), { subscribe, now });
+    this.overlays = new Overlays(part(this.element, "vitals"), { subscribe, now });
     this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
     this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames));
     this.setUpTools();
@@ -64,7 +64,7 @@ export class View {
   start() {
     this.offer();
     this.ticks = 0;
-    setInterval(() => this.tick(), LOOK_MS);
+    setInterval(() => this.tick(), CHECK_MS);
   }
 
   // `topics` are all that the robot has, {name, type}.
@@ -74,12 +74,12 @@ export class View {
     const of = (kind) => topicOf(kind, topics, page[`${kind}_topic`]);
     this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
     this.world.follow(this.followed);
-    this.vitals.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
+    this.overlays.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
     this.offer();
   }
 
-  // No picture comes to this page any more; `why` as of texts/sight.js.
+  // No picture comes to this page any more; `why` as of texts/video.js.
   refuse(why) {
     this.refused = why;
     this.arrange();
@@ -100,13 +100,13 @@ export class View {
 
   // The pose {x, y, theta} by the robot's odometry.
   pose(pose) {
-    this.world.hearPose(pose);
+    this.world.receivePose(pose);
   }
 
   // A robot that tells of no camera may have the usual one all the same.
   seen(topic) {
     this.known.add(topic);
-    this.look();
+    this.checkFreshness();
   }
 
   get hasCamera() {
@@ -124,9 +124,9 @@ export class View {
   offerNames() {
     const named = this.cameras.map(({ topic, name }) => new Option(name, topic));
     if (this.hasMap) named.push(new Option(texts.map, MAP));
-    const told = named.map(({ value, text }) => value + text).join("\n");
-    if (told !== this.toldNames) this.tools.camera.replaceChildren(...named);
-    this.toldNames = told;
+    const names = named.map(({ value, text }) => value + text).join("\n");
+    if (names !== this.offeredNames) this.tools.camera.replaceChildren(...named);
+    this.offeredNames = names;
     this.tools.camera.disabled = this.tools.layout.disabled = named.length < 2;
   }
 
@@ -154,7 +154,7 @@ export class View {
       this.hud.show(figure.checked);
     });
     turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
-    still.addEventListener("click", () => this.saveStill());
+    still.addEventListener("click", () => this.saveSnapshot());
     markFull(this.root);
     full.addEventListener("click", () => toggleFull(this.root));
     window.addEventListener("keydown", (event) => this.press(event));
@@ -163,11 +163,11 @@ export class View {
   }
 
   press(event) {
-    const deed = deedOf(event);
-    if (!deed) return;
+    const action = viewActionOf(event);
+    if (!action) return;
     event.preventDefault(); // a menu that has the focus would look for the letter
-    if (deed.fullscreen) toggleFull(this.root);
-    else this.change(() => (deed.next ? this.layout.next() : this.layout.nth(deed.nth)));
+    if (action.fullscreen) toggleFull(this.root);
+    else this.change(() => (action.next ? this.layout.next() : this.layout.nth(action.nth)));
   }
 
   change(act) {
@@ -188,7 +188,7 @@ export class View {
 
   wantedOfAll() {
     const { fps = 15, latency_ms = 300 } = this.page;
-    return { ...wantedQuality(this.tools.quality.value, this.page), fps, latency_ms };
+    return { ...requestedQuality(this.tools.quality.value, this.page), fps, latency_ms };
   }
 
   arrange() {
@@ -204,7 +204,7 @@ export class View {
     });
     if (layout.main) tools.camera.value = layout.main;
     tools.turn.disabled = tools.still.disabled = layout.main === MAP;
-    this.look();
+    this.checkFreshness();
   }
 
   // What the driver goes by: the main picture, or beside the map the first camera that is shown.
@@ -213,32 +213,32 @@ export class View {
     return cameras.includes(this.layout.main) ? this.layout.main : (cameras[0] ?? null);
   }
 
-  look() {
+  checkFreshness() {
     const { watched } = this;
     const now = this.now();
     if (this.sleep.isOver(now, Date.now())) this.forget();
-    const at = this.moment.read(watched, this.tiles.get(watched)?.at ?? null);
-    this.news.hear(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
+    const at = this.mainTimestamp.read(watched, this.tiles.get(watched)?.at ?? null);
+    this.freshness.receive(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
   }
 
   forget() {
-    this.moment = new MainMoment();
+    this.mainTimestamp = new MainTimestamp();
     this.tiles.each((tile) => tile.forget());
   }
 
   tick() {
-    this.look();
+    this.checkFreshness();
     this.ticks += 1;
     if (this.ticks % SHOW_EVERY !== 0) return;
     this.tiles.each((tile) => tile.showState());
-    this.vitals.show();
+    this.overlays.show();
   }
 
-  async saveStill() {
+  async saveSnapshot() {
     const camera = this.cameras.find(({ topic }) => topic === this.layout.main);
     if (!camera) return;
-    const status = await saveStill(this.robot, camera);
-    this.note(status === null ? texts.stillSaved : texts.stillFailed(status));
+    const status = await saveSnapshot(this.robot, camera);
+    this.note(status === null ? texts.snapshotSaved : texts.snapshotFailed(status));
   }
 
   note(text) {

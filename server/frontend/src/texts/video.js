@@ -1,0 +1,57 @@
+// Sentences of the pages: pictures, overlays, battery and diagnostics. No logic beyond filling in.
+
+export const frame = {
+  of: (name) => `Live picture of ${name}`,
+  old: "This picture is old.",
+  age: (ms) => (ms < 10_000 ? `${Math.round(ms)} ms` : `${Math.round(ms / 1000)} s old`),
+  rate: (perSecond) => `${perSecond.toFixed(1)}/s`,
+  quality: (percent) => `${percent} %`,
+  size: ({ width, height }) => `${width}×${height}`,
+  enlarge: (name) => `Show ${name} large`,
+  // Why there is no new picture, by the words of client/frames.js.
+  why: {
+    starting: () => "Waiting for the first picture.",
+    waiting: () => "The camera sends no picture.",
+    down: (detail) => `The camera does not answer${detail ? `: ${detail}` : ""}.`,
+    paused: () => "Paused while this page is in the background.",
+    old: () => "",
+    robot_offline: () => "The robot is offline.",
+    video_down: () => "The robot's video server does not answer.",
+    login_missing: () => "Your login has ended.",
+    rights_ended: () => "Your rights have changed.",
+    crowded: () => "Too many windows show this camera.",
+    slow: () => "This device took no pictures. Starting again.",
+    restarting: () => "The server is restarting.",
+    link_lost: () => "The link to the robot was lost. Starting again.",
+    cut: () => "The stream was cut. Starting it again.",
+    unreachable: () => "The server does not answer. Trying again.",
+    refused: (status) => `The server answered ${status}.`,
+  },
+};
+
+export const video = {
+  map: "Map",
+  snapshotSaved: "Picture saved.",
+  snapshotFailed: (status) => (status ? `Picture not saved: the server answered ${status}.` : "Picture not saved: no answer."),
+};
+
+export const map = {
+  label: "The robot from above",
+  nothing: "Nothing to draw yet.",
+};
+
+export const battery = {
+  level: ({ percent, volts, charging, low }) => {
+    const amount = percent === null ? `${volts} V` : `${percent} %`;
+    if (charging) return `Battery ${amount}, charging`;
+    return low ? `Battery low: ${amount}` : `Battery ${amount}`;
+  },
+};
+
+export const diagnostics = {
+  ok: () => "Diagnostics OK",
+  warn: (count) => (count === 1 ? "1 warning" : `${count} warnings`),
+  error: (count) => (count === 1 ? "1 error" : `${count} errors`),
+  stale: (count) => (count === 1 ? "1 part is silent" : `${count} parts are silent`),
+  levels: { ok: "OK", warn: "Warning", error: "Error", stale: "Silent" },
+};

@@ -1,0 +1,55 @@
+// The robot's diagnostics (REP-107): the newest of each name, and the worst of all. Pure.
+
+const LEVELS = ["ok", "warn", "error", "stale"];
+
+// From what needs no look to what does: of what is stale nothing is known.
+const ORDER = ["ok", "warn", "stale", "error"];
+const STALE_MS = 10_000;
+const MOST_NAMES = 500;
+
+export class Diagnostics {
+  constructor() {
+    this.byName = new Map();
+  }
+
+  // `message` is a diagnostic_msgs/DiagnosticArray.
+  receive({ status }, now) {
+    for (const { name, level, message } of status ?? []) {
+      if (typeof name !== "string") continue;
+      if (!this.byName.has(name) && this.byName.size >= MOST_NAMES) continue;
+      this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
+    }
+  }
+
+  clear() {
+    this.byName.clear();
+  }
+
+  // [{name, level, message}], the worst first.
+  list(now) {
+    const current = ({ name, level, message, at }) => ({ name, level: now - at > STALE_MS ? "stale" : level, message });
+    return [...this.byName.values()]
+      .map(current)
+      .sort((a, b) => ORDER.indexOf(b.level) - ORDER.indexOf(a.level) || a.name.localeCompare(b.name));
+  }
+
+  // {level, count} of the worst level that there is, or null before the first message.
+  worst(now) {
+    const all = this.list(now);
+    if (all.length === 0) return null;
+    const [{ level }] = all;
+    return { level, count: all.filter((entry) => entry.level === level).length };
+  }
+}
+
+// A `byte`: a number, or as some bridges write bytes, base64 or the character itself. What cannot be read is not known.
+export function readLevel(level) {
+  const value = typeof level === "string" ? fromText(level) : level;
+  return LEVELS[value] ?? "stale";
+}
+
+function fromText(text) {
+  if (/^\d$/.test(text)) return Number(text);
+  if (text.length === 1) return text.charCodeAt(0);
+  return /^[A-Za-z0-9+/]{2}==$/.test(text) ? atob(text).charCodeAt(0) : undefined;
+}

@@ -1,0 +1,70 @@
+// The places of the pictures: makes a tile for what is shown, ends what is not, and says which is the main one.
+// What is not seen has no stream.
+
+import { part, setText } from "../page.js";
+import { frame as texts } from "../texts/video.js";
+import { MapTile } from "./maptile.js";
+import { MAP } from "./sources.js";
+import { CameraTile } from "./tile.js";
+
+export class Tiles {
+  // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small picture that is to be the main one.
+  constructor(stage, options) {
+    Object.assign(this, { stage, options });
+    this.tiles = new Map();
+  }
+
+  get(id) {
+    return this.tiles.get(id);
+  }
+
+  each(act) {
+    this.tiles.forEach(act);
+  }
+
+  // `shown` are {topic, name}, in their order; `turned(camera)` in degrees; `playing` false ends all streams, and `why` says why.
+  arrange({ kind, main, shown, turned, playing, why }) {
+    this.stage.dataset.layout = shown.length > 1 ? kind : "one";
+    this.stage.dataset.tiles = shown.length;
+    this.stage.dataset.map = main === MAP;
+    const ids = shown.map(({ topic }) => topic);
+    for (const [id, tile] of this.tiles) if (!ids.includes(id)) this.drop(id, tile);
+    shown.forEach((source, place) => this.place(source, place, main));
+    for (const source of shown) {
+      const tile = this.tiles.get(source.topic);
+      tile.turn(turned(source));
+      if (playing) tile.start();
+      else tile.stop(why);
+    }
+    this.each((tile) => tile.ask());
+  }
+
+  drop(id, tile) {
+    tile.close();
+    this.tiles.delete(id);
+  }
+
+  place(source, place, main) {
+    const { topic: id, name } = source;
+    if (!this.tiles.has(id)) this.tiles.set(id, this.make(source));
+    const { element } = this.tiles.get(id);
+    const isMain = id === main;
+    element.dataset.place = place;
+    element.dataset.main = isMain;
+    // The one that is looked at has the name that it always had.
+    part(element, "picture").dataset.testid = isMain ? "video" : "side-video";
+    const button = part(element, "enlarge");
+    button.hidden = isMain;
+    button.setAttribute("aria-label", texts.enlarge(name));
+    setText(part(element, "name"), name);
+  }
+
+  make(source) {
+    const isMap = source.topic === MAP;
+    const template = part(this.stage, isMap ? "map-tile" : "camera-tile");
+    const element = template.content.firstElementChild.cloneNode(true);
+    this.stage.append(element);
+    part(element, "enlarge").addEventListener("click", () => this.options.onChoose(source.topic));
+    return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, camera: source });
+  }
+}

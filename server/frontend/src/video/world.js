@@ -1,0 +1,112 @@
+// What the map is drawn from: its subscriptions, which last only while it is seen, and what they say.
+
+import { gridPixels } from "./grid.js";
+import { Path } from "./path.js";
+import { compose, inverse, poseReader } from "./poses.js";
+import { scanPoints } from "./scan.js";
+
+// A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
+const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
+const OLD_MS = 1000;
+const ORIGIN = { x: 0, y: 0, theta: 0 };
+
+export class World {
+  // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes.
+  constructor({ subscribe, onChange, makeBitmap = bitmapOf, now = () => performance.now() }) {
+    Object.assign(this, { subscribe, onChange, makeBitmap, now });
+    this.path = new Path();
+    this.topics = {};
+    this.shown = null;
+    this.open = new Map();
+    this.odometry = this.scan = this.map = this.located = null;
+    this.offset = ORIGIN; // of the odometry's frame in the map's
+  }
+
+  // `topics` {scan, map, located}, each {name, type} or undefined.
+  follow(topics) {
+    this.topics = topics;
+    this.sync();
+  }
+
+  // `shown` {scan, map}, which of them are seen; null for nothing.
+  show(shown) {
+    this.shown = shown;
+    this.sync();
+  }
+
+  // The odometry's pose: comes with the speed, whether the map is seen or not.
+  receivePose(pose) {
+    this.odometry = { pose, at: this.now() };
+    if (this.path.add(pose) || this.shown) this.onChange();
+  }
+
+  sync() {
+    const wanted = this.wanted();
+    for (const [kind, { key, end }] of this.open) {
+      if (wanted.get(kind) && keyOf(wanted.get(kind)) === key) continue;
+      end();
+      this.open.delete(kind);
+    }
+    for (const [kind, topic] of wanted) if (!this.open.has(kind)) this.listen(kind, topic);
+  }
+
+  // By kind, what is seen and is there. Only the map needs to know where in it the robot is.
+  wanted() {
+    const seen = { scan: this.shown?.scan, map: this.shown?.map, located: this.shown?.map };
+    const kinds = Object.keys(seen).filter((kind) => seen[kind] && this.topics[kind]);
+    return new Map(kinds.map((kind) => [kind, this.topics[kind]]));
+  }
+
+  listen(kind, topic) {
+    const handler = { scan: (m) => this.receiveScan(m), map: (m) => this.receiveMap(m), located: (m) => this.receiveLocation(m, topic) }[kind];
+    const spec = { ...topic, throttleMs: THROTTLE_MS[kind] };
+    this.open.set(kind, { key: keyOf(topic), end: this.subscribe(spec, handler) });
+  }
+
+  receiveScan(message) {
+    this.scan = { points: scanPoints(message), at: this.now() };
+    this.onChange();
+  }
+
+  async receiveMap(message) {
+    const grid = gridPixels(message);
+    if (!grid) return;
+    this.newestGrid = grid;
+    const bitmap = await this.makeBitmap(grid);
+    if (grid !== this.newestGrid) return bitmap.close?.();
+    this.map?.bitmap.close?.();
+    this.map = { ...grid, pixels: null, bitmap };
+    this.onChange();
+  }
+
+  // Where the localization says that the robot is tells where the odometry began.
+  receiveLocation(message, { type }) {
+    const pose = poseReader(type)?.(message);
+    if (!pose) return;
+    this.located = pose;
+    if (this.odometry) this.offset = compose(pose, inverse(this.odometry.pose));
+    this.onChange();
+  }
+
+  // The robot in the map's frame, {x, y, theta, old}; in the origin while nothing is known.
+  get robot() {
+    if (this.odometry) {
+      return { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
+    }
+    return { ...(this.located ?? ORIGIN), old: true };
+  }
+
+  // The newest scan; an old one is none.
+  get points() {
+    return this.scan && !this.isOld(this.scan) ? this.scan.points : null;
+  }
+
+  isOld({ at }) {
+    return this.now() - at > OLD_MS;
+  }
+}
+
+const keyOf = ({ name, type }) => `${name} ${type}`;
+
+const bitmapOf = ({ pixels, width, height }) =>
+  createImageBitmap(new ImageData(pixels, width, height));
