@@ -110,7 +110,7 @@ function useSpeed(speed) {
 }
 
 function useControl(control) {
-  if (session.news.linked) panels.hearOwn(control, driveMode.driving);
+  if (session.news.linked) panels.receiveControl(control, driveMode.driving);
   driveMode.receive(control);
   stopBar.hear(control.stopped);
 }

@@ -1,63 +1,63 @@
-// The robot's buttons on the drive page. What a press does is deeds.js's.
+// The robot's buttons on the drive page. What a press does is robotButtons.js's.
 // Nothing here changes its size while somebody drives: what is asked takes the place of the button that was pressed.
 
 import { make, part, setText } from "../page.js";
 import { buttons as texts } from "../texts/panels.js";
-import { Deeds } from "./deeds.js";
+import { RobotButtons } from "./robotButtons.js";
 
 export class Buttons {
   // `root` is the panel; `advertise` and `call` as of connection.js.
   constructor(root, { buttons, advertise, call }) {
     this.root = root;
-    this.deeds = new Deeds({ buttons, advertise, call, onChange: (deed) => this.show(deed) });
-    this.cells = new Map(this.deeds.all.map((deed, place) => [deed, this.cell(deed, place)]));
+    this.robotButtons = new RobotButtons({ buttons, advertise, call, onChange: (action) => this.show(action) });
+    this.cells = new Map(this.robotButtons.all.map((action, place) => [action, this.cell(action, place)]));
     part(root, "button-list").append(...[...this.cells.values()].map(({ item }) => item));
     root.hidden = buttons.length === 0;
     this.use({ live: false, driving: false });
   }
 
   use(now) {
-    this.deeds.use(now);
-    for (const deed of this.deeds.all) this.show(deed);
-    setText(part(this.root, "button-hint"), texts.hint(this.deeds.usable));
+    this.robotButtons.use(now);
+    for (const action of this.robotButtons.all) this.show(action);
+    setText(part(this.root, "button-hint"), texts.hint(this.robotButtons.usable));
   }
 
-  cell(deed, place) {
-    const { name } = deed.button;
+  cell(action, place) {
+    const { name } = action.button;
     const state = make("small");
     const press = make("button", { type: "button", "data-testid": `button-${place}` }, make("span", {}, name), state);
     const yes = make("button", { type: "button", class: "main", "data-testid": `button-${place}-yes` }, texts.yes(name));
     const no = make("button", { type: "button", "data-testid": `button-${place}-no` }, texts.no);
     const question = make("span", { class: "button-sure", role: "group", "aria-label": texts.yes(name) }, yes, no);
-    onPress(press, () => this.deeds.press(deed));
-    onPress(yes, () => this.deeds.confirm(deed));
-    onPress(no, () => this.deeds.cancel(deed));
+    onPress(press, () => this.robotButtons.press(action));
+    onPress(yes, () => this.robotButtons.confirm(action));
+    onPress(no, () => this.robotButtons.cancel(action));
     return { item: make("li", {}, press, question), press, question, yes, no, state };
   }
 
   // A button that goes while it has the focus hands it to what came in its place.
-  show(deed) {
-    const cell = this.cells?.get(deed);
+  show(action) {
+    const cell = this.cells?.get(action);
     if (!cell) return;
-    const asking = deed.state === "asking";
+    const asking = action.state === "asking";
     const focused = [cell.press, cell.yes, cell.no].find((button) => button === document.activeElement);
     cell.press.hidden = asking;
     cell.question.hidden = !asking;
-    cell.yes.disabled = !deed.open;
-    cell.press.dataset.state = deed.state;
+    cell.yes.disabled = !action.open;
+    cell.press.dataset.state = action.state;
     // Not `disabled`: a button that is switched off while it has the focus would drop it.
-    cell.press.setAttribute("aria-disabled", String(!this.deeds.usable || deed.state === "pending"));
-    setText(cell.state, texts[deed.state]);
+    cell.press.setAttribute("aria-disabled", String(!this.robotButtons.usable || action.state === "pending"));
+    setText(cell.state, texts[action.state]);
     // Without a scroll, which would move the stick.
     if (focused?.closest("[hidden]")) (asking ? cell.no : cell.press).focus({ preventScroll: true });
-    this.tell(deed);
+    this.report(action);
   }
 
-  tell(deed) {
-    const told = `${deed.round} ${deed.words}`;
-    if (!deed.words || told === deed.told) return;
-    deed.told = told;
-    setText(part(this.root, "button-outcome"), deed.words);
+  report(action) {
+    const reported = `${action.round} ${action.words}`;
+    if (!action.words || reported === action.reported) return;
+    action.reported = reported;
+    setText(part(this.root, "button-outcome"), action.words);
   }
 }
 

@@ -1,9 +1,9 @@
-// Shows one look at a topic: its newest message, how often it comes, and one of its numbers over the last minute.
+// Shows one probe of a topic: its newest message, how often it comes, and one of its numbers over the last minute.
 
 import { make, setText } from "../page.js";
 import { topics as texts } from "../texts/panels.js";
 import { preview } from "./fields.js";
-import { Look, MEASURE_MS } from "./look.js";
+import { TopicProbe, MEASURE_MS } from "./topicProbe.js";
 import { drawPlot } from "./plot.js";
 import { shortNumber, sizeText } from "./samples.js";
 
@@ -14,9 +14,9 @@ export class Inspector {
   constructor({ topic, watch, onClose }) {
     this.topic = topic;
     this.build(topic, onClose);
-    this.look = new Look({ topic, watch, onChange: () => (this.changed = true) });
-    this.getOne.hidden = this.heavy.hidden = !this.look.heavy;
-    this.chosen.hidden = this.measure.hidden = this.look.heavy;
+    this.probe = new TopicProbe({ topic, watch, onChange: () => (this.changed = true) });
+    this.getOne.hidden = this.large.hidden = !this.probe.large;
+    this.chosen.hidden = this.measure.hidden = this.probe.large;
     this.timer = setInterval(() => this.show(), TICK_MS);
     this.show();
   }
@@ -30,10 +30,10 @@ export class Inspector {
     this.close = button("topic-close", "×", onClose);
     this.close.setAttribute("aria-label", texts.close(name));
     this.pace = make("span", { "data-testid": "topic-rate" });
-    this.measure = button("topic-measure", texts.measure, () => this.look.measure());
+    this.measure = button("topic-measure", texts.measure, () => this.probe.measure());
     this.measure.title = texts.measureHelp(MEASURE_MS / 1000);
-    this.heavy = make("p", { class: "hint" }, texts.heavy);
-    this.getOne = button("topic-get-one", texts.getOne, () => this.look.getOne());
+    this.large = make("p", { class: "hint" }, texts.large);
+    this.getOne = button("topic-get-one", texts.getOne, () => this.probe.getOne());
     this.notice = make("p", { class: "topic-notice", role: "status", "data-testid": "topic-notice" });
     this.content = make("pre", { tabindex: "0", role: "region", "aria-label": texts.content(name), "data-testid": "topic-content" });
     this.element = make(
@@ -42,7 +42,7 @@ export class Inspector {
       make("header", {}, make("h2", {}, name), this.close),
       make("p", { class: "topic-type" }, type || texts.untyped),
       make("div", { class: "topic-pace" }, this.pace, this.measure),
-      this.heavy, this.getOne, this.notice, this.content, this.buildPlot(),
+      this.large, this.getOne, this.notice, this.content, this.buildPlot(),
     );
   }
 
@@ -59,20 +59,20 @@ export class Inspector {
 
   choose() {
     const field = this.field.value;
-    this.look.plot(field);
+    this.probe.plot(field);
     this.canvas.hidden = !field;
     this.canvas.setAttribute("aria-label", field ? texts.plot(field) : "");
     this.show();
   }
 
   show() {
-    const { look } = this;
-    setText(this.pace, [paceText(look.pace), look.size ? texts.size(sizeText(look.size)) : ""].filter(Boolean).join(", "));
-    this.measure.setAttribute("aria-disabled", String(Boolean(look.measuring)));
-    setText(this.notice, noticeText(look));
+    const { probe } = this;
+    setText(this.pace, [paceText(probe.pace), probe.size ? texts.size(sizeText(probe.size)) : ""].filter(Boolean).join(", "));
+    this.measure.setAttribute("aria-disabled", String(Boolean(probe.measuring)));
+    setText(this.notice, noticeText(probe));
     if (this.changed && !this.isBeingRead()) {
       this.changed = false;
-      setText(this.content, look.message === null ? "" : preview(look.message));
+      setText(this.content, probe.message === null ? "" : preview(probe.message));
       this.offerFields();
     }
     this.showPlot();
@@ -85,7 +85,7 @@ export class Inspector {
   }
 
   offerFields() {
-    const { numbers } = this.look;
+    const { numbers } = this.probe;
     if (numbers.length === 0 || numbers.join() === this.offered) return;
     this.offered = numbers.join();
     const chosen = this.field.value;
@@ -95,18 +95,18 @@ export class Inspector {
   }
 
   showPlot() {
-    const { look } = this;
-    if (!look.field) return setText(this.words, "");
-    const extent = look.samples.extent(look.now());
+    const { probe } = this;
+    if (!probe.field) return setText(this.words, "");
+    const extent = probe.samples.extent(probe.now());
     const { now, min, max } = extent ?? {};
     const words = { now: shortNumber(now), min: shortNumber(min), max: shortNumber(max) };
     setText(this.words, extent ? texts.plotted(words) : texts.notPlotted);
-    drawPlot(this.canvas, look.samples.points, extent, look.now());
+    drawPlot(this.canvas, probe.samples.points, extent, probe.now());
   }
 
   end() {
     clearInterval(this.timer);
-    this.look.end();
+    this.probe.end();
     this.element.remove();
   }
 }
@@ -122,9 +122,9 @@ const PACES = {
 
 const paceText = (pace) => PACES[pace.kind](pace);
 
-function noticeText({ state, refusal, message, heavy, ends }) {
+function noticeText({ state, refusal, message, large, ends }) {
   if (state === "refused") return texts.refused(refusal);
   if (state === "too_big") return texts.tooBig;
   if (state === "lost") return texts.lost;
-  return message === null && (!heavy || ends.size > 0) ? texts.waiting : "";
+  return message === null && (!large || ends.size > 0) ? texts.waiting : "";
 }

@@ -9,7 +9,7 @@ export class OwnDrive {
 
   // What the page's own connection tells of the control. Its first word that names this user means this page:
   // the server gives a drive its number before it opens the connection. A later one may be another window's.
-  hear({ driver }, driving) {
+  receive({ driver }, driving) {
     if (this.fence === null && driving && driver?.user === this.me) this.fence = driver.fence;
   }
 

@@ -7,25 +7,25 @@ import { openLink } from "../link.js";
 import { part } from "../page.js";
 import { requestTicket } from "../tickets.js";
 import { Buttons } from "./buttons.js";
-import { Lookout } from "./lookout.js";
+import { ObserverConnection } from "./observerConnection.js";
 import { OwnDrive } from "./owndrive.js";
 import { Summary } from "./summary.js";
 import { Topics } from "./topics.js";
 
 // `connection` has `advertise` and `call` as of connection.js; `ask()` has the robot asked for its topics again.
-// Gives {topics(list), use({live, driving}), hearOwn(control, driving), linkEnded()}; `hearOwn` is for what the page's own
+// Gives {topics(list), use({live, driving}), receiveControl(control, driving), linkEnded()}; `receiveControl` is for what the page's own
 // connection tells of the control.
 export function setUpPanels(root, { robot, user, settings, connection, ask = () => {} }) {
   const requestUrl = async () => rosUrl(location.href, robot, await requestTicket(api, robot, "observe"));
-  const lookout = new Lookout({ requestUrl, openLink });
-  const topics = new Topics(part(root, "topics"), { lookout, ask });
+  const observerConnection = new ObserverConnection({ requestUrl, openLink });
+  const topics = new Topics(part(root, "topics"), { observerConnection, ask });
   const panels = [topics, ...driversPanels(root, { robot, settings, connection })];
   const summary = panels.find((panel) => panel instanceof Summary);
   const own = new OwnDrive({ me: user, onEnded: (drive) => summary?.driveEnded(drive) });
   return {
-    topics: (list) => topics.hear(list),
+    topics: (list) => topics.receive(list),
     use: (now) => panels.forEach((panel) => panel.use(now)),
-    hearOwn: (control, driving) => own.hear(control, driving),
+    receiveControl: (control, driving) => own.receive(control, driving),
     linkEnded: () => own.linkEnded(),
   };
 }

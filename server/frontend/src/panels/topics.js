@@ -1,4 +1,4 @@
-// The list of the robot's topics, and looks at one or two of them. Nothing is asked of the robot while the list is
+// The list of the robot's topics, and probes of one or two of them. Nothing is asked of the robot while the list is
 // closed or the page is hidden.
 
 import { make, part, setText } from "../page.js";
@@ -6,7 +6,7 @@ import { topics as texts } from "../texts/panels.js";
 import { Inspector } from "./inspector.js";
 
 const MOST_SHOWN = 100;
-const MOST_LOOKS = 2;
+const MAX_PROBES = 2;
 
 // The topics whose name or type has all words, by name. Pure.
 export function matching(topics, query) {
@@ -16,11 +16,11 @@ export function matching(topics, query) {
 }
 
 export class Topics {
-  // `root` is the panel, a <details>; `lookout` as of lookout.js; `ask()` has the robot asked for its topics again.
-  constructor(root, { lookout, ask }) {
-    Object.assign(this, { root, lookout, ask });
+  // `root` is the panel, a <details>; `observerConnection` as of observerConnection.js; `ask()` has the robot asked for its topics again.
+  constructor(root, { observerConnection, ask }) {
+    Object.assign(this, { root, observerConnection, ask });
     this.topics = [];
-    this.looks = new Map();
+    this.probes = new Map();
     this.live = false;
     this.search = part(root, "topic-search");
     this.list = part(root, "topic-list");
@@ -30,7 +30,7 @@ export class Topics {
     document.addEventListener("visibilitychange", () => this.renew());
   }
 
-  hear(topics) {
+  receive(topics) {
     this.topics = topics;
     this.show();
   }
@@ -47,7 +47,7 @@ export class Topics {
   }
 
   renew() {
-    this.lookout.use(this.live && this.root.open && !document.hidden);
+    this.observerConnection.use(this.live && this.root.open && !document.hidden);
   }
 
   show() {
@@ -64,28 +64,28 @@ export class Topics {
 
   row(topic) {
     const { name, type } = topic;
-    const open = String(this.looks.has(name));
+    const open = String(this.probes.has(name));
     const row = make("button", { type: "button", "aria-pressed": open, "data-topic": name }, make("span", {}, name), make("small", {}, type || texts.untyped));
-    row.addEventListener("click", () => (this.looks.has(name) ? this.closeLook(name) : this.openLook(topic)));
+    row.addEventListener("click", () => (this.probes.has(name) ? this.closeProbe(name) : this.openProbe(topic)));
     return row;
   }
 
-  openLook(topic) {
-    if (this.looks.size >= MOST_LOOKS) this.closeLook(this.looks.keys().next().value);
-    const look = new Inspector({
+  openProbe(topic) {
+    if (this.probes.size >= MAX_PROBES) this.closeProbe(this.probes.keys().next().value);
+    const probe = new Inspector({
       topic,
-      watch: (...how) => this.lookout.watch(...how),
-      onClose: () => this.closeLook(topic.name),
+      watch: (...how) => this.observerConnection.watch(...how),
+      onClose: () => this.closeProbe(topic.name),
     });
-    this.looks.set(topic.name, look);
-    part(this.root, "topic-looks").append(look.element);
+    this.probes.set(topic.name, probe);
+    part(this.root, "topic-looks").append(probe.element);
     this.mark(topic.name, true);
   }
 
-  closeLook(name) {
-    const hadFocus = this.looks.get(name).element.contains(document.activeElement);
-    this.looks.get(name).end();
-    this.looks.delete(name);
+  closeProbe(name) {
+    const hadFocus = this.probes.get(name).element.contains(document.activeElement);
+    this.probes.get(name).end();
+    this.probes.delete(name);
     const row = this.mark(name, false);
     if (hadFocus) (row ?? this.search).focus({ preventScroll: true });
   }

@@ -43,7 +43,7 @@ export const topics = {
   plot: (name) => `Plot of ${name} over the last minute`,
   plotted: ({ now, min, max }) => `Now ${now}; in the last minute ${min} to ${max}.`,
   notPlotted: "No value in the last minute.",
-  heavy:
+  large:
     "Messages of this type can have several MB each, and while one passes, video and control have less of the robot's uplink: " +
     "1 MB fills one of 5 Mbit/s for 1.6 s. So they come one by one.",
   getOne: "Get one message",

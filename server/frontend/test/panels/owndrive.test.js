@@ -6,11 +6,11 @@ import { OwnDrive } from "../../src/panels/owndrive.js";
 test("the page's drive is the one that its own connection tells first, until that ends", () => {
   const ended = [];
   const own = new OwnDrive({ me: "ann", onEnded: ({ fence }) => ended.push(fence) });
-  own.hear({ driver: { user: "ann", fence: 12 } }, false);
+  own.receive({ driver: { user: "ann", fence: 12 } }, false);
   own.linkEnded();
-  own.hear({ driver: { user: "ben", fence: 13 } }, true);
-  own.hear({ driver: { user: "ann", fence: 14 } }, true);
-  own.hear({ driver: { user: "ann", fence: 15 } }, true); // another window of hers
+  own.receive({ driver: { user: "ben", fence: 13 } }, true);
+  own.receive({ driver: { user: "ann", fence: 14 } }, true);
+  own.receive({ driver: { user: "ann", fence: 15 } }, true); // another window of hers
   own.linkEnded();
   own.linkEnded();
   assert.deepEqual(ended, [14]);

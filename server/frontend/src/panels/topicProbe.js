@@ -1,18 +1,18 @@
-// One look at a topic: what was heard of it, and how often. Pure but for its timer.
-// It asks for two messages a second at most, and of a heavy type for one when the person says so.
+// A probe of one topic: what was heard of it, and how often. Pure but for its timer.
+// It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { isHeavy } from "./heavy.js";
+import { isLargeType } from "./largeTypes.js";
 import { numberAt, numbersIn } from "./fields.js";
 import { LastMinute, Rate } from "./samples.js";
 
 const THROTTLE_MS = 500;
 export const MEASURE_MS = 3000;
 
-export class Look {
-  // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of lookout.js.
+export class TopicProbe {
+  // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of observerConnection.js.
   constructor({ topic, watch, onChange = () => {}, now = () => performance.now() }) {
     Object.assign(this, { topic, watch, onChange, now });
-    this.heavy = isHeavy(topic.type);
+    this.large = isLargeType(topic.type);
     this.message = null;
     this.size = 0;
     this.numbers = [];
@@ -23,19 +23,19 @@ export class Look {
     this.refusal = "";
     this.measured = null;
     this.ends = new Set();
-    if (!this.heavy) this.follow();
+    if (!this.large) this.follow();
   }
 
   follow() {
-    this.begin({ throttleMs: THROTTLE_MS }, (message) => this.hear(message));
+    this.begin({ throttleMs: THROTTLE_MS }, (message) => this.receive(message));
   }
 
-  // One message of a heavy type, and no second: the throttle keeps the robot from sending more meanwhile.
+  // One message of a large type, and no second: the throttle keeps the robot from sending more meanwhile.
   getOne() {
     if (this.ends.size > 0) return;
     const end = this.begin({ throttleMs: 60_000 }, (message) => {
       end();
-      this.hear(message);
+      this.receive(message);
     });
   }
 
@@ -79,12 +79,12 @@ export class Look {
     this.onChange();
   }
 
-  hear(message) {
+  receive(message) {
     const at = this.now();
     this.message = message;
     this.rate.mark(at);
     this.size = JSON.stringify(message).length;
-    if (!this.heavy) this.numbers = numbersIn(message);
+    if (!this.large) this.numbers = numbersIn(message);
     if (this.field) this.samples.push(numberAt(message, this.field), at);
     this.onChange();
   }
@@ -109,7 +109,7 @@ export class Look {
     const silence = this.rate.silenceMs(now);
     const perSecond = this.rate.perSecond(now);
     if (silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
-    if (this.heavy || perSecond === null) return { kind: "none" };
+    if (this.large || perSecond === null) return { kind: "none" };
     return { kind: perSecond > 850 / THROTTLE_MS ? "least" : "rate", perSecond };
   }
 

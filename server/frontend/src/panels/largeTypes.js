@@ -2,7 +2,7 @@
 
 import { plainType } from "../messages.js";
 
-const HEAVY = new Set([
+const LARGE_TYPES = new Set([
   "sensor_msgs/Image",
   "sensor_msgs/CompressedImage",
   "sensor_msgs/PointCloud",
@@ -23,4 +23,4 @@ const HEAVY = new Set([
   "audio_common_msgs/AudioData",
 ]);
 
-export const isHeavy = (type) => HEAVY.has(plainType(type || ""));
+export const isLargeType = (type) => LARGE_TYPES.has(plainType(type || ""));

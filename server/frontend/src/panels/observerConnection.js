@@ -1,11 +1,11 @@
-// A connection of its own that only watches, for looks at topics: a message that is too large for the server ends
+// A connection of its own that only watches, for probes of topics: a message that is too large for the server ends
 // the connection it comes on, and that must not be the one that drives. Open only while something is looked at.
 
 import { backoff } from "../backoff.js";
 
 const TOO_BIG = 1009;
 
-export class Lookout {
+export class ObserverConnection {
   // `requestUrl()` gives a URL, `openLink(url, handlers)` a link as in link.js.
   constructor({ requestUrl, openLink }) {
     Object.assign(this, { requestUrl, openLink });

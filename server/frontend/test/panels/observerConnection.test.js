@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Lookout } from "../../src/panels/lookout.js";
+import { ObserverConnection } from "../../src/panels/observerConnection.js";
 
 const SPEC = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 };
 
-let links, urls, states, lookout;
+let links, urls, states, observerConnection;
 
 // A link as link.js makes it, that lets the test play the server.
 function fakeLink(url, handlers) {
@@ -24,7 +24,7 @@ beforeEach(() => {
   links = [];
   urls = 0;
   states = [];
-  lookout = new Lookout({ requestUrl: async () => `wss://server/ros?ticket=${++urls}`, openLink: fakeLink });
+  observerConnection = new ObserverConnection({ requestUrl: async () => `wss://server/ros?ticket=${++urls}`, openLink: fakeLink });
 });
 
 afterEach(() => mock.timers.reset());
@@ -32,25 +32,25 @@ afterEach(() => mock.timers.reset());
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
 async function watch() {
-  const end = lookout.watch(SPEC, () => {}, (state) => states.push(state));
+  const end = observerConnection.watch(SPEC, () => {}, (state) => states.push(state));
   await settle();
   return end;
 }
 
 test("there is no connection unless something is looked at, and none without a way to the robot", async () => {
-  lookout.use(true);
+  observerConnection.use(true);
   await settle();
   assert.equal(links.length, 0);
-  lookout.use(false);
+  observerConnection.use(false);
   await watch();
   assert.equal(links.length, 0);
-  lookout.use(true);
+  observerConnection.use(true);
   await settle();
   assert.equal(links.length, 1);
 });
 
 test("several looks share a connection, which ends with the last", async () => {
-  lookout.use(true);
+  observerConnection.use(true);
   const first = await watch();
   links[0].onOpen();
   const second = await watch();
@@ -64,12 +64,12 @@ test("several looks share a connection, which ends with the last", async () => {
 });
 
 test("a hidden page ends the connection, and a new one takes up what was looked at", async () => {
-  lookout.use(true);
+  observerConnection.use(true);
   await watch();
   links[0].onOpen();
-  lookout.use(false);
+  observerConnection.use(false);
   assert.equal(links[0].closed, true);
-  lookout.use(true);
+  observerConnection.use(true);
   await settle();
   links[1].onOpen();
   assert.deepEqual(links[1].subscribed.map(({ name }) => name), ["/odom"]);
@@ -78,7 +78,7 @@ test("a hidden page ends the connection, and a new one takes up what was looked 
 });
 
 test("after a cut it comes back, with a pause", async () => {
-  lookout.use(true);
+  observerConnection.use(true);
   await watch();
   links[0].onOpen();
   links[0].onClose({ code: 4505 });
@@ -90,7 +90,7 @@ test("after a cut it comes back, with a pause", async () => {
 });
 
 test("a message that is too large ends what is looked at, and is not asked for again", async () => {
-  lookout.use(true);
+  observerConnection.use(true);
   await watch();
   links[0].onOpen();
   links[0].onClose({ code: 1009 });
@@ -103,8 +103,8 @@ test("a message that is too large ends what is looked at, and is not asked for a
 });
 
 test("what is closed while the ticket is on its way opens nothing", async () => {
-  lookout.use(true);
-  const end = lookout.watch(SPEC, () => {});
+  observerConnection.use(true);
+  const end = observerConnection.watch(SPEC, () => {});
   end();
   await settle();
   assert.equal(links.length, 0);
@@ -112,11 +112,11 @@ test("what is closed while the ticket is on its way opens nothing", async () => 
 
 test("a refused ticket is asked for again later", async () => {
   let refused = true;
-  lookout.requestUrl = async () => {
+  observerConnection.requestUrl = async () => {
     if (refused) throw new Error("refused");
     return "wss://server/ros";
   };
-  lookout.use(true);
+  observerConnection.use(true);
   await watch();
   refused = false;
   mock.timers.tick(500);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Look } from "../../src/panels/look.js";
+import { TopicProbe } from "../../src/panels/topicProbe.js";
 
 let clock, watched;
 
@@ -13,8 +13,8 @@ beforeEach(() => {
 
 afterEach(() => mock.timers.reset());
 
-function look(type) {
-  return new Look({
+function probe(type) {
+  return new TopicProbe({
     topic: { name: "/x", type },
     now: () => clock,
     watch: (spec, onMessage, onState) => {
@@ -28,12 +28,12 @@ function look(type) {
 const open = () => watched.filter(({ ended }) => !ended);
 
 test("a topic is asked for twice a second at most", () => {
-  look("nav_msgs/Odometry");
+  probe("nav_msgs/Odometry");
   assert.deepEqual(watched.map(({ spec }) => spec.throttleMs), [500]);
 });
 
 test("a picture is asked for only when the person says so, and one at a time", () => {
-  const pictures = look("sensor_msgs/msg/Image");
+  const pictures = probe("sensor_msgs/msg/Image");
   assert.equal(watched.length, 0);
   pictures.getOne();
   pictures.getOne();
@@ -47,7 +47,7 @@ test("a picture is asked for only when the person says so, and one at a time", (
 });
 
 test("measuring takes every message for 3 s and no longer", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   watched[0].onState("open");
   odom.measure();
   odom.measure();
@@ -61,7 +61,7 @@ test("measuring takes every message for 3 s and no longer", () => {
 });
 
 test("a late timer measures for longer, and no higher rate", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   watched[0].onState("open");
   odom.measure();
   for (let i = 0; i < 60; i++) watched[1].onMessage({});
@@ -71,7 +71,7 @@ test("a late timer measures for longer, and no higher rate", () => {
 });
 
 test("a throttled topic tells no more than that it is at least so fast", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   for (clock = 0; clock <= 5000; clock += 500) watched[0].onMessage({ v: 1 });
   clock -= 500;
   assert.deepEqual(odom.pace, { kind: "least", perSecond: 2 });
@@ -80,14 +80,14 @@ test("a throttled topic tells no more than that it is at least so fast", () => {
 });
 
 test("a slow topic tells its rate", () => {
-  const battery = look("sensor_msgs/BatteryState");
+  const battery = probe("sensor_msgs/BatteryState");
   assert.deepEqual(battery.pace, { kind: "none" });
   for (clock = 0; clock <= 4000; clock += 1000) watched[0].onMessage({ v: 1 });
   assert.deepEqual(battery.pace, { kind: "rate", perSecond: 1 });
 });
 
 test("a number is plotted from the newest message on", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   watched[0].onMessage({ v: 1 });
   odom.plot("v");
   clock = 500;
@@ -98,14 +98,14 @@ test("a number is plotted from the newest message on", () => {
 });
 
 test("a refusal stays, whatever the connection does afterwards", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   watched[0].spec.onRefused("cannot subscribe to /x");
   watched[0].onState("lost");
   assert.deepEqual([odom.state, odom.refusal], ["refused", "cannot subscribe to /x"]);
 });
 
 test("its end ends all that it asked for", () => {
-  const odom = look("nav_msgs/Odometry");
+  const odom = probe("nav_msgs/Odometry");
   watched[0].onState("open");
   odom.measure();
   odom.end();
