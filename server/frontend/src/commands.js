@@ -4,7 +4,7 @@
 import { driveMessage } from "./messages.js";
 
 export class Commands {
-  // `advertise(spec)` as of connection.js; `stamp(moment)` as of beats.js; `wheelbase` in m of a robot that steers.
+  // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of clockSync.js; `wheelbase` in m of a robot that steers.
   constructor({ topic, advertise, stamp, wheelbase = null }) {
     Object.assign(this, { topic, advertise, stamp, wheelbase });
     this.type = null;
@@ -31,8 +31,8 @@ export class Commands {
     this.publisher = wanted ? this.advertise({ name: this.topic, type: this.type }) : null;
   }
 
-  publish(twist, moment) {
+  publish(twist, timestamp) {
     const { type, wheelbase } = this;
-    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(moment));
+    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(timestamp));
   }
 }

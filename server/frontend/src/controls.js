@@ -9,7 +9,7 @@ import { part, setText } from "./page.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
 import { hints } from "./texts/inputs.js";
-import { letGoWhenUnsure } from "./unsure.js";
+import { releaseOnFocusLoss } from "./focusLoss.js";
 
 // `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
 // teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
@@ -24,7 +24,7 @@ export function setUpControls(root, { kind, limits: highest, publish, mayQueue, 
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
   const keyboard = setUpKeyboard(root, teleop, kind);
   inputs.push(keyboard, sticks, gamepad);
-  letGoWhenUnsure(() => teleop.letGo());
+  releaseOnFocusLoss(() => teleop.letGo());
   const arm = (armed) => {
     teleop.arm(armed);
     sticks.arm(armed);

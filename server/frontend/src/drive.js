@@ -16,7 +16,7 @@ import { Readings } from "./readings.js";
 import { RttMeter } from "./rtt.js";
 import { DriveMode } from "./driveMode.js";
 import { driveSettings } from "./settings.js";
-import { Stay } from "./stay.js";
+import { ReloadStore } from "./stay.js";
 import { StopBar } from "./stopbar.js";
 import { watchers } from "./texts/safety.js";
 import { requestTicket } from "./tickets.js";
@@ -36,8 +36,8 @@ const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(setti
 const facts = { since: "" };
 
 const loginUse = new LoginUse();
-const stay = new Stay(robot);
-const driveMode = new DriveMode({ me: user, level, drove: stay.take(), onMove: () => connection.reopen(), onChange: showDriveMode });
+const reloadStore = new ReloadStore(robot);
+const driveMode = new DriveMode({ me: user, level, drove: reloadStore.restore(), onMove: () => connection.reopen(), onChange: showDriveMode });
 const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });
 const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
 const session = new Session({
@@ -49,14 +49,14 @@ const session = new Session({
   onLeaving: () => arming.leave(),
   onControl: useControl,
 });
-const { connection, commands, beats } = session;
+const { connection, commands, clockSync } = session;
 const subscribe = (spec, handler) => connection.subscribe(spec, handler);
 
 const banner = new Banner(root, {
   onRetry: () => connection.retryNow({ asked: true }),
   onBlind: () => interlock.allow(),
 });
-const readings = new Readings(root, { picture: () => interlock.ageMs });
+const readings = new Readings(root, { frameAge: () => interlock.ageMs });
 const view = new View(root, {
   robot,
   settings,
@@ -67,7 +67,7 @@ const view = new View(root, {
 });
 const rtt = new RttMeter({
   call: (service, request) => connection.call(service, request),
-  onReading: (reading) => readings.rtt(reading, { server: beats.roundTripMs, robot: facts.rttMs }),
+  onReading: (reading) => readings.rtt(reading, { server: clockSync.roundTripMs, robot: facts.rttMs }),
 });
 const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
@@ -82,14 +82,14 @@ const panels = setUpPanels(root, { robot, user, settings, connection, ask: () =>
 const arming = new Arming({
   controls: () => controls,
   interlock,
-  send: (twist, moment) => commands.publish(twist, moment),
+  send: (twist, timestamp) => commands.publish(twist, timestamp),
 });
 
 function controlOptions() {
   return {
     kind,
     limits,
-    publish: (twist, moment) => arming.publish(twist, moment),
+    publish: (twist, timestamp) => arming.publish(twist, timestamp),
     mayQueue: () => session.mayQueue,
     onTake: () => driveMode.press() || controls.letGo(),
     onWanted: useWanted,
@@ -110,7 +110,7 @@ function useSpeed(speed) {
 }
 
 function useControl(control) {
-  if (session.news.linked) panels.receiveControl(control, driveMode.driving);
+  if (session.controlState.linked) panels.receiveControl(control, driveMode.driving);
   driveMode.receive(control);
   stopBar.hear(control.stopped);
 }
@@ -174,12 +174,12 @@ function useTopics({ twistType, speed, topics }) {
   panels.topics(topics);
 }
 
-function useNews(robotNews) {
+function receiveRobot(update) {
   const wasOnline = facts.online && facts.ros !== "down";
-  const { state, online, ros, since, control, rtt_ms: rttMs, observers } = robotNews;
+  const { state, online, ros, since, control, rtt_ms: rttMs, observers } = update;
   Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), disabled: state === "disabled" });
   showWatchers(observers);
-  if (control) session.news.fromFeed(control);
+  if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
 }
@@ -196,15 +196,15 @@ function retryNow() {
 }
 
 const feed = new Feed({
-  onFleet: (all) => all.filter(({ name }) => name === robot).forEach(useNews),
-  onRobot: (robotNews) => robotNews.name === robot && useNews(robotNews),
+  onFleet: (all) => all.filter(({ name }) => name === robot).forEach(receiveRobot),
+  onRobot: (update) => update.name === robot && receiveRobot(update),
 });
 
 loginUse.watch(window);
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
-  stay.keep(driveMode.saved);
+  reloadStore.save(driveMode.saved);
   arming.disarm();
   connection.stop();
 });

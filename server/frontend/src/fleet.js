@@ -6,8 +6,8 @@ import { Feed } from "./feed.js";
 import { Batch, Seldom } from "./fleet/batch.js";
 import { filterOf, inNameOrder, inOrder } from "./fleet/filters.js";
 import { RobotList } from "./fleet/list.js";
-import { Pictures, Queue } from "./fleet/pictures.js";
-import { Rest } from "./fleet/rest.js";
+import { Snapshots, Queue } from "./fleet/snapshots.js";
+import { PointerPause } from "./fleet/pointerPause.js";
 import { Thumbs } from "./fleet/thumb.js";
 import { Toolbar } from "./fleet/toolbar.js";
 import { FleetStops } from "./fleetstops.js";
@@ -21,7 +21,7 @@ const main = document.querySelector("main");
 const feedState = byTestId(document, "fleet-feed");
 const fleetStops = new FleetStops(main, { manages: main.dataset.manages === "yes" });
 const stops = new Map();
-const thumbs = new Thumbs({ queue: new Queue(), pictures: new Pictures() });
+const thumbs = new Thumbs({ queue: new Queue(), snapshots: new Snapshots() });
 
 const containers = { cards: part(main, "cards"), table: part(main, "rows") };
 const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
@@ -31,11 +31,11 @@ const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(con
 
 const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
 const batch = new Batch({ apply: update });
-const arranging = new Seldom({ act: arrangeIfStill, everyMs: ARRANGE_EVERY_MS });
-const rest = new Rest({ onRest: () => waits && arranging.ask() });
+const arranging = new Seldom({ act: arrangeUnlessPaused, everyMs: ARRANGE_EVERY_MS });
+const pause = new PointerPause({ onEnd: () => arrangeLater && arranging.ask() });
 let inOrderOfNames = inNameOrder(robots.keys());
-let waits = false;
-for (const listed of [...Object.values(containers), part(main, "stops")]) rest.listen(listed);
+let arrangeLater = false;
+for (const listed of [...Object.values(containers), part(main, "stops")]) pause.listen(listed);
 showView();
 
 function atFirst({ robot, state, online, since, site }) {
@@ -101,7 +101,7 @@ function remove(name) {
   robots.delete(name);
   stops.delete(name);
   inOrderOfNames = null;
-  for (const list of Object.values(lists)) list.remove(name, rest.disturbed);
+  for (const list of Object.values(lists)) list.remove(name, pause.active);
   arranging.ask();
 }
 
@@ -111,14 +111,14 @@ function arrangeNow() {
   arrange();
 }
 
-function arrangeIfStill() {
+function arrangeUnlessPaused() {
   batch.flush();
-  if (rest.disturbed) waits = true;
+  if (pause.active) arrangeLater = true;
   else arrange();
 }
 
 function arrange() {
-  waits = false;
+  arrangeLater = false;
   inOrderOfNames ??= inNameOrder(robots.keys());
   const listed = inOrderOfNames.map((name) => robots.get(name));
   const fits = filterOf(toolbar.filter);

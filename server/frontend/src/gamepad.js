@@ -5,7 +5,7 @@
 import { asked } from "./gamepadprofile.js";
 
 // For as long is a look good: between two that are further apart a release may have been missed.
-export const LOOK_MS = 250;
+export const MAX_POLL_GAP_MS = 250;
 
 export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the moment of the look; `onStop()` comes
@@ -25,7 +25,7 @@ export class Gamepad {
 
   // `sample` is {axes, buttons} at this moment, by the clock of event.timeStamp: positions, and true for what is pressed.
   see(sample, at) {
-    if (at - this.seenAt > LOOK_MS) this.release();
+    if (at - this.seenAt > MAX_POLL_GAP_MS) this.release();
     this.seenAt = at;
     if (!this.profile) return this.onState("unknown");
     this.watchStop(sample.buttons);

@@ -1,27 +1,27 @@
 // The gamepad on the page: which one drives, what its sticks and buttons do, and the settings of this device for it.
 
-import { Gamepad, LOOK_MS } from "./gamepad.js";
+import { Gamepad, MAX_POLL_GAP_MS } from "./gamepad.js";
 import { Learner, stepsOf } from "./gamepadlearn.js";
 import { GamepadLoop } from "./gamepadloop.js";
 import { DEAD_ZONE, MOTIONS, fits, madeOf, usualProfile } from "./gamepadprofile.js";
-import { Kept } from "./kept.js";
+import { LocalStore } from "./localStore.js";
 import { byTestId, part, setText } from "./page.js";
 import * as texts from "./texts/inputs.js";
 
 const INPUT = "gamepad";
-const keptAs = ({ id }) => `gamepad ${id}`;
+const storedAs = ({ id }) => `gamepad ${id}`;
 
 export class GamepadPanel {
   // `kind` and `limits` as of mixing.js, `teleop` as of teleop.js; `onStop()` comes from the stop button.
-  constructor(root, { kind, teleop, limits, onStop, kept = new Kept() }) {
-    Object.assign(this, { kind, teleop, limits, kept });
+  constructor(root, { kind, teleop, limits, onStop, store = new LocalStore() }) {
+    Object.assign(this, { kind, teleop, limits, store });
     this.element = byTestId(root, "gamepad");
     this.free = false; // whether its enable button would take the control
     this.device = null;
     this.learner = null;
     this.gamepad = new Gamepad({
       accepts: () => (teleop.armed || (teleop.watching && this.free)) && document.hasFocus(),
-      onHold: (input, at) => teleop.hold(INPUT, input, at, LOOK_MS),
+      onHold: (input, at) => teleop.hold(INPUT, input, at, MAX_POLL_GAP_MS),
       onRelease: () => teleop.release(INPUT),
       onStop,
       onState: (state) => this.tell(state),
@@ -66,8 +66,8 @@ export class GamepadPanel {
 
   found(device) {
     this.device = device;
-    const kept = this.kept.read(keptAs(device));
-    this.use(fits(kept, device) ? kept : usualProfile(device, this.kind));
+    const stored = this.store.read(storedAs(device));
+    this.use(fits(stored, device) ? stored : usualProfile(device, this.kind));
   }
 
   lost() {
@@ -87,7 +87,7 @@ export class GamepadPanel {
 
   // By a person: kept for the next time that this device is here.
   keep(profile) {
-    this.kept.write(keptAs(this.device), profile);
+    this.store.write(storedAs(this.device), profile);
     this.use(profile);
   }
 
@@ -108,7 +108,7 @@ export class GamepadPanel {
   forget() {
     if (!this.device) return;
     this.endLearning();
-    this.kept.forget(keptAs(this.device));
+    this.store.forget(storedAs(this.device));
     this.use(usualProfile(this.device, this.kind));
   }
 

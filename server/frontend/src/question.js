@@ -2,7 +2,7 @@
 // pressed then was meant for what stood there before, or slipped off the stick.
 
 const NEW_MS = 700;
-const LOOK_MS = 100;
+const CHECK_MS = 100;
 
 export class Question {
   // `busy()` says whether a key or stick is held.
@@ -10,7 +10,7 @@ export class Question {
     Object.assign(this, { element, busy, now });
     this.shownAt = -Infinity;
     element.addEventListener("click", (event) => this.sift(event), { capture: true });
-    setInterval(() => this.mark(), LOOK_MS);
+    setInterval(() => this.mark(), CHECK_MS);
   }
 
   get shown() {

@@ -9,9 +9,9 @@ const OLD_MS = 2500;
 const TICK_MS = 250;
 
 export class Readings {
-  // `picture()` gives the age of the main picture in ms, null for none.
-  constructor(root, { picture }) {
-    Object.assign(this, { root, picture, speedAt: null, wayMs: 0 });
+  // `frameAge()` gives the age of the main picture in ms, null for none.
+  constructor(root, { frameAge }) {
+    Object.assign(this, { root, frameAge, speedAt: null, wayMs: 0 });
     setInterval(() => this.tick(), TICK_MS);
   }
 
@@ -43,9 +43,9 @@ export class Readings {
 
   // A speed was on its way for a while before it came here.
   tick() {
-    const picture = this.picture();
+    const frameAge = this.frameAge();
     const speed = this.speedAt === null ? null : performance.now() - this.speedAt + this.wayMs;
-    this.value("picture-age", picture === null ? dataAge.none : dataAge.exact(Math.round(picture)));
+    this.value("picture-age", frameAge === null ? dataAge.none : dataAge.exact(Math.round(frameAge)));
     this.write("speed-age", speed === null ? "" : ageText(speed));
   }
 

@@ -2,11 +2,11 @@
 // person likes is kept on the device; a robot that goes sideways starts with two, as one cannot tell it to.
 
 import { Joystick } from "./joystick.js";
-import { Kept } from "./kept.js";
+import { LocalStore } from "./localStore.js";
 import { byTestId, part } from "./page.js";
 import { hints } from "./texts/inputs.js";
 
-const KEPT_AS = "sticks";
+const STORED_AS = "sticks";
 
 // What the position of a stick asks for.
 const both = ({ up, left }) => ({ forward: up, left: 0, turn: left });
@@ -15,8 +15,8 @@ const turn = ({ left }) => ({ forward: 0, left: 0, turn: left });
 
 export class Sticks {
   // `kind` as of mixing.js, `teleop` as of teleop.js.
-  constructor(root, { kind, teleop, kept = new Kept() }) {
-    Object.assign(this, { kind, teleop, kept });
+  constructor(root, { kind, teleop, store = new LocalStore() }) {
+    Object.assign(this, { kind, teleop, store });
     this.asks = both;
     this.area = byTestId(root, "controls");
     this.main = this.joystick(byTestId(root, "joystick"), (at) => this.asks(at));
@@ -33,19 +33,19 @@ export class Sticks {
       element,
       knob: part(element, "knob"),
       accepts: () => this.teleop.accepts,
-      onHold: (at, moment) => this.teleop.hold(input, asks(at), moment),
+      onHold: (at, timestamp) => this.teleop.hold(input, asks(at), timestamp),
       onRelease: () => this.teleop.release(input),
     });
   }
 
   remembered() {
-    const two = this.kept.read(KEPT_AS);
+    const two = this.store.read(STORED_AS);
     return typeof two === "boolean" ? two : this.kind === "holonomic";
   }
 
   choose(two) {
     this.teleop.letGo(); // what is held would mean something else
-    this.kept.write(KEPT_AS, two);
+    this.store.write(STORED_AS, two);
     this.show(two);
   }
 

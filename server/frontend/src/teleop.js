@@ -12,8 +12,8 @@ const LATE_MS = 300; // a timer that is later ran on a page that could not see a
 const TAKE_MS = 1000; // a press that has not brought the control by then has to be made anew
 
 export class Teleop {
-  // `publish({forward, left, turn}, moment)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
-  // `moment()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
+  // `publish({forward, left, turn}, timestamp)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
+  // `timestamp()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
   // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
   // `now()` must go on while the
   // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of mixing.js.
@@ -26,9 +26,9 @@ export class Teleop {
     onTake = () => {},
     onWanted = () => {},
     now = () => Date.now(),
-    moment = () => performance.now(),
+    timestamp = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onTake, onWanted, now, moment });
+    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onTake, onWanted, now, timestamp });
     this.armed = false;
     this.watching = false;
     this.held = new Map();
@@ -72,7 +72,7 @@ export class Teleop {
 
   // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
   // polled says for how many ms its word is good: nobody tells when polling ends.
-  hold(input, value, at = this.moment(), goodForMs = Infinity) {
+  hold(input, value, at = this.timestamp(), goodForMs = Infinity) {
     if (!this.accepts) return;
     const starting = this.held.size === 0;
     this.held.set(input, { value, at, goodForMs });
@@ -104,7 +104,7 @@ export class Teleop {
   start(at) {
     this.zerosLeft = 0;
     this.restartTimer();
-    if (this.armed) this.sendWanted(Math.min(at, this.moment()));
+    if (this.armed) this.sendWanted(Math.min(at, this.timestamp()));
     else this.onTake();
   }
 
@@ -124,7 +124,7 @@ export class Teleop {
 
   restartTimer() {
     this.sentAt = this.tickedAt = this.now();
-    this.seenAt = this.moment();
+    this.seenAt = this.timestamp();
     clearInterval(this.timer);
     this.timer = setInterval(() => this.tick(), PERIOD_MS);
   }
@@ -143,7 +143,7 @@ export class Teleop {
   see() {
     const due = this.seenAt + PERIOD_MS;
     this.tickedAt = this.now();
-    this.seenAt = this.moment();
+    this.seenAt = this.timestamp();
     return Math.min(due, this.seenAt, ...this.polls.map(({ at }) => at));
   }
 
@@ -157,7 +157,7 @@ export class Teleop {
 
   // True when a polled input has not been looked at for too long.
   get unpolled() {
-    return this.polls.some(({ at, goodForMs }) => this.moment() - at > goodForMs);
+    return this.polls.some(({ at, goodForMs }) => this.timestamp() - at > goodForMs);
   }
 
   // True when this page was frozen or throttled, or this machine asleep.
@@ -185,7 +185,7 @@ export class Teleop {
   // Zero is meant whenever it is sent. It goes out first: what is shown may fail.
   sendZero() {
     this.zerosLeft -= 1;
-    this.pass(STILL, this.moment());
+    this.pass(STILL, this.timestamp());
     this.onWanted(STILL);
   }
 

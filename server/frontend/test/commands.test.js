@@ -15,7 +15,7 @@ beforeEach(() => {
       advertised.push(type);
       return { publish: (...what) => published.push(what), end: () => (ended += 1) };
     },
-    stamp: (moment) => ({ t_ms: moment + 1000 }),
+    stamp: (timestamp) => ({ t_ms: timestamp + 1000 }),
   });
 });
 

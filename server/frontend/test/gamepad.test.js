@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Gamepad, LOOK_MS } from "../src/gamepad.js";
+import { Gamepad, MAX_POLL_GAP_MS } from "../src/gamepad.js";
 import { usualProfile } from "../src/gamepadprofile.js";
 
 const PROFILE = usualProfile({ mapping: "standard", axes: 4, buttons: 17 }, "differential");
@@ -17,7 +17,7 @@ beforeEach(() => {
   at = 1000;
   gamepad = new Gamepad({
     accepts: () => armed,
-    onHold: (input, moment) => told.push({ ...input, moment }),
+    onHold: (input, timestamp) => told.push({ ...input, timestamp }),
     onRelease: () => told.push("released"),
     onStop: () => told.push("stop"),
     onState: (state) => states.push(state),
@@ -37,13 +37,13 @@ function seeAfter(ms, ...pressed) {
   gamepad.see({ axes: [0, -1, 0, 0], buttons }, at);
 }
 
-const holds = () => told.filter((one) => one.moment);
+const holds = () => told.filter((one) => one.timestamp);
 
 test("a stick alone moves nothing; with the enable button it drives, until that is released", () => {
   see();
   assert.deepEqual(told, []);
   see(enable);
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0, turbo: false, moment: at }]);
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0, turbo: false, timestamp: at }]);
   see();
   see();
   assert.equal(told.at(-1), "released");
@@ -54,7 +54,7 @@ test("each look has its own moment", () => {
   see(enable);
   see(enable);
   assert.deepEqual(
-    holds().map(({ moment }) => moment),
+    holds().map(({ timestamp }) => timestamp),
     [at - FRAME_MS, at],
   );
 });
@@ -111,7 +111,7 @@ test("where driving ends without a word, the next look releases", () => {
 
 test("a late look renews nothing: enable may have been released meanwhile", () => {
   see(enable);
-  seeAfter(LOOK_MS + 1, enable);
+  seeAfter(MAX_POLL_GAP_MS + 1, enable);
   assert.equal(told.at(-1), "released");
   see(enable);
   assert.equal(holds().length, 1);
@@ -119,7 +119,7 @@ test("a late look renews nothing: enable may have been released meanwhile", () =
 
 test("a look that is not so late drives on", () => {
   see(enable);
-  seeAfter(LOOK_MS, enable);
+  seeAfter(MAX_POLL_GAP_MS, enable);
   assert.equal(holds().length, 2);
 });
 

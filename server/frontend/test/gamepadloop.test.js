@@ -26,7 +26,7 @@ beforeEach(() => {
   window = new EventTarget();
   loop = new GamepadLoop({
     onFound: (device) => told.push(["found", device]),
-    onSeen: (sample, moment) => told.push(["seen", sample, moment]),
+    onSeen: (sample, timestamp) => told.push(["seen", sample, timestamp]),
     onLost: () => told.push(["lost"]),
     onAll: (all) => (loop.all = all),
     pads: () => pads,

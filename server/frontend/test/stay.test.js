@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Kept } from "../src/kept.js";
-import { Stay } from "../src/stay.js";
+import { LocalStore } from "../src/localStore.js";
+import { ReloadStore } from "../src/stay.js";
 
 let store, clock, arrival;
 
@@ -18,27 +18,27 @@ const storage = {
   removeItem: (name) => store.delete(name),
 };
 const load = (robot = "sim1") =>
-  new Stay(robot, { kept: new Kept(() => storage), arrival: () => arrival, now: () => clock });
+  new ReloadStore(robot, { store: new LocalStore(() => storage), arrival: () => arrival, now: () => clock });
 
 test("a page that drove when it was loaded anew is told so, once", () => {
-  load().keep({ armed: true });
-  assert.equal(load().take().armed, true);
-  assert.equal(load().take(), null);
+  load().save({ armed: true });
+  assert.equal(load().restore().armed, true);
+  assert.equal(load().restore(), null);
 });
 
 test("a page that did not drive leaves nothing", () => {
-  load().keep(null);
-  assert.equal(load().take(), null);
+  load().save(null);
+  assert.equal(load().restore(), null);
 });
 
 test("nothing is kept for another robot, for later, or for a page that is opened", () => {
-  load().keep({ armed: true });
-  assert.equal(load("sim2").take(), null);
+  load().save({ armed: true });
+  assert.equal(load("sim2").restore(), null);
   clock += 20_000;
-  assert.equal(load().take(), null);
-  load().keep({ armed: true });
+  assert.equal(load().restore(), null);
+  load().save({ armed: true });
   arrival = "navigate";
-  assert.equal(load().take(), null);
+  assert.equal(load().restore(), null);
   arrival = "reload";
-  assert.equal(load().take(), null);
+  assert.equal(load().restore(), null);
 });

@@ -6,12 +6,12 @@ import { Teleop } from "../src/teleop.js";
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };
 
-let clock, moment, sent, moments, wanted, drops, takes, mayQueue, teleop;
+let clock, timestamp, sent, moments, wanted, drops, takes, mayQueue, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
-  clock = moment = 0;
+  clock = timestamp = 0;
   sent = [];
   moments = [];
   wanted = [];
@@ -25,7 +25,7 @@ beforeEach(() => {
     onTake: () => (takes += 1),
     onWanted: (twist) => wanted.push(twist),
     now: () => clock,
-    moment: () => moment,
+    timestamp: () => timestamp,
   });
   teleop.arm(true);
   drops = 0;
@@ -34,7 +34,7 @@ beforeEach(() => {
 function pass(ms) {
   for (const end = clock + ms; clock < end; ) {
     clock += 10;
-    moment += 10;
+    timestamp += 10;
     mock.timers.tick(10);
   }
 }
@@ -42,7 +42,7 @@ function pass(ms) {
 // What a frozen tab, a sleeping machine or an open dialog does: time passes and no timer runs.
 function freeze(ms) {
   clock += ms;
-  moment += ms;
+  timestamp += ms;
 }
 
 // A sleep of the machine, in which the clock of events stands still.
@@ -209,14 +209,14 @@ test("a machine that slept does not drive on, although the clock of events stood
 });
 
 test("a press has the moment of its event, and what is held the moment at which that was seen", () => {
-  moment = 1000;
+  timestamp = 1000;
   teleop.hold("keyboard", FORWARD, 960);
   pass(100);
   assert.deepEqual(moments, [960, 1050, 1100]);
 });
 
 test("a moment that lies ahead, of a browser with another clock, is that of now", () => {
-  moment = 1000;
+  timestamp = 1000;
   teleop.hold("keyboard", FORWARD, 1_700_000_000_000);
   assert.deepEqual(moments, [1000]);
 });
@@ -276,7 +276,7 @@ test("a polled input drives for as long as it is polled, each time with the poll
   teleop.hold("gamepad", FORWARD, 0, 200);
   for (let i = 0; i < 4; i++) {
     pass(40);
-    teleop.hold("gamepad", FORWARD, moment, 200);
+    teleop.hold("gamepad", FORWARD, timestamp, 200);
   }
   assert.deepEqual(moments, [0, 40, 80, 120]);
   assert.equal(drops, 0);
@@ -336,7 +336,7 @@ test("what took the control and is held still drives on from the moment at which
   pass(300);
   teleop.arm(true);
   assert.deepEqual(sent, [{ forward: 0.5, left: 0, turn: 0 }]);
-  assert.ok(moments[0] <= moment);
+  assert.ok(moments[0] <= timestamp);
   pass(100);
   assert.equal(sent.length, 3);
   teleop.release("keyboard");
@@ -370,7 +370,7 @@ test("what took the control on a page that was frozen meanwhile moves nothing", 
   teleop.watch();
   teleop.hold("keyboard", FORWARD);
   clock += 600;
-  moment += 600;
+  timestamp += 600;
   teleop.arm(true);
   pass(500);
   assert.deepEqual(sent, []);
@@ -390,7 +390,7 @@ for (const [end, act] of [["the focus goes", () => teleop.letGo()], ["the link f
 
 test("a gamepad that is no longer looked at takes the control and moves nothing", () => {
   teleop.watch();
-  teleop.hold("gamepad", FORWARD, moment, 250);
+  teleop.hold("gamepad", FORWARD, timestamp, 250);
   pass(400);
   teleop.arm(true);
   pass(500);

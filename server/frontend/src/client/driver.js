@@ -16,7 +16,7 @@ class Twists extends Teleop {
 }
 
 export class Driver {
-  // `publish` and `mayQueue` as of teleop.js; `moment()` and `now()` too, for tests.
+  // `publish` and `mayQueue` as of teleop.js; `timestamp()` and `now()` too, for tests.
   constructor(means) {
     this.released = true;
     this.moving = false;
@@ -36,7 +36,7 @@ export class Driver {
     if (!this.teleop.armed) this.released = false;
     if (!this.released) return false;
     this.moving = true;
-    this.teleop.hold(NAME, twist, this.teleop.moment(), GOOD_FOR_MS);
+    this.teleop.hold(NAME, twist, this.teleop.timestamp(), GOOD_FOR_MS);
     return true;
   }
 

@@ -6,7 +6,7 @@ import { backoff } from "../backoff.js";
 import { FramesLink } from "./frameslink.js";
 
 const OPEN_MS = 5000;
-const LOOK_MS = 100;
+const CHECK_MS = 100;
 const OLD_MS = 1000;
 
 const BY_CODE = {
@@ -43,7 +43,7 @@ export class FrameStream {
     this.running = false;
     this.link = null;
     this.bytes = 0;
-    this.told = "";
+    this.reported = "";
   }
 
   start() {
@@ -51,7 +51,7 @@ export class FrameStream {
     this.running = true;
     this.delays = backoff();
     this.forget("starting");
-    this.watch = setInterval(() => this.look(), LOOK_MS);
+    this.watch = setInterval(() => this.checkAge(), CHECK_MS);
     this.attempt();
   }
 
@@ -96,8 +96,8 @@ export class FrameStream {
   open(url, current) {
     const handlers = {
       want: this.wanted,
-      onFrame: current((frame) => this.take(frame)),
-      onStatus: current((status) => this.hear(status)),
+      onFrame: current((frame) => this.receiveFrame(frame)),
+      onStatus: current((status) => this.receiveStatus(status)),
       onEnd: current((how) => this.lose(how)),
       now: this.now,
       wall: this.wall,
@@ -108,7 +108,7 @@ export class FrameStream {
   }
 
   // It counts when it is to be seen: until then, and for ever if it cannot be shown, the page has the one before.
-  async take(frame) {
+  async receiveFrame(frame) {
     const { round } = this;
     this.bytes += frame.bytes;
     await this.onFrame(frame);
@@ -117,15 +117,15 @@ export class FrameStream {
     this.at = frame.at;
     this.sender = { state: "live", detail: "" };
     this.details = { ...this.details, quality: frame.quality || this.details.quality };
-    this.look();
+    this.checkAge();
   }
 
-  hear({ state, detail = "", ...details }) {
+  receiveStatus({ state, detail = "", ...details }) {
     this.sender = { state, detail };
     for (const name of Object.keys(NO_DETAILS)) {
       if (name in details) this.details = { ...this.details, [name]: details[name] };
     }
-    this.look();
+    this.checkAge();
   }
 
   lose({ code, reason, opened }) {
@@ -159,12 +159,12 @@ export class FrameStream {
     this.at = null;
     this.details = NO_DETAILS;
     this.sender = { state: why, detail };
-    this.look();
+    this.checkAge();
   }
 
-  look() {
+  checkAge() {
     const picture = this.at === null ? "none" : this.ageMs > this.oldMs ? "old" : "live";
-    this.tell({ picture, ...this.reason(picture), ...this.details });
+    this.report({ picture, ...this.reason(picture), ...this.details });
   }
 
   reason(picture) {
@@ -174,10 +174,10 @@ export class FrameStream {
     return { why: picture === "old" ? "old" : "waiting", detail: "" };
   }
 
-  tell(status) {
-    const told = JSON.stringify(status);
-    if (told === this.told) return;
-    this.told = told;
+  report(status) {
+    const reported = JSON.stringify(status);
+    if (reported === this.reported) return;
+    this.reported = reported;
     this.onStatus({ ...status, bytes: this.bytes });
   }
 }

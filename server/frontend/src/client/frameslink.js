@@ -2,10 +2,10 @@
 // It must never have more pictures under way than the page can show, or what it shows would be late.
 
 import { readFrame } from "./header.js";
-import { Moments } from "./moments.js";
+import { SenderClock } from "./senderClock.js";
 
 const CREDITS = 2; // one is shown while the next is on its way
-const BEAT_MS = 500;
+const SYNC_MS = 500;
 const SILENCE_MS = 4000; // every beat is answered
 
 export class FramesLink {
@@ -13,12 +13,12 @@ export class FramesLink {
   // picture is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
     Object.assign(this, { socket, wanted: want, onFrame, onStatus, onEnd, now });
-    this.moments = new Moments({ now, wall });
+    this.senderClock = new SenderClock({ now, wall });
     this.turn = Promise.resolve();
     this.taken = null;
     this.opened = false;
-    this.heardAt = now();
-    this.timer = setInterval(() => this.tick(), BEAT_MS);
+    this.receivedAt = now();
+    this.timer = setInterval(() => this.tick(), SYNC_MS);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.open();
     socket.onmessage = ({ data }) => this.receive(data);
@@ -27,52 +27,52 @@ export class FramesLink {
 
   open() {
     this.opened = true;
-    this.heardAt = this.now();
-    this.say({ op: "want", ...this.wanted });
-    this.beat(); // before the first credit, so that the first picture's moment is known
+    this.receivedAt = this.now();
+    this.send({ op: "want", ...this.wanted });
+    this.sendSync(); // before the first credit, so that the first picture's moment is known
     this.credit(CREDITS);
   }
 
   want(want) {
     this.wanted = want;
-    this.say({ op: "want", ...want });
+    this.send({ op: "want", ...want });
   }
 
   tick() {
-    if (this.now() - this.heardAt > SILENCE_MS) this.end(1006, "");
-    else this.beat();
+    if (this.now() - this.receivedAt > SILENCE_MS) this.end(1006, "");
+    else this.sendSync();
   }
 
-  beat() {
-    this.say({ op: "beat", t_ms: this.now() });
+  sendSync() {
+    this.send({ op: "beat", t_ms: this.now() });
   }
 
   credit(frames) {
-    this.say({ op: "credit", frames, taken: this.taken });
+    this.send({ op: "credit", frames, taken: this.taken });
   }
 
   // What cannot be said now is said anew when it opens, or has no meaning any more.
-  say(message) {
+  send(message) {
     if (this.opened && this.onEnd) this.socket.send(JSON.stringify(message));
   }
 
   receive(data) {
     if (!this.onEnd) return;
-    this.heardAt = this.now();
-    if (typeof data === "string") this.hear(data);
-    else this.take(data);
+    this.receivedAt = this.now();
+    if (typeof data === "string") this.receiveText(data);
+    else this.receiveFrame(data);
   }
 
-  hear(text) {
+  receiveText(text) {
     const message = parse(text);
-    if (message?.op === "beat") this.moments.hear(message);
+    if (message?.op === "beat") this.senderClock.receive(message);
     if (message?.op === "status") this.onStatus(message);
   }
 
   // In their order, one at a time.
-  take(data) {
+  receiveFrame(data) {
     const frame = readFrame(data);
-    const at = frame && this.moments.at(frame.momentMs);
+    const at = frame && this.senderClock.timestamp(frame.timestampMs);
     if (frame) this.taken = frame.number;
     this.turn = this.turn.then(() => at !== null && this.hand({ ...frame, at, bytes: data.byteLength }));
     this.turn = this.turn.then(() => this.credit(1));

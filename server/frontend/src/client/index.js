@@ -44,7 +44,7 @@ export class Robot {
       onControl: (control) => this.hear(control),
     });
     this.driver = new Driver({
-      publish: (twist, moment) => this.session.commands.publish(twist, moment),
+      publish: (twist, timestamp) => this.session.commands.publish(twist, timestamp),
       mayQueue: () => this.session.mayQueue,
     });
     // Also what keeps a quiet link from looking like a dead one: the robot answers each second.

@@ -2,11 +2,11 @@
 // and drive commands, each with its moment. Used by the drive page and by index.js.
 // It must never believe what a robot says in the relay's name.
 
-import { Beats } from "../beats.js";
+import { ClockSync } from "../clockSync.js";
 import { Commands } from "../commands.js";
 import { Connection } from "../connection.js";
 import { openLink } from "../link.js";
-import { ControlNews } from "../news.js";
+import { ControlState } from "../controlState.js";
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
@@ -15,34 +15,34 @@ export class Session {
   // `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
   // who drives and whether the robot is stopped.
   constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl }) {
-    this.beats = new Beats();
-    this.news = new ControlNews({ onControl });
+    this.clockSync = new ClockSync();
+    this.controlState = new ControlState({ onControl });
     this.connection = new Connection({
       requestTicket: requestUrl,
       openLink,
       prepare,
       onState,
       onLeaving,
-      onLink: (tell) => (tell ? this.beats.start(tell) : this.forgetLink()),
-      onOwn: (operation) => this.hear(operation),
+      onLink: (tell) => (tell ? this.clockSync.start(tell) : this.forgetLink()),
+      onOwn: (operation) => this.receive(operation),
     });
     this.commands = new Commands({
       topic: driveTopic,
       wheelbase,
       advertise: (spec) => this.connection.advertise(spec),
-      stamp: (moment) => this.beats.stamp(moment),
+      stamp: (timestamp) => this.clockSync.stamp(timestamp),
     });
   }
 
-  hear(operation) {
-    if (!this.beats.isRelays(operation)) return;
-    if (operation.op === "robotether.beat") this.beats.hear(operation);
-    if (operation.op === "robotether.control") this.news.fromLink(operation.control);
+  receive(operation) {
+    if (!this.clockSync.isRelays(operation)) return;
+    if (operation.op === "robotether.beat") this.clockSync.receive(operation);
+    if (operation.op === "robotether.control") this.controlState.fromLink(operation.control);
   }
 
   forgetLink() {
-    this.beats.stop();
-    this.news.linkEnded();
+    this.clockSync.stop();
+    this.controlState.linkEnded();
   }
 
   // Whether a command that is sent now would be at the robot soon, and not wait behind old ones.

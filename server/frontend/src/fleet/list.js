@@ -2,7 +2,7 @@
 // The markup is the server's; cards.js fills it in.
 
 import { fillCard, newCard } from "../cards.js";
-import { toMove } from "./moves.js";
+import { itemsToMove } from "./reorder.js";
 
 export class RobotList {
   // `container` holds the elements, `template` makes one for a robot that has none yet; `onNew(element, name)` for each.
@@ -26,11 +26,11 @@ export class RobotList {
     this.onNew(element, robot.name);
   }
 
-  // `still`: nothing may move, so what goes leaves its place empty.
-  remove(name, still) {
+  // `paused`: nothing may move, so what goes leaves its place empty.
+  remove(name, paused) {
     const element = this.elements.get(name);
     this.elements.delete(name);
-    if (still && element) vacate(element);
+    if (paused && element) vacate(element);
     else element?.remove();
   }
 
@@ -38,7 +38,7 @@ export class RobotList {
   arrange(names, shown) {
     for (const left of this.container.querySelectorAll("[data-left]")) left.remove();
     const present = [...this.container.children].map(({ dataset }) => dataset.robot);
-    const moving = toMove(present, names);
+    const moving = itemsToMove(present, names);
     const focused = document.activeElement;
     let next = null;
     for (const name of [...names].reverse()) {

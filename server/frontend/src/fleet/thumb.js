@@ -8,9 +8,9 @@ const INTENT_MS = 300;
 const FRESH_MS = 5000;
 
 export class Thumbs {
-  // `queue` and `pictures` as of pictures.js.
-  constructor({ queue, pictures, now = () => performance.now() }) {
-    Object.assign(this, { queue, pictures, now });
+  // `queue` and `snapshots` as of snapshots.js.
+  constructor({ queue, snapshots, now = () => performance.now() }) {
+    Object.assign(this, { queue, snapshots, now });
     this.byElement = new WeakMap();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));
   }
@@ -55,7 +55,7 @@ class Thumb {
     thumbs.watcher.observe(this.button);
     this.say("waiting");
     const cancel = thumbs.queue.add(async (signal) => {
-      const found = await thumbs.pictures.take(this.robot, this.topic, signal).catch(() => ({ problem: "failed" }));
+      const found = await thumbs.snapshots.fetchImage(this.robot, this.topic, signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
       this.cancel = null;
       this.show(found);

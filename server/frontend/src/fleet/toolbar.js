@@ -1,6 +1,6 @@
 // Search, filters, order and the choice of cards or table. What is chosen stands in the page's address.
 
-import { Kept } from "../kept.js";
+import { LocalStore } from "../localStore.js";
 import { part, setText } from "../page.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { fromQuery, isFiltered, sitesOf, toQuery } from "./filters.js";
@@ -10,10 +10,10 @@ const ANY_SITE = "any";
 
 export class Toolbar {
   // `onFilter()` and `onView(view)` when the person chose; `filter` and `view` say what.
-  constructor(root, { onFilter, onView, kept = new Kept() }) {
-    Object.assign(this, { root, onFilter, onView, kept });
+  constructor(root, { onFilter, onView, store = new LocalStore() }) {
+    Object.assign(this, { root, onFilter, onView, store });
     this.filter = fromQuery(location.search);
-    this.view = kept.read(VIEW) === "table" ? "table" : "cards";
+    this.view = store.read(VIEW) === "table" ? "table" : "cards";
     this.search = part(root, "search");
     this.site = part(root, "site");
     this.sort = part(root, "sort");
@@ -55,7 +55,7 @@ export class Toolbar {
 
   look(view) {
     this.view = view;
-    this.kept.write(VIEW, view);
+    this.store.write(VIEW, view);
     this.show();
     this.onView(view);
   }

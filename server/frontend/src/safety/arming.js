@@ -2,7 +2,7 @@
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
 export class Arming {
-  // `controls` as of controls.js; `interlock` as of videoInterlock.js; `send(twist, moment)` publishes a command.
+  // `controls` as of controls.js; `interlock` as of videoInterlock.js; `send(twist, timestamp)` publishes a command.
   constructor({ controls, interlock, send }) {
     Object.assign(this, { controls, interlock, send });
     this.armed = false;
@@ -46,9 +46,9 @@ export class Arming {
   }
 
   // Each command asks anew whether the person can see: a timer may be late.
-  publish(twist, moment) {
+  publish(twist, timestamp) {
     this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;
-    if (still || !this.interlock.held) this.send(twist, moment);
+    if (still || !this.interlock.held) this.send(twist, timestamp);
   }
 }

@@ -14,9 +14,9 @@ beforeEach(() => {
   sent = [];
   moments = [];
   driver = new Driver({
-    publish: (twist, moment) => sent.push(twist) && moments.push(moment),
+    publish: (twist, timestamp) => sent.push(twist) && moments.push(timestamp),
     now: () => clock,
-    moment: () => clock,
+    timestamp: () => clock,
   });
   driver.arm(true);
 });

@@ -76,7 +76,7 @@ test("it says what it wants, beats, and gives two credits", async () => {
 
 test("a picture comes with its moment on this page's clock", async () => {
   const socket = await goOpen();
-  socket.frame({ number: 7, momentMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
+  socket.frame({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
   await settle();
   assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
   assert.equal(last().picture, "live");
@@ -86,11 +86,11 @@ test("a picture comes with its moment on this page's clock", async () => {
 
 test("a picture counts when it has been shown, and one that cannot be shown never does", async () => {
   const socket = await goOpen();
-  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
   await settle();
   clock += 500;
   hold = withResolvers();
-  socket.frame({ number: 2, momentMs: AHEAD + 1490 });
+  socket.frame({ number: 2, timestampMs: AHEAD + 1490 });
   await settle();
   assert.equal(stream.ageMs, 510);
   hold.reject(new Error("broken JPEG"));
@@ -101,7 +101,7 @@ test("a picture counts when it has been shown, and one that cannot be shown neve
 test("a picture that is shown after the stream was stopped does not count", async () => {
   const socket = await goOpen();
   hold = withResolvers();
-  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
   await settle();
   stream.stop();
   hold.resolve();
@@ -115,10 +115,10 @@ test("a handler that throws costs one picture and no more", async () => {
   stream.onFrame = () => {
     throw new Error("no canvas");
   };
-  socket.frame({ number: 1, momentMs: AHEAD + 990 });
+  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
   await settle();
   stream.onFrame = show;
-  socket.frame({ number: 2, momentMs: AHEAD + 990 });
+  socket.frame({ number: 2, timestampMs: AHEAD + 990 });
   await settle();
   assert.deepEqual(frames.map(({ number }) => number), [2]);
 });
@@ -126,8 +126,8 @@ test("a handler that throws costs one picture and no more", async () => {
 test("the next picture is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();
-  socket.frame({ number: 7, momentMs: AHEAD + 990 });
-  socket.frame({ number: 8, momentMs: AHEAD + 995 });
+  socket.frame({ number: 7, timestampMs: AHEAD + 990 });
+  socket.frame({ number: 8, timestampMs: AHEAD + 995 });
   await settle();
   assert.equal(socket.said("credit").length, 1);
   assert.equal(frames.length, 1);
@@ -152,7 +152,7 @@ test("a picture that cannot be shown, of another codec or without a known moment
   const socket = await goOpen();
   hold = withResolvers();
   hold.reject(new Error("broken JPEG"));
-  socket.frame({ number: 7, momentMs: AHEAD });
+  socket.frame({ number: 7, timestampMs: AHEAD });
   await settle();
   socket.frame({ number: 8, codec: 2 });
   await settle();
@@ -164,7 +164,7 @@ test("a picture before the first answered beat is not shown: its age is unknown"
   stream.start();
   await settle();
   sockets[0].open();
-  sockets[0].frame({ number: 1, momentMs: AHEAD });
+  sockets[0].frame({ number: 1, timestampMs: AHEAD });
   await settle();
   assert.deepEqual(frames, []);
   assert.equal(last().picture, "none");
@@ -173,16 +173,16 @@ test("a picture before the first answered beat is not shown: its age is unknown"
 
 test("a picture is old after a second, whether it came late or no other came", async () => {
   const socket = await goOpen();
-  socket.frame({ number: 1, momentMs: AHEAD + 1000 });
+  socket.frame({ number: 1, timestampMs: AHEAD + 1000 });
   await settle();
   await pass(1000);
   assert.equal(last().picture, "live");
   await pass(100);
   assert.deepEqual([last().picture, last().why], ["old", "old"]);
-  socket.frame({ number: 2, momentMs: AHEAD + clock - 1500 });
+  socket.frame({ number: 2, timestampMs: AHEAD + clock - 1500 });
   await settle();
   assert.equal(last().picture, "old");
-  socket.frame({ number: 3, momentMs: AHEAD + clock });
+  socket.frame({ number: 3, timestampMs: AHEAD + clock });
   await settle();
   assert.deepEqual([last().picture, last().why], ["live", ""]);
 });
@@ -201,14 +201,14 @@ test("unknown operations and broken texts are skipped", async () => {
   socket.tell({ op: "new" });
   socket.onmessage({ data: "{" });
   socket.onmessage({ data: "null" });
-  socket.frame({ momentMs: AHEAD + 1000 });
+  socket.frame({ timestampMs: AHEAD + 1000 });
   await settle();
   assert.equal(frames.length, 1);
 });
 
 test("after a cut there is no picture, and a new link after a while", async () => {
   const socket = await goOpen();
-  socket.frame({ momentMs: AHEAD + 1000 });
+  socket.frame({ timestampMs: AHEAD + 1000 });
   await settle();
   socket.end(1006);
   assert.deepEqual([last().picture, last().why], ["none", "cut"]);
@@ -256,7 +256,7 @@ test("an ended stream closes its link and asks for nothing more", async () => {
   stream.stop();
   assert.equal(socket.closed, true);
   assert.deepEqual([last().picture, last().why], ["none", "paused"]);
-  socket.frame({ momentMs: AHEAD });
+  socket.frame({ timestampMs: AHEAD });
   await pass(20_000);
   assert.equal(frames.length, 0);
   assert.equal(sockets.length, 1);

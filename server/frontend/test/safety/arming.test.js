@@ -27,11 +27,11 @@ beforeEach(() => {
   });
   arming = new Arming({ controls: () => teleop, interlock, send: (twist) => sent.push({ ...twist, at: clock }) });
   teleop = new Teleop({
-    publish: (twist, moment) => arming.publish(twist, moment),
+    publish: (twist, timestamp) => arming.publish(twist, timestamp),
     limits: { linear: 1, angular: 1 },
     onTake: () => (takes += 1),
     now: () => clock,
-    moment: () => clock,
+    timestamp: () => clock,
   });
   arming.update({ mayMove, watches, free: watches });
 });

@@ -17,7 +17,7 @@ function openFrames(topic, options) {
   return stream;
 }
 
-// Pictures stand on the page when the test says so.
+// Snapshots stand on the page when the test says so.
 const painter = () => ({
   turned: 0,
   show: (jpeg) => new Promise((done, failed) => paintings.push({ jpeg, done, failed })),

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Kept } from "../src/kept.js";
+import { LocalStore } from "../src/localStore.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -16,9 +16,9 @@ function storage() {
 
 test("what is written is read again, and forgotten when asked", () => {
   const store = storage();
-  const kept = new Kept(() => store);
+  const kept = new LocalStore(() => store);
   kept.write("sticks", true);
-  assert.equal(new Kept(() => store).read("sticks"), true);
+  assert.equal(new LocalStore(() => store).read("sticks"), true);
   kept.forget("sticks");
   assert.equal(kept.read("sticks"), null);
 });
@@ -26,13 +26,13 @@ test("what is written is read again, and forgotten when asked", () => {
 test("what is no JSON, and what was never written, is nothing", () => {
   const store = storage();
   store.values.set("robotether.sticks", "{");
-  const kept = new Kept(() => store);
+  const kept = new LocalStore(() => store);
   assert.equal(kept.read("sticks"), null);
   assert.equal(kept.read("other"), null);
 });
 
 test("a browser that keeps nothing is no error", () => {
-  const kept = new Kept(() => {
+  const kept = new LocalStore(() => {
     throw new Error("blocked");
   });
   kept.write("sticks", true);

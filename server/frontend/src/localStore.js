@@ -2,7 +2,7 @@
 
 const PREFIX = "robotether.";
 
-export class Kept {
+export class LocalStore {
   constructor(storage = () => globalThis.localStorage) {
     this.storage = storage; // even asking for it throws where it is blocked
   }

@@ -44,7 +44,7 @@ export function firstTopic(page) {
   return match ? decodeURIComponent(match[1]) : "";
 }
 
-export class Pictures {
+export class Snapshots {
   // `fetch` as the browser's.
   constructor({ fetch = (...how) => globalThis.fetch(...how) } = {}) {
     this.fetch = fetch;
@@ -52,7 +52,7 @@ export class Pictures {
   }
 
   // Gives {blob} or {problem: "offline"|"no_camera"|"video_down"|"failed"}. `topic` "" is not known: the robot is asked.
-  async take(robot, topic, signal) {
+  async fetchImage(robot, topic, signal) {
     const found = topic ? { topic } : await this.find(robot, signal);
     if (!found.topic) return found;
     const query = plainQuery({ topic: found.topic, ...SIZE });

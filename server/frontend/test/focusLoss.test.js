@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { letGoWhenUnsure } from "../src/unsure.js";
+import { releaseOnFocusLoss } from "../src/focusLoss.js";
 
 let window, document, count;
 
@@ -9,7 +9,7 @@ beforeEach(() => {
   window = new EventTarget();
   document = new EventTarget();
   count = 0;
-  letGoWhenUnsure(() => (count += 1), { window, document });
+  releaseOnFocusLoss(() => (count += 1), { window, document });
 });
 
 function dispatch(target, name, more = {}) {
@@ -38,7 +38,7 @@ for (const name of ["visibilitychange", "freeze", "resume"]) {
 test("a context menu that the joystick has refused changes nothing, as none opens", () => {
   window = new EventTarget();
   window.addEventListener("contextmenu", (event) => event.preventDefault());
-  letGoWhenUnsure(() => (count += 1), { window, document });
+  releaseOnFocusLoss(() => (count += 1), { window, document });
   dispatch(window, "contextmenu");
   assert.equal(count, 0);
 });

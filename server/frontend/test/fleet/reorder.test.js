@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { toMove } from "../../src/fleet/moves.js";
+import { itemsToMove } from "../../src/fleet/reorder.js";
 
-const moves = (present, wanted) => [...toMove([...present], [...wanted])].join("");
+const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
 
 test("what is in order stays", () => {
   assert.equal(moves("abcd", "abcd"), "");
@@ -21,13 +21,13 @@ test("what is new moves in, what is gone moves nobody", () => {
 });
 
 test("of a list that is turned around, all but one move", () => {
-  assert.equal(toMove([..."abcd"], [..."dcba"]).size, 3);
+  assert.equal(itemsToMove([..."abcd"], [..."dcba"]).size, 3);
 });
 
 test("what moves brings the list into order, wherever it was", () => {
   const wanted = Array.from({ length: 60 }, (_, i) => `r${i}`);
   const shuffled = [...wanted].sort((a, b) => ((a.length * 7 + a.charCodeAt(1) * 31) % 17) - ((b.length * 7 + b.charCodeAt(1) * 31) % 17));
-  const moving = toMove(shuffled, wanted);
+  const moving = itemsToMove(shuffled, wanted);
   const staying = shuffled.filter((name) => !moving.has(name));
   assert.deepEqual(staying, wanted.filter((name) => !moving.has(name)));
   assert.ok(moving.size < wanted.length);

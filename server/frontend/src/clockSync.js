@@ -5,12 +5,12 @@
 import { median } from "./rtt.js";
 
 const PERIOD_MS = 250;
-const KEPT_MS = 10_000;
+const MAX_AGE_MS = 10_000;
 const SAMPLES = 12; // three seconds of them
 
 const KEY_BYTES = 16;
 
-export class Beats {
+export class ClockSync {
   // `now()` is the clock of event.timeStamp.
   constructor({ now = () => performance.now() } = {}) {
     this.now = now;
@@ -23,8 +23,8 @@ export class Beats {
     this.stop();
     this.send = send;
     this.key = randomKey();
-    this.timer = setInterval(() => this.beat(), PERIOD_MS);
-    this.beat();
+    this.timer = setInterval(() => this.sendSync(), PERIOD_MS);
+    this.sendSync();
   }
 
   stop() {
@@ -38,7 +38,7 @@ export class Beats {
     this.roundTrips = [];
   }
 
-  beat() {
+  sendSync() {
     this.send({ op: "robotether.beat", t_ms: this.now(), key: this.key });
   }
 
@@ -48,7 +48,7 @@ export class Beats {
     return this.key !== undefined && key === this.key;
   }
 
-  hear({ t_ms, relay_ms }) {
+  receive({ t_ms, relay_ms }) {
     if (!Number.isFinite(relay_ms)) return;
     const at = this.now();
     if (Number.isFinite(t_ms)) this.roundTrips = [...this.roundTrips, at - t_ms].slice(-SAMPLES);
@@ -68,7 +68,7 @@ export class Beats {
   }
 
   fresh(at) {
-    return this.samples.filter((sample) => at - sample.at <= KEPT_MS);
+    return this.samples.filter((sample) => at - sample.at <= MAX_AGE_MS);
   }
 }
 

@@ -1,7 +1,7 @@
 // Which of a list's items have to move so that it gets into another order: as few as can be. Pure.
 
 // `present` and `wanted` are names, each once. Those of `wanted` that are not present are among them.
-export function toMove(present, wanted) {
+export function itemsToMove(present, wanted) {
   const place = new Map(present.map((name, i) => [name, i]));
   const places = wanted.map((name) => place.get(name) ?? -1);
   const staying = longestRise(places);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Pictures, Queue, firstTopic } from "../../src/fleet/pictures.js";
+import { Snapshots, Queue, firstTopic } from "../../src/fleet/snapshots.js";
 
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -54,28 +54,28 @@ function serverThat(answers) {
     const { status = 200, text = "" } = answers(url);
     return { ok: status < 400, status, text: async () => text, blob: async () => "picture" };
   };
-  return { asked, pictures: new Pictures({ fetch }) };
+  return { asked, snapshots: new Snapshots({ fetch }) };
 }
 
 test("a picture is small, and of the camera that the settings name", async () => {
-  const { asked, pictures } = serverThat(() => ({}));
+  const { asked, snapshots } = serverThat(() => ({}));
   const { signal } = new AbortController();
-  assert.deepEqual(await pictures.take("sim 1", "/front", signal), { blob: "picture" });
+  assert.deepEqual(await snapshots.fetchImage("sim 1", "/front", signal), { blob: "picture" });
   assert.deepEqual(asked, ["/robots/sim%201/video/snapshot?topic=/front&width=320&height=240&quality=50"]);
 });
 
 test("a robot whose camera nobody named is asked once", async () => {
-  const { asked, pictures } = serverThat(() => ({ text: '"/snapshot?topic=/front"' }));
+  const { asked, snapshots } = serverThat(() => ({ text: '"/snapshot?topic=/front"' }));
   const { signal } = new AbortController();
-  await pictures.take("sim1", "", signal);
-  await pictures.take("sim1", "", signal);
+  await snapshots.fetchImage("sim1", "", signal);
+  await snapshots.fetchImage("sim1", "", signal);
   assert.equal(asked.filter((url) => url.endsWith("/video/")).length, 1);
 });
 
 test("why there is no picture is told apart", async () => {
   const { signal } = new AbortController();
   const problem = async (status, topic = "/front") =>
-    (await serverThat(() => ({ status })).pictures.take("sim1", topic, signal)).problem;
+    (await serverThat(() => ({ status })).snapshots.fetchImage("sim1", topic, signal)).problem;
   assert.deepEqual([await problem(503), await problem(502), await problem(429)], ["offline", "video_down", "failed"]);
   assert.deepEqual([await problem(200, ""), await problem(503, "")], ["no_camera", "offline"]);
 });

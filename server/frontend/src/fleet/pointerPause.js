@@ -3,10 +3,10 @@
 
 const TOUCH_MS = 3000; // after a finger has left: the next one is on its way
 
-export class Rest {
-  // `onRest()` when nobody is at the list any more.
-  constructor({ onRest, now = () => performance.now() }) {
-    Object.assign(this, { onRest, now });
+export class PointerPause {
+  // `onEnd()` when nobody is at the list any more.
+  constructor({ onEnd, now = () => performance.now() }) {
+    Object.assign(this, { onEnd, now });
     this.pointed = false;
     this.touchedAt = -Infinity;
     this.lists = [];
@@ -17,25 +17,25 @@ export class Rest {
     list.addEventListener("pointerover", ({ pointerType }) => this.point(pointerType !== "touch"));
     list.addEventListener("pointerleave", () => this.point(false));
     list.addEventListener("pointerdown", ({ pointerType }) => pointerType === "touch" && this.touch());
-    list.addEventListener("focusout", () => setTimeout(() => this.look()));
+    list.addEventListener("focusout", () => setTimeout(() => this.check()));
   }
 
   point(pointed) {
     this.pointed = pointed;
-    this.look();
+    this.check();
   }
 
   touch() {
     this.touchedAt = this.now();
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.look(), TOUCH_MS);
+    this.timer = setTimeout(() => this.check(), TOUCH_MS);
   }
 
-  look() {
-    if (!this.disturbed) this.onRest();
+  check() {
+    if (!this.active) this.onEnd();
   }
 
-  get disturbed() {
+  get active() {
     return this.pointed || this.now() - this.touchedAt < TOUCH_MS || this.focused;
   }
 

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Rest } from "../../src/fleet/rest.js";
+import { PointerPause } from "../../src/fleet/pointerPause.js";
 
-let clock, rests, list, focused, rest;
+let clock, rests, list, focused, pause;
 
 beforeEach(() => {
   mock.timers.enable({ apis: ["setTimeout"] });
@@ -11,8 +11,8 @@ beforeEach(() => {
   rests = 0;
   focused = null;
   list = Object.assign(new EventTarget(), { querySelector: () => focused });
-  rest = new Rest({ onRest: () => (rests += 1), now: () => clock });
-  rest.listen(list);
+  pause = new PointerPause({ onEnd: () => (rests += 1), now: () => clock });
+  pause.listen(list);
 });
 
 afterEach(() => mock.timers.reset());
@@ -25,30 +25,30 @@ function pass(ms) {
 }
 
 test("a list is disturbed as long as a mouse is over it", () => {
-  assert.equal(rest.disturbed, false);
+  assert.equal(pause.active, false);
   say("pointerover", { pointerType: "mouse" });
   pass(60_000);
-  assert.equal(rest.disturbed, true);
+  assert.equal(pause.active, true);
   say("pointerleave");
-  assert.equal(rest.disturbed, false);
+  assert.equal(pause.active, false);
   assert.equal(rests, 1);
 });
 
 test("a finger disturbs it for some seconds after it has touched", () => {
   say("pointerover", { pointerType: "touch" });
   say("pointerdown", { pointerType: "touch" });
-  assert.equal(rest.disturbed, true);
+  assert.equal(pause.active, true);
   pass(2999);
-  assert.equal(rest.disturbed, true);
+  assert.equal(pause.active, true);
   const before = rests;
   pass(1);
-  assert.equal(rest.disturbed, false);
+  assert.equal(pause.active, false);
   assert.equal(rests, before + 1);
 });
 
 test("so does the keyboard's focus", () => {
   focused = {};
-  assert.equal(rest.disturbed, true);
+  assert.equal(pause.active, true);
   focused = null;
   say("focusout");
   pass(0);

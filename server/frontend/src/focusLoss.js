@@ -6,7 +6,7 @@ import { TYPING, matches } from "./page.js";
 
 const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange"];
 
-export function letGoWhenUnsure(letGo, { window, document } = globalThis) {
+export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
   const on = (target, names, unsure = () => true) => {
     for (const name of names) target.addEventListener(name, (event) => unsure(event) && letGo());
   };

@@ -2,7 +2,7 @@
 // connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
 // connection tells it, it alone counts. Pure.
 
-export class ControlNews {
+export class ControlState {
   constructor({ onControl }) {
     this.onControl = onControl;
     this.linked = false;
