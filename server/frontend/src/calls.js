@@ -6,7 +6,7 @@ import { csrfToken } from "./page.js";
 
 export const api = new Api({
   headers: () => ({ "X-CSRFToken": csrfToken() }),
-  onDate: (date) => serverClock.hear(date),
+  onDate: (date) => serverClock.receive(date),
 });
 
 // As in client/api.js.

@@ -12,7 +12,7 @@ export class CardStop {
     this.cards = new Set();
     this.state = "";
     this.stopping = new Stopping({
-      tell: () => {}, // this page has no connection to the robot
+      send: () => {}, // this page has no connection to the robot
       post: () => stop(robot),
       onChange: () => this.show(),
     });
@@ -27,9 +27,9 @@ export class CardStop {
   }
 
   // `robot` as of the events. One that waits for approval, or is disabled, has no connection to stop.
-  hear({ state, control }) {
+  receive({ state, control }) {
     this.state = state;
-    this.stopping.hear(control?.stopped);
+    this.stopping.receive(control?.stopped);
   }
 
   show() {

@@ -9,9 +9,9 @@ export class ServerClock {
   }
 
   // `date` is the header Date of an answer that has just come.
-  hear(date) {
-    const told = Date.parse(date ?? "");
-    if (Number.isFinite(told)) this.aheadMs = told + HALF_SECOND_MS - this.now();
+  receive(date) {
+    const time = Date.parse(date ?? "");
+    if (Number.isFinite(time)) this.aheadMs = time + HALF_SECOND_MS - this.now();
   }
 
   // Whole seconds until a time of day as the server writes it; never less than 0.

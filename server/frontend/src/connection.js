@@ -23,7 +23,7 @@ export class Connection {
   // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
-  // `onLink(tell)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
+  // `onLink(send)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
   // the relay says on it in operations of our own.
   constructor({
     requestTicket,
@@ -78,7 +78,7 @@ export class Connection {
 
   // How long a live link has brought nothing.
   get silenceMs() {
-    return this.now() - this.heardAt;
+    return this.now() - this.receivedAt;
   }
 
   // For news that an attempt may work now; `asked` when a person wants it, whatever the state.
@@ -98,8 +98,8 @@ export class Connection {
   }
 
   // Says an operation of our own on an open link, live or not, or not at all; gives which.
-  tell(operation) {
-    return this.link !== null && this.link.tell(operation);
+  send(operation) {
+    return this.link !== null && this.link.send(operation);
   }
 
   // Gives the function that ends the subscription.
@@ -157,7 +157,7 @@ export class Connection {
     const current = (act) => (value) => attempt === this.attempt && act(value);
     this.link = this.openLink(url, {
       onOpen: current(() => this.confirm()),
-      onMessage: current(() => (this.heardAt = this.now())),
+      onMessage: current(() => (this.receivedAt = this.now())),
       onOwn: current((operation) => this.onOwn(operation)),
       onClose: current(({ code, reason }) =>
         this.settle(afterClose({ code, reason, wasLive: this.live })),
@@ -170,7 +170,7 @@ export class Connection {
   // with a reason. Only an answer from the robot itself makes the link live.
   async confirm() {
     const { link, attempt } = this;
-    this.onLink((operation) => link.tell(operation));
+    this.onLink((operation) => link.send(operation));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
     await this.prepare((service, request) => link.call(service, request));
@@ -182,7 +182,7 @@ export class Connection {
     this.connecting = false;
     this.delays = backoff();
     this.yielded = false;
-    this.heardAt = this.now();
+    this.receivedAt = this.now();
     for (const entry of this.topics) entry.channel = entry.attach(this.link);
     this.show(LIVE);
   }

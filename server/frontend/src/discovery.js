@@ -10,7 +10,7 @@ export class Discovery {
   constructor({ driveTopic, odometryTopic = null, onFound }) {
     Object.assign(this, { driveTopic, odometryTopic, onFound });
     this.round = 0;
-    this.toldType = "";
+    this.knownType = "";
   }
 
   // `call(service, request)` as of connection.js. Resolves when the robot has answered.
@@ -52,8 +52,8 @@ export class Discovery {
   // What the robot told once stands while it does not tell: another type in mid-drive would stop it.
   async driveType(call) {
     const { type } = await ask(call, "/rosapi/topic_type", { topic: this.driveTopic });
-    this.toldType = type || this.toldType;
-    return this.toldType;
+    this.knownType = type || this.knownType;
+    return this.knownType;
   }
 }
 

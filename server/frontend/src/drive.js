@@ -75,7 +75,7 @@ const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => cont
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
-  tell: () => session.stop(),
+  send: () => session.stop(),
   onReleased: (again) => driveMode.released(again),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
@@ -112,7 +112,7 @@ function useSpeed(speed) {
 function useControl(control) {
   if (session.controlState.linked) panels.receiveControl(control, driveMode.driving);
   driveMode.receive(control);
-  stopBar.hear(control.stopped);
+  stopBar.receive(control.stopped);
 }
 
 function showState(state) {

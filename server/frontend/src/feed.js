@@ -38,11 +38,11 @@ export class Feed {
     const reader = new EventReader();
     for (let bytes = await next(body); bytes; bytes = await next(body)) {
       this.expectMore();
-      for (const event of reader.push(bytes)) this.hear(event);
+      for (const event of reader.push(bytes)) this.receive(event);
     }
   }
 
-  hear({ name, data }) {
+  receive({ name, data }) {
     this.delays = backoff();
     this.onState("live");
     this.handlers[name]?.(JSON.parse(data));

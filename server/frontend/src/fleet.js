@@ -55,7 +55,7 @@ function prepare(element, name) {
 function stopOf(name) {
   if (!stops.has(name)) {
     stops.set(name, new CardStop(name));
-    stops.get(name).hear(robots.get(name));
+    stops.get(name).receive(robots.get(name));
   }
   return stops.get(name);
 }
@@ -76,10 +76,10 @@ function showView() {
 function showFleet(all) {
   const names = new Set(all.map(({ name }) => name));
   for (const name of robots.keys()) if (!names.has(name)) remove(name);
-  for (const robot of all) hear(robot);
+  for (const robot of all) receive(robot);
 }
 
-function hear(robot) {
+function receive(robot) {
   if (!robots.has(robot.name)) inOrderOfNames = null;
   robots.set(robot.name, robot);
   batch.add(robot.name);
@@ -91,9 +91,9 @@ function update(names) {
     const robot = robots.get(name);
     if (!robot) continue;
     shownList().fill(robot, fits(robot));
-    stopOf(name).hear(robot);
+    stopOf(name).receive(robot);
   }
-  if (fleetStops.told.length) fleetStops.hear([...robots.values()]);
+  if (fleetStops.results.length) fleetStops.receive([...robots.values()]);
   arranging.ask();
 }
 
@@ -132,7 +132,7 @@ function arrange() {
 
 const feed = new Feed({
   onFleet: showFleet,
-  onRobot: hear,
+  onRobot: receive,
   onRemoved: ({ name }) => remove(name),
   onState: (state) => {
     feedState.dataset.feed = state;

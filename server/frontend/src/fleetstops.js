@@ -23,22 +23,22 @@ export class FleetStops {
     this.manages = manages;
     this.bar = part(root, "stops");
     this.result = part(root, "stop-result");
-    this.told = [];
+    this.results = [];
     this.shown = null;
     this.round = 0;
   }
 
   // `robots` are {name, site, level, control}.
   show(robots) {
-    this.hear(robots);
+    this.receive(robots);
     this.bar.hidden = !this.manages || robots.length === 0;
     this.offer(managedSites(robots));
   }
 
   // What became of a stop, without a change of the buttons, which would move under a finger.
-  hear(robots) {
+  receive(robots) {
     this.controls = new Map(robots.map(({ name, control }) => [name, control]));
-    if (this.told.length) this.list();
+    if (this.results.length) this.list();
   }
 
   // New buttons only for other sites: one that is replaced loses the keyboard focus.
@@ -55,18 +55,18 @@ export class FleetStops {
 
   async stop(site) {
     const round = ++this.round;
-    this.told = [];
+    this.results = [];
     setText(this.result, texts.stoppingAll);
     const { ok, detail, body } = await stopAll(site);
     if (round !== this.round) return;
-    this.told = (ok && body.robots) || [];
+    this.results = (ok && body.robots) || [];
     if (!ok) setText(this.result, texts.stopFailed(detail));
-    else if (this.told.length === 0) setText(this.result, texts.stopNone);
+    else if (this.results.length === 0) setText(this.result, texts.stopNone);
     else this.list();
   }
 
   list() {
-    const lines = this.told.map((robot) => outcome(robot, this.controls.get(robot.name)));
+    const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
     const list = document.createElement("ul");

@@ -22,7 +22,7 @@ export class Learner {
   constructor({ steps, onAsk, onDone }) {
     Object.assign(this, { onAsk, onDone, steps: [...steps] });
     this.learnt = {};
-    this.taken = { axes: new Set(), buttons: new Set() };
+    this.used = { axes: new Set(), buttons: new Set() };
     this.ask("rest");
   }
 
@@ -63,13 +63,13 @@ export class Learner {
       this.candidate = found;
       this.since = at;
     } else if (at - this.since >= STEADY_MS) {
-      this.take(found, sample);
+      this.accept(found, sample);
     }
   }
 
-  take(found, { axes }) {
+  accept(found, { axes }) {
     const isStick = STICKS.includes(this.step);
-    this.taken[isStick ? "axes" : "buttons"].add(found);
+    this.used[isStick ? "axes" : "buttons"].add(found);
     this.learnt[this.step] = isStick ? { axis: found, sign: Math.sign(this.away(axes[found], found)) } : found;
     if (isStick) this.learnt.rest = Math.max(this.learnt.rest ?? 0, Math.abs(this.quiet[found]) + MARGIN);
     this.ask("back");
@@ -84,7 +84,7 @@ export class Learner {
   }
 
   isStick(axis) {
-    return Math.abs(this.quiet[axis]) <= OFF_CENTRE && !this.taken.axes.has(axis);
+    return Math.abs(this.quiet[axis]) <= OFF_CENTRE && !this.used.axes.has(axis);
   }
 
   away(value, axis) {
@@ -94,7 +94,7 @@ export class Learner {
   // The one button that is pressed and does nothing else yet, or null.
   pressed(buttons) {
     const down = [...buttons.keys()].filter((i) => buttons[i]);
-    return down.length === 1 && !this.taken.buttons.has(down[0]) ? down[0] : null;
+    return down.length === 1 && !this.used.buttons.has(down[0]) ? down[0] : null;
   }
 
   isBack({ axes, buttons }) {

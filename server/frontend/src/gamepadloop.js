@@ -7,8 +7,8 @@ export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is looked at from now on (axes, buttons: how
   // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
   // with all that there are.
-  constructor({ onFound, onSeen, onLost, onAll = () => {}, ...means }) {
-    const { pads, frame, now } = { ...BROWSER, ...means };
+  constructor({ onFound, onSeen, onLost, onAll = () => {}, ...options }) {
+    const { pads, frame, now } = { ...BROWSER, ...options };
     Object.assign(this, { onFound, onSeen, onLost, onAll, pads, frame, now });
     this.chosen = null; // {index, id}
     this.waiting = false;
@@ -39,10 +39,10 @@ export class GamepadLoop {
   wait() {
     if (this.waiting) return;
     this.waiting = true;
-    this.frame(() => this.look());
+    this.frame(() => this.poll());
   }
 
-  look() {
+  poll() {
     this.waiting = false;
     const at = this.now();
     const all = this.connected();

@@ -24,7 +24,7 @@ export class GamepadPanel {
       onHold: (input, at) => teleop.hold(INPUT, input, at, MAX_POLL_GAP_MS),
       onRelease: () => teleop.release(INPUT),
       onStop,
-      onState: (state) => this.tell(state),
+      onState: (state) => this.showState(state),
     });
     this.loop = new GamepadLoop({
       onFound: (device) => this.found(device),
@@ -34,7 +34,7 @@ export class GamepadPanel {
     });
     this.listen();
     this.show();
-    this.tell("none");
+    this.showState("none");
     this.loop.listen(window);
   }
 
@@ -76,7 +76,7 @@ export class GamepadPanel {
     this.teleop.letGo();
     this.gamepad.forget();
     this.use(null);
-    this.tell("lost");
+    this.showState("lost");
   }
 
   use(profile) {
@@ -116,7 +116,7 @@ export class GamepadPanel {
     if (!this.device) return;
     this.teleop.letGo();
     this.gamepad.release();
-    this.tell("learning");
+    this.showState("learning");
     this.part("pad-learning").hidden = false; // first: what is hidden is not read out when it changes
     this.learner = new Learner({
       steps: stepsOf(this.kind),
@@ -157,9 +157,9 @@ export class GamepadPanel {
   }
 
   // Words change with what the person has to do, not with each push, so that a screen reader is not kept talking.
-  tell(state) {
-    if (this.told === state) return;
-    this.told = this.element.dataset.state = state;
+  showState(state) {
+    if (this.shownState === state) return;
+    this.shownState = this.element.dataset.state = state;
     const say = texts.gamepad[state] ?? texts.gamepad.ready; // also while it drives
     setText(this.part("pad-state"), say({ enable: this.name(this.profile?.enable) }));
   }
@@ -180,7 +180,7 @@ export class GamepadPanel {
     setText(this.part("pad-name"), device?.id ?? "");
     this.part("pad-learn").disabled = !device;
     this.showSettings(profile);
-    this.told = null; // the same state may need other words now
+    this.shownState = null; // the same state may need other words now
   }
 
   showSettings(profile) {

@@ -50,7 +50,7 @@ export class Keyboard {
     event.preventDefault();
     if (!this.isNewPress(event) || !this.accepts()) return;
     this.pressed.add(event.code);
-    this.tell(event);
+    this.notify(event);
   }
 
   isNewPress({ repeat, timeStamp }) {
@@ -58,7 +58,7 @@ export class Keyboard {
   }
 
   up(event) {
-    if (this.pressed.delete(event.code)) this.tell(event);
+    if (this.pressed.delete(event.code)) this.notify(event);
   }
 
   drop() {
@@ -70,7 +70,7 @@ export class Keyboard {
     return !this.pressed.has(event.code) && this.fields.keeps(event);
   }
 
-  tell({ timeStamp }) {
+  notify({ timeStamp }) {
     if (this.pressed.size === 0) this.onRelease();
     else this.onHold(direction(this.pressed), timeStamp);
   }

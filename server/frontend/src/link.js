@@ -87,7 +87,7 @@ class Link {
   }
 
   // Sends an operation of our own now or not at all, and says which.
-  tell(operation) {
+  send(operation) {
     const open = this.transport.isOpen();
     if (open) this.transport.send(operation);
     return open;

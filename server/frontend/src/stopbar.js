@@ -8,15 +8,15 @@ import { Stopping, sameStop } from "./stopping.js";
 import { release as releaseTexts, stop as texts } from "./texts.js";
 
 export class StopBar {
-  // `halt()` ends what this page commands; `tell()` says the stop on the page's own connection;
+  // `halt()` ends what this page commands; `send()` says the stop on the page's own connection;
   // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
-  constructor(root, { robot, halt, tell, onReleased }) {
+  constructor(root, { robot, halt, send, onReleased }) {
     Object.assign(this, { robot, halt, onReleased });
     this.element = byTestId(root, "stop-bar");
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
     this.offered = "idle";
-    this.stopping = new Stopping({ tell, post: () => stop(robot), onChange: () => this.show() });
+    this.stopping = new Stopping({ send, post: () => stop(robot), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
   }
 
@@ -41,11 +41,11 @@ export class StopBar {
     this.hold?.cancel();
   }
 
-  hear(stopped) {
+  receive(stopped) {
     if (!stopped) this.failure = "";
     // Who holds the button has yet to see the other stop.
     if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
-    this.stopping.hear(stopped);
+    this.stopping.receive(stopped);
   }
 
   show() {

@@ -3,16 +3,16 @@
 
 const AGAIN_MS = 1000;
 const TRIES = 15;
-const HEARD_MS = 5000; // by then the control object has come, or the stop is released again
+const CONFIRM_MS = 5000; // by then the control object has come, or the stop is released again
 
 // `a` and `b` as in the control object; the robot's confirmation makes no other stop of one.
 export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;
 
 export class Stopping {
-  // `tell()` says it on the page's own connection, if that is open; `post()` asks the API and gives
+  // `send()` says it on the page's own connection, if that is open; `post()` asks the API and gives
   // {ok, status, detail}. `onChange()` tells that `shown` may be another.
-  constructor({ tell, post, onChange }) {
-    Object.assign(this, { tell, post, onChange });
+  constructor({ send, post, onChange }) {
+    Object.assign(this, { send, post, onChange });
     this.stopped = null; // as in the control object
     this.state = "idle"; // "asked": no answer yet; "heard": the server has it; "unheard", "failed", "refused"
     this.detail = "";
@@ -28,7 +28,7 @@ export class Stopping {
 
   async attempt(round, tries) {
     clearTimeout(this.timer);
-    this.tell();
+    this.send();
     const answer = await this.post();
     if (round === this.round) this.settle(answer, round, tries - 1);
   }
@@ -37,7 +37,7 @@ export class Stopping {
     if (this.state === "idle") return; // the control object has told meanwhile
     this.detail = detail;
     this.state = ok ? "heard" : refusal(status, tries);
-    if (ok) this.later(HEARD_MS, () => this.rest());
+    if (ok) this.later(CONFIRM_MS, () => this.becomeIdle());
     else if (this.state === "unheard") this.later(AGAIN_MS, () => this.attempt(round, tries));
     this.onChange();
   }
@@ -48,17 +48,17 @@ export class Stopping {
   }
 
   // `stopped` of the control object.
-  hear(stopped) {
+  receive(stopped) {
     const before = this.stopped;
     this.stopped = stopped ?? null;
     // An earlier stop, or its release, says nothing of one that is still on its way.
     const onItsWay = ["asked", "unheard"].includes(this.state);
     const another = this.stopped && !sameStop(before, this.stopped);
-    if (another || (before && !onItsWay)) this.rest();
+    if (another || (before && !onItsWay)) this.becomeIdle();
     else this.onChange();
   }
 
-  rest() {
+  becomeIdle() {
     clearTimeout(this.timer);
     this.state = "idle";
     this.onChange();

@@ -17,7 +17,7 @@ test("seconds are counted up to whole ones, and end at 0", () => {
 test("a machine whose clock is wrong counts as the server does", () => {
   let now = NOW + 3_600_000;
   const clock = new ServerClock(() => now);
-  clock.hear(new Date(NOW).toUTCString());
+  clock.receive(new Date(NOW).toUTCString());
   assert.equal(clock.secondsUntil(at(20_000)), 20);
   now += 10_000;
   assert.equal(clock.secondsUntil(at(20_000)), 10);
@@ -25,7 +25,7 @@ test("a machine whose clock is wrong counts as the server does", () => {
 
 test("an answer without a time changes nothing", () => {
   const clock = new ServerClock(() => NOW);
-  clock.hear(null);
-  clock.hear("no time");
+  clock.receive(null);
+  clock.receive("no time");
   assert.equal(clock.secondsUntil(at(5000)), 5);
 });

@@ -4,7 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { Connection } from "../src/connection.js";
 import { TicketRefused } from "../src/tickets.js";
 
-let clock, links, tickets, refusal, states, prepared, tellers, own, connection;
+let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 
 // A link as link.js makes it, that notes what it is told and lets the test play the server.
 function fakeLink(url, handlers) {
@@ -21,7 +21,7 @@ function fakeLink(url, handlers) {
     },
     advertise: () => ({ publish: (message) => link.published.push(message), end() {} }),
     call: () => new Promise((resolve) => (link.answer = resolve)),
-    tell: (operation) => link.told.push(operation) > 0,
+    send: (operation) => link.told.push(operation) > 0,
     told: [],
     close: () => (link.closed = true),
   };
@@ -35,7 +35,7 @@ beforeEach(() => {
   clock = tickets = prepared = 0;
   links = [];
   states = [];
-  tellers = [];
+  senders = [];
   own = [];
   refusal = null;
   connection = new Connection({
@@ -50,7 +50,7 @@ beforeEach(() => {
       prepared += 1;
     },
     onState: ({ name }) => states.push(name),
-    onLink: (tell) => tellers.push(tell),
+    onLink: (send) => senders.push(send),
     onOwn: ({ op }) => own.push(op),
     now: () => clock,
   });
@@ -303,17 +303,17 @@ test("another ticket is asked for as the page drives or watches from now on", as
 });
 
 test("operations of our own go out on an open link, also before the robot has answered, and never later", async () => {
-  assert.equal(connection.tell({ op: "robotether.stop" }), false);
+  assert.equal(connection.send({ op: "robotether.stop" }), false);
   connection.start();
   await settle();
   links[0].onOpen();
-  assert.equal(connection.tell({ op: "robotether.stop" }), true);
+  assert.equal(connection.send({ op: "robotether.stop" }), true);
   assert.deepEqual(links[0].told, [{ op: "robotether.stop" }]);
-  tellers[0]({ op: "robotether.beat" });
+  senders[0]({ op: "robotether.beat" });
   assert.equal(links[0].told.length, 2);
   links[0].onClose({ code: 4505, reason: "" });
-  assert.equal(tellers[1], null);
-  assert.equal(connection.tell({ op: "robotether.stop" }), false);
+  assert.equal(senders[1], null);
+  assert.equal(connection.send({ op: "robotether.stop" }), false);
 });
 
 test("a link that is given up is not live any more when its end is told", async () => {

@@ -67,13 +67,13 @@ test("what is no message of rosbridge ends nothing", () => {
 });
 
 test("an operation of our own is sent now or never", () => {
-  assert.equal(link.tell({ op: "robotether.stop" }), false);
+  assert.equal(link.send({ op: "robotether.stop" }), false);
   open();
   assert.deepEqual(socket.sent, []);
-  assert.equal(link.tell({ op: "robotether.stop" }), true);
+  assert.equal(link.send({ op: "robotether.stop" }), true);
   assert.deepEqual(socket.sent, [{ op: "robotether.stop" }]);
   socket.readyState = FakeSocket.CLOSING;
-  assert.equal(link.tell({ op: "robotether.stop" }), false);
+  assert.equal(link.send({ op: "robotether.stop" }), false);
 });
 
 test("a command carries its moment beside the message", () => {

@@ -16,7 +16,7 @@ beforeEach(() => {
   ways = [];
   answers = [];
   stopping = new Stopping({
-    tell: () => ways.push("link"),
+    send: () => ways.push("link"),
     post: () => {
       ways.push("post");
       return new Promise((resolve) => answers.push(resolve));
@@ -42,11 +42,11 @@ test("only what is confirmed is said: server, then robot", async () => {
   stopping.press();
   await answer(OK);
   assert.equal(kind(), "heard");
-  stopping.hear({ ...BY_BEN, confirmed: false });
+  stopping.receive({ ...BY_BEN, confirmed: false });
   assert.equal(kind(), "stopping");
-  stopping.hear({ ...BY_BEN, confirmed: true });
+  stopping.receive({ ...BY_BEN, confirmed: true });
   assert.deepEqual(stopping.shown, { kind: "stopped", by: "ben", at: BY_BEN.at });
-  stopping.hear(null);
+  stopping.receive(null);
   assert.equal(kind(), "none");
 });
 
@@ -75,7 +75,7 @@ test("the attempts end after a while, and ask for another press", async () => {
 test("the attempts end when the stop was heard of on another way", async () => {
   stopping.press();
   await answer(NO_ANSWER);
-  stopping.hear({ ...BY_BEN, confirmed: true });
+  stopping.receive({ ...BY_BEN, confirmed: true });
   mock.timers.tick(60_000);
   assert.deepEqual(ways, ["link", "post"]);
   assert.equal(kind(), "stopped");
@@ -83,8 +83,8 @@ test("the attempts end when the stop was heard of on another way", async () => {
 
 test("a late answer to a stop that was released meanwhile says nothing", async () => {
   stopping.press();
-  stopping.hear({ ...BY_BEN, confirmed: true });
-  stopping.hear(null);
+  stopping.receive({ ...BY_BEN, confirmed: true });
+  stopping.receive(null);
   await answer(NO_ANSWER);
   assert.equal(kind(), "none");
 });
@@ -100,19 +100,19 @@ test("a refusal is final and gives its reason", async () => {
 
 test("news of a robot that is not stopped does not hide a stop that is on its way", async () => {
   stopping.press();
-  stopping.hear(null);
+  stopping.receive(null);
   assert.equal(kind(), "asked");
   await answer(OK);
-  stopping.hear(null);
+  stopping.receive(null);
   assert.equal(kind(), "heard");
   mock.timers.tick(5000);
   assert.equal(kind(), "none");
 });
 
 test("the release of an earlier stop does not end a stop that is on its way", async () => {
-  stopping.hear({ ...BY_BEN, confirmed: true });
+  stopping.receive({ ...BY_BEN, confirmed: true });
   stopping.press();
-  stopping.hear(null);
+  stopping.receive(null);
   assert.equal(kind(), "asked");
   await answer(NO_ANSWER);
   assert.equal(kind(), "unheard");
@@ -123,13 +123,13 @@ test("the release of an earlier stop does not end a stop that is on its way", as
 });
 
 test("news of somebody else's earlier stop does not end a stop that is on its way", async () => {
-  stopping.hear({ ...BY_BEN, confirmed: false });
+  stopping.receive({ ...BY_BEN, confirmed: false });
   stopping.press();
-  stopping.hear({ ...BY_BEN, confirmed: true });
+  stopping.receive({ ...BY_BEN, confirmed: true });
   await answer(NO_ANSWER);
   mock.timers.tick(1000);
   assert.deepEqual(ways, ["link", "post", "link", "post"]);
-  stopping.hear({ by: "me", at: BY_BEN.at, confirmed: true });
+  stopping.receive({ by: "me", at: BY_BEN.at, confirmed: true });
   await answer(NO_ANSWER);
   mock.timers.tick(60_000);
   assert.equal(ways.length, 4);

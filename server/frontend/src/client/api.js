@@ -54,4 +54,4 @@ async function read(answer) {
   return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };
 }
 
-const path = (robot, deed) => `/api/v1/robots/${encodeURIComponent(robot)}/${deed}`;
+const path = (robot, action) => `/api/v1/robots/${encodeURIComponent(robot)}/${action}`;

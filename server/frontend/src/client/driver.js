@@ -17,10 +17,10 @@ class Twists extends Teleop {
 
 export class Driver {
   // `publish` and `mayQueue` as of teleop.js; `timestamp()` and `now()` too, for tests.
-  constructor(means) {
+  constructor(options) {
     this.released = true;
     this.moving = false;
-    this.teleop = new Twists({ ...means, limits: null, onDrop: () => this.drop() });
+    this.teleop = new Twists({ ...options, limits: null, onDrop: () => this.drop() });
   }
 
   // Whether the connection stands and drives.
@@ -29,10 +29,10 @@ export class Driver {
   }
 
   // {forward, left, turn} in m/s, m/s and rad/s, left positive; gives whether it counts.
-  drive(said) {
-    const twist = { ...STILL, ...said };
+  drive(command) {
+    const twist = { ...STILL, ...command };
     check(twist);
-    if (Object.values(twist).every((value) => value === 0)) return this.rest();
+    if (Object.values(twist).every((value) => value === 0)) return this.stopMoving();
     if (!this.teleop.armed) this.released = false;
     if (!this.released) return false;
     this.moving = true;
@@ -40,7 +40,7 @@ export class Driver {
     return true;
   }
 
-  rest() {
+  stopMoving() {
     this.teleop.release(NAME);
     this.moving = false;
     this.released = true;

@@ -14,7 +14,7 @@ import { showOn } from "./show.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
 const USUAL_CAMERA = "/camera/image_raw";
-const STOP_HEARD_MS = 3000;
+const STOP_CONFIRM_MS = 3000;
 
 export class Robot {
   // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
@@ -38,10 +38,10 @@ export class Robot {
       driveTopic,
       wheelbase,
       requestUrl: async () => rosUrl(server, robot, await this.ticket(this.mode)),
-      prepare: (call) => this.learn(call),
+      prepare: (call) => this.readDriveType(call),
       onState: (state) => this.showState(state),
       onLeaving: () => this.driver.letGo(),
-      onControl: (control) => this.hear(control),
+      onControl: (control) => this.receive(control),
     });
     this.driver = new Driver({
       publish: (twist, timestamp) => this.session.commands.publish(twist, timestamp),
@@ -105,20 +105,20 @@ export class Robot {
   // or by its word on the connection: what was only sent may be on a dead link.
   async stop() {
     this.driver.halt();
-    const heard = this.hearStop();
+    const heard = this.awaitStop();
     this.session.stop();
     const answer = await this.api?.stop(this.name);
     return Boolean(answer?.ok) || heard;
   }
 
-  hearStop() {
+  awaitStop() {
     return new Promise((resolve) => {
       const settle = (heard) => {
         clearTimeout(timer);
         ends.forEach((end) => end());
         resolve(heard);
       };
-      const timer = setTimeout(() => settle(false), STOP_HEARD_MS);
+      const timer = setTimeout(() => settle(false), STOP_CONFIRM_MS);
       const ends = [
         this.on("control", ({ stopped }) => stopped && settle(true)),
         this.on("state", ({ lost }) => lost === "robot_stopped" && settle(true)),
@@ -201,7 +201,7 @@ export class Robot {
     }
   }
 
-  async learn(call) {
+  async readDriveType(call) {
     const { ok, values } = await call("/rosapi/topic_type", { topic: this.driveTopic });
     this.session.commands.useType(this.driveType ?? twistType((ok && values.type) || "", []));
   }
@@ -215,7 +215,7 @@ export class Robot {
     for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
   }
 
-  hear(control) {
+  receive(control) {
     this.control = control;
     for (const handler of [...this.handlers.control]) handler(control);
   }

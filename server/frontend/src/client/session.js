@@ -23,7 +23,7 @@ export class Session {
       prepare,
       onState,
       onLeaving,
-      onLink: (tell) => (tell ? this.clockSync.start(tell) : this.forgetLink()),
+      onLink: (send) => (send ? this.clockSync.start(send) : this.forgetLink()),
       onOwn: (operation) => this.receive(operation),
     });
     this.commands = new Commands({
@@ -53,6 +53,6 @@ export class Session {
 
   // Says whether it went; the caller asks the API as well.
   stop() {
-    return this.connection.tell({ op: "robotether.stop" });
+    return this.connection.send({ op: "robotether.stop" });
   }
 }

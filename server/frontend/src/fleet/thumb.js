@@ -53,7 +53,7 @@ class Thumb {
     const { thumbs } = this;
     if (this.cancel || thumbs.now() - this.takenAt < FRESH_MS) return;
     thumbs.watcher.observe(this.button);
-    this.say("waiting");
+    this.showState("waiting");
     const cancel = thumbs.queue.add(async (signal) => {
       const found = await thumbs.snapshots.fetchImage(this.robot, this.topic, signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
@@ -66,7 +66,7 @@ class Thumb {
   show({ blob, problem }) {
     if (!blob) {
       this.drop();
-      return this.say(problem);
+      return this.showState(problem);
     }
     this.drop();
     this.takenAt = this.thumbs.now();
@@ -78,7 +78,7 @@ class Thumb {
     this.button.setAttribute("aria-label", texts.taken(this.robot, localTime(new Date().toISOString())));
   }
 
-  say(words) {
+  showState(words) {
     this.button.dataset.thumb = words;
     setText(this.words, texts[words]);
   }
@@ -96,7 +96,7 @@ class Thumb {
     this.cancel?.();
     this.cancel = null;
     this.drop();
-    this.say("empty");
+    this.showState("empty");
     this.button.setAttribute("aria-label", texts.label(this.robot));
   }
 }

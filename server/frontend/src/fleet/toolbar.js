@@ -28,7 +28,7 @@ export class Toolbar {
     this.sort.addEventListener("change", () => this.choose({ sort: this.sort.value, down: false }));
     part(this.root, "show-all").addEventListener("click", () => this.choose({ words: "", site: null, states: [] }));
     for (const button of this.buttons("state")) button.addEventListener("click", () => this.turn(button.dataset.state));
-    for (const button of this.buttons("view")) button.addEventListener("click", () => this.look(button.dataset.view));
+    for (const button of this.buttons("view")) button.addEventListener("click", () => this.chooseView(button.dataset.view));
     for (const button of this.buttons("by")) button.addEventListener("click", () => this.sortBy(button.dataset.by));
   }
 
@@ -53,7 +53,7 @@ export class Toolbar {
     this.onFilter();
   }
 
-  look(view) {
+  chooseView(view) {
     this.view = view;
     this.store.write(VIEW, view);
     this.show();
