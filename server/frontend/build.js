@@ -6,7 +6,7 @@ import { build, context } from "esbuild";
 const OUT = "../robotether_server/web/static/dist";
 
 // roslib brings decoders (BSON, CBOR, PNG) and a Node.js socket for its own transports. The pages use
-// their own JSON transport (src/transport.js), so these would only be dead weight in the bundle.
+// their own JSON transport (src/client/transport.js), so these would only be dead weight in the bundle.
 const UNUSED = /^(bson|cbor2|fast-png|ws)$|^\.\/(Native|Ws)WebSocketTransport-/;
 
 const leaveOutUnused = {
@@ -22,9 +22,9 @@ const leaveOutUnused = {
 
 const options = {
   entryPoints: {
-    copy: "src/copy.js",
-    drive: "src/drive.js",
-    fleet: "src/fleet.js",
+    copy: "src/pages/copy.js",
+    drive: "src/pages/drive.js",
+    fleet: "src/pages/fleet.js",
     "robotether-client": "src/client/index.js",
   },
   outdir: OUT,

@@ -2,8 +2,8 @@
 // opens the next one after a cut. Used by the drive page and, through index.js, by pages of others.
 // It must never make a picture look newer than it is: driving is held by its age.
 
-import { backoff } from "../backoff.js";
-import { FramesLink } from "./frameslink.js";
+import { backoff } from "./backoff.js";
+import { FramesLink } from "./framesLink.js";
 
 const OPEN_MS = 5000;
 const CHECK_MS = 100;

@@ -1,10 +1,10 @@
 // robotether-client: a robot behind Robotether, for pages of others (docs/client.md). Bundled with roslib into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
-import { csrfToken } from "../page.js";
-import { twistType } from "../messages.js";
-import { RttMeter } from "../rtt.js";
-import { TicketRefused, requestTicket } from "../tickets.js";
+import { csrfToken } from "../pages/page.js";
+import { twistType } from "./messages.js";
+import { RttMeter } from "./rtt.js";
+import { TicketRefused, requestTicket } from "./tickets.js";
 import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
 import { Api } from "./api.js";
 import { Driver } from "./driver.js";
@@ -83,7 +83,7 @@ export class Robot {
     this.begun = false;
   }
 
-  // "state" with {name, reason, driving} at each change of the connection, as src/states.js names them; "control" with
+  // "state" with {name, reason, driving} at each change of the connection, as src/client/states.js names them; "control" with
   // who drives, who asks and whether the robot is stopped, as docs/protocols.md has it. Gives the function that ends it.
   on(event, handler) {
     this.handlers[event].add(handler);

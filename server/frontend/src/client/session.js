@@ -2,11 +2,11 @@
 // and drive commands, each with its moment. Used by the drive page and by index.js.
 // It must never believe what a robot says in the relay's name.
 
-import { ClockSync } from "../clockSync.js";
-import { Commands } from "../commands.js";
-import { Connection } from "../connection.js";
-import { openLink } from "../link.js";
-import { ControlState } from "../controlState.js";
+import { ClockSync } from "./clockSync.js";
+import { Commands } from "./commands.js";
+import { Connection } from "./connection.js";
+import { openLink } from "./link.js";
+import { ControlState } from "./controlState.js";
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late

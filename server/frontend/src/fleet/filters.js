@@ -1,6 +1,6 @@
 // Which robots the fleet page shows, and in which order: kept in the page's address, so that it can be passed on. Pure.
 
-import { attention } from "../cards.js";
+import { attention } from "./cards.js";
 
 const collator = new Intl.Collator("en", { numeric: true });
 

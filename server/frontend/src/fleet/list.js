@@ -1,7 +1,7 @@
 // The robots as elements, cards or rows of a table: one list, in order, with what is filtered out hidden.
 // The markup is the server's; cards.js fills it in.
 
-import { fillCard, newCard } from "../cards.js";
+import { fillCard, newCard } from "./cards.js";
 import { itemsToMove } from "./reorder.js";
 
 export class RobotList {

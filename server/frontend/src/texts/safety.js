@@ -1,6 +1,6 @@
 // Sentences of the pages: how old things are and why driving is held. No logic beyond filling in.
 
-// By the names of safety/statusSelector.js; those of a connection that does not stand are in texts.js.
+// By the names of statusSelector.js; those of a connection that does not stand are in texts/common.js.
 export const states = {
   disabled: { title: "Disabled", detail: () => "By an administrator." },
   stopping: {

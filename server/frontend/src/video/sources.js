@@ -1,7 +1,7 @@
 // What the drive page can show of a robot: its cameras, from its settings or else from its topics, and the topics that the
 // map and the readouts are made of. Pure.
 
-import { plainType } from "../messages.js";
+import { plainType } from "../client/messages.js";
 
 // No topic has this name.
 export const MAP = "map:";

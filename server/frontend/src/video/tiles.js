@@ -1,11 +1,11 @@
 // The places of the pictures: makes a tile for what is shown, ends what is not, and says which is the main one.
 // What is not seen has no stream.
 
-import { part, setText } from "../page.js";
+import { part, setText } from "../pages/page.js";
 import { frame as texts } from "../texts/video.js";
-import { MapTile } from "./maptile.js";
+import { MapTile } from "../overlays/mapTile.js";
 import { MAP } from "./sources.js";
-import { CameraTile } from "./tile.js";
+import { CameraTile } from "./cameraTile.js";
 
 export class Tiles {
   // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small picture that is to be the main one.

@@ -1,0 +1,53 @@
+// The banner that says how things stand and offers what a person can do about it.
+
+import { byTestId, part, setText } from "../pages/page.js";
+import { connection, logIn } from "../texts/common.js";
+import { states } from "../texts/safety.js";
+import { selectStatus } from "./statusSelector.js";
+
+const texts = { ...connection, ...states };
+const TURNED_MS = 700; // who presses sooner meant what the button was before
+
+export class Banner {
+  // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.
+  constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
+    this.element = byTestId(root, "state");
+    this.button = part(this.element, "state-action");
+    this.button.addEventListener("click", () => this.act());
+    Object.assign(this, { onRetry, onBlind, now });
+    this.offered = undefined;
+    this.turnedAt = -Infinity;
+  }
+
+  // `state` as of states.js; `facts` are those of statusSelector.js and what the sentences need.
+  show(state, facts) {
+    this.state = state;
+    this.shown = selectStatus(state, facts);
+    const text = texts[this.shown];
+    this.element.dataset.state = state.name;
+    this.element.dataset.shown = this.shown;
+    setText(part(this.element, "state-title"), text.title);
+    setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
+    this.offer(state.login ? logIn : text.action);
+  }
+
+  // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
+  offer(action) {
+    if (this.offered && action !== this.offered) this.turnedAt = this.now();
+    this.offered = action;
+    const focused = this.button === document.activeElement;
+    this.button.hidden = !action;
+    setText(this.button, action ?? "");
+    if (focused && !action) this.element.focus();
+  }
+
+  act() {
+    if (this.state.login) location.assign(`/login?next=${encodeURIComponent(location.pathname)}`);
+    else if (this.shown === "not_allowed") location.reload();
+    else if (this.shown === "held") this.goBlind();
+    else this.onRetry();
+  }
+  goBlind() {
+    if (this.now() - this.turnedAt >= TURNED_MS) this.onBlind();
+  }
+}

@@ -1,0 +1,79 @@
+// The drive page's Stop button, what is known of the stop, and the button to hold for its release.
+
+import { release, stop } from "../pages/calls.js";
+import { Hold } from "./hold.js";
+import { byTestId, localTime, part, setText } from "../pages/page.js";
+import { stopOnSpace } from "./stopKey.js";
+import { Stopping, sameStop } from "./stopping.js";
+import { release as releaseTexts, stop as texts } from "../texts/common.js";
+
+export class StopBar {
+  // `halt()` ends what this page commands; `send()` says the stop on the page's own connection;
+  // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
+  constructor(root, { robot, halt, send, onReleased }) {
+    Object.assign(this, { robot, halt, onReleased });
+    this.element = byTestId(root, "stop-bar");
+    this.release = byTestId(root, "release"); // drivers have one
+    this.failure = "";
+    this.offered = "idle";
+    this.stopping = new Stopping({ send, post: () => stop(robot), onChange: () => this.show() });
+    this.listen(byTestId(root, "stop"));
+  }
+
+  // On the press, not on the click: a second finger beside the stick makes no click. What is left for
+  // click is the keyboard and assistive technology (detail 0).
+  listen(button) {
+    button.addEventListener("pointerdown", () => this.press());
+    button.addEventListener("click", ({ detail }) => detail === 0 && this.press());
+    stopOnSpace(window, () => this.press());
+    if (!this.release) return;
+    this.hold = new Hold({
+      onDone: () => this.letGo(),
+      onState: (state) => this.showHold(state),
+    });
+    this.hold.listen(this.release);
+  }
+
+  press() {
+    this.failure = "";
+    this.stopping.press(); // first of all: halting may wait for nothing, but might fail
+    this.halt();
+    this.hold?.cancel();
+  }
+
+  receive(stopped) {
+    if (!stopped) this.failure = "";
+    // Who holds the button has yet to see the other stop.
+    if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
+    this.stopping.receive(stopped);
+  }
+
+  show() {
+    const { kind, by, at, detail } = this.stopping.shown;
+    this.element.dataset.stop = kind;
+    const words = texts[kind]({ by, at: localTime(at), detail });
+    setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
+    if (this.release) this.release.hidden = !this.stopping.stopped;
+  }
+
+  // What holding the button brings: "idle", that the robot may be driven, or "again", that this page drives it again.
+  offer(offered) {
+    this.offered = offered;
+    if (this.hold) this.showHold(this.hold.state);
+  }
+
+  showHold(state) {
+    this.release.dataset.hold = state;
+    setText(part(this.release, "release-text"), releaseTexts[state === "idle" ? this.offered : state]);
+  }
+
+  async letGo() {
+    const { stopped } = this.stopping;
+    if (!stopped) return;
+    const again = this.offered === "again"; // the news that it is released may come before the answer
+    const answer = await release(this.robot, stopped);
+    if (answer.ok) return this.onReleased(again);
+    this.failure = releaseTexts.failed(answer.detail);
+    this.show();
+  }
+}

@@ -1,0 +1,78 @@
+// What is said of a robot on the fleet page, and where: the markup is the server's (_robot_card.html), a card or a row of
+// the table; here it is only filled in.
+
+import { part, setText, localTime } from "../pages/page.js";
+import { fleet as texts } from "../texts/fleet.js";
+
+const LOW_PERCENT = 20;
+
+export function presenceText({ state, online, since }) {
+  if (state === "pending") return texts.pending;
+  if (state === "disabled") return texts.disabled;
+  return online ? texts.online(localTime(since)) : texts.offline(localTime(since));
+}
+
+const isLow = (battery) => Boolean(battery) && !battery.charging && battery.percent < LOW_PERCENT;
+
+// What keeps an online robot from being used, or soon will.
+export function attention({ online, ros, video, battery, control }) {
+  if (!online) return [];
+  const found = [
+    ros === "down" && texts.ros,
+    video === "down" && texts.video,
+    control?.guard === "down" && texts.guard,
+    isLow(battery) && texts.batteryLow,
+  ];
+  return found.filter(Boolean);
+}
+
+export const healthText = (robot) => attention(robot).join(", ");
+
+export function batteryText({ online, battery }) {
+  if (!online || !battery) return "";
+  const text = texts.battery(Math.round(battery.percent));
+  if (battery.charging) return texts.charging(text);
+  return isLow(battery) ? texts.low(text) : text;
+}
+
+// Who drives, or is about to, and who asks for it.
+export function driverText({ control }) {
+  const { driver, reserved, waiting } = control ?? {};
+  const name = (driver ?? reserved)?.user ?? "";
+  return waiting && name ? texts.driverAsked(name, waiting.user) : name;
+}
+
+// Makes a card or row out of the page's template for a robot that has none.
+export function newCard(template, { name }) {
+  const card = template.content.firstElementChild.cloneNode(true);
+  card.dataset.robot = name;
+  card.dataset.testid = `robot-${card.dataset.kind}-${name}`;
+  const link = part(card, "name");
+  link.href = `/robots/${encodeURIComponent(name)}`;
+  link.textContent = name;
+  return card;
+}
+
+export function fillCard(card, robot) {
+  setData(card, "online", String(robot.online));
+  setData(card, "state", robot.state);
+  setText(part(card, "presence"), presenceText(robot));
+  const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
+  fillRow(card, "rtt", rtt);
+  fillRow(card, "battery", batteryText(robot));
+  fillRow(card, "drivers", driverText(robot));
+  fillRow(card, "observers", robot.observers ? String(robot.observers) : "");
+  fillRow(card, "site", robot.site ?? "");
+  fillRow(card, "health", healthText(robot));
+}
+
+// Writes only what changed: what does not is 500 robots' worth of work for the browser.
+function setData(card, name, value) {
+  if (card.dataset[name] !== value) card.dataset[name] = value;
+}
+
+function fillRow(card, name, text) {
+  setText(part(card, name), text);
+  const row = part(card, `${name}-row`);
+  if (row && row.hidden !== (text === "")) row.hidden = text === "";
+}

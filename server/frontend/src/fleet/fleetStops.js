@@ -1,0 +1,89 @@
+// The fleet page's buttons that stop all robots that this user manages, or those of a site, and what became of it.
+
+import { stopAll } from "../pages/calls.js";
+import { part, setText } from "../pages/page.js";
+import { fleet as texts } from "../texts/fleet.js";
+
+// The sites that a manager can stop as a whole, in order. `robots` are {site, level}; the level is "" for a robot
+// that came while the page was open. Pure.
+export function managedSites(robots) {
+  const managed = robots.filter(({ site, level }) => site && ["manage", ""].includes(level));
+  return [...new Set(managed.map(({ site }) => site))].sort();
+}
+
+// What is said of each robot: the answer, or what its control object has told since. Pure.
+export function outcome({ name, stopped, confirmed }, control) {
+  if (!control?.stopped) return texts.stopResult({ name, stopped, confirmed });
+  return texts.stopResult({ name, stopped: true, confirmed: control.stopped.confirmed });
+}
+
+export class FleetStops {
+  // `manages`: this user may stop more than one robot at once.
+  constructor(root, { manages }) {
+    this.manages = manages;
+    this.bar = part(root, "stops");
+    this.result = part(root, "stop-result");
+    this.results = [];
+    this.shown = null;
+    this.round = 0;
+  }
+
+  // `robots` are {name, site, level, control}.
+  show(robots) {
+    this.receive(robots);
+    this.bar.hidden = !this.manages || robots.length === 0;
+    this.offer(managedSites(robots));
+  }
+
+  // What became of a stop, without a change of the buttons, which would move under a finger.
+  receive(robots) {
+    this.controls = new Map(robots.map(({ name, control }) => [name, control]));
+    if (this.results.length) this.list();
+  }
+
+  // New buttons only for other sites: one that is replaced loses the keyboard focus.
+  offer(sites) {
+    const wanted = sites.join("\n");
+    if (wanted === this.shown) return;
+    this.shown = wanted;
+    const all = button(texts.stopAll, "stop-all", () => this.stop());
+    const each = sites.map((site) =>
+      button(texts.stopSite(site), `stop-site-${site}`, () => this.stop(site)),
+    );
+    this.bar.replaceChildren(all, ...each);
+  }
+
+  async stop(site) {
+    const round = ++this.round;
+    this.results = [];
+    setText(this.result, texts.stoppingAll);
+    const { ok, detail, body } = await stopAll(site);
+    if (round !== this.round) return;
+    this.results = (ok && body.robots) || [];
+    if (!ok) setText(this.result, texts.stopFailed(detail));
+    else if (this.results.length === 0) setText(this.result, texts.stopNone);
+    else this.list();
+  }
+
+  list() {
+    const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
+    if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
+    this.lines = lines.join("\n");
+    const list = document.createElement("ul");
+    list.append(...lines.map((line) => element("li", line)));
+    this.result.replaceChildren(list);
+  }
+}
+
+function button(text, testId, onPress) {
+  const made = element("button", text);
+  Object.assign(made, { type: "button" }).dataset.testid = testId;
+  made.addEventListener("click", onPress);
+  return made;
+}
+
+function element(tag, text) {
+  const made = document.createElement(tag);
+  made.textContent = text;
+  return made;
+}

@@ -1,0 +1,69 @@
+// Joins sticks, keyboard, gamepad and limits to teleop.js.
+
+import { FieldFocus } from "./fieldFocus.js";
+import { GamepadPanel } from "./gamepadPanel.js";
+import { Keyboard } from "./keyboard.js";
+import { setUpLimits } from "./limits.js";
+import { isSteered } from "../client/messages.js";
+import { part, setText } from "../pages/page.js";
+import { Sticks } from "./sticks.js";
+import { Teleop } from "./teleop.js";
+import { hints } from "../texts/inputs.js";
+import { releaseOnFocusLoss } from "./focusLoss.js";
+
+// `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
+// teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
+// lets a press take the control, if that is free; `useType(type)` tells the
+// type of the drive commands, which makes a car of a robot that nobody has set up as one.
+export function setUpControls(root, { kind, limits: highest, publish, mayQueue, onTake, onWanted, onStop }) {
+  const limits = setUpLimits(root, highest);
+  const inputs = [];
+  const onDrop = () => inputs.forEach((input) => input.drop());
+  const teleop = new Teleop({ publish, mayQueue, onTake, onWanted, limits, kind, onDrop });
+  const sticks = new Sticks(root, { kind, teleop });
+  const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
+  const keyboard = setUpKeyboard(root, teleop, kind);
+  inputs.push(keyboard, sticks, gamepad);
+  releaseOnFocusLoss(() => teleop.letGo());
+  const arm = (armed) => {
+    teleop.arm(armed);
+    sticks.arm(armed);
+    gamepad.free = false;
+    keyboard.fields.onChange();
+  };
+  const watch = (free) => {
+    teleop.watch();
+    sticks.arm(free && "free");
+    gamepad.free = free;
+    keyboard.fields.onChange();
+  };
+  const disarm = () => {
+    teleop.disarm();
+    sticks.arm(false);
+    gamepad.free = false;
+  };
+  const useType = (type) => (teleop.kind = isSteered(type) ? "ackermann" : kind);
+  const held = () => teleop.held.size > 0;
+  return { arm, watch, disarm, useType, letGo: () => teleop.letGo(), halt: () => teleop.halt(), held };
+}
+
+function setUpKeyboard(root, teleop, kind) {
+  const sideways = kind === "holonomic";
+  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
+  const keyboard = new Keyboard({
+    sideways,
+    fields,
+    accepts: () => teleop.accepts,
+    onHold: (input, at) => teleop.hold("keyboard", input, at),
+    onRelease: () => teleop.release("keyboard"),
+    onLetGo: () => teleop.letGo(),
+  });
+  part(root, "sideways-keys").hidden = !sideways;
+  keyboard.listen(window);
+  fields.listen(window);
+  return keyboard;
+}
+
+function showTaken(root, taken) {
+  setText(part(root, "keys-taken"), taken ? hints.taken[taken] : "");
+}

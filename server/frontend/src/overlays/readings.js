@@ -1,0 +1,70 @@
+// The numbers of the drive page: measured and commanded speed, how old speed and picture are, round trip and its parts.
+
+import { byTestId, part, setText } from "../pages/page.js";
+import { readings as texts } from "../texts/common.js";
+import { dataAge, latency } from "../texts/safety.js";
+import { latencyBreakdown } from "./latencyBreakdown.js";
+
+const OLD_MS = 2500;
+const TICK_MS = 250;
+
+export class Readings {
+  // `frameAge()` gives the age of the main picture in ms, null for none.
+  constructor(root, { frameAge }) {
+    Object.assign(this, { root, frameAge, speedAt: null, wayMs: 0 });
+    setInterval(() => this.tick(), TICK_MS);
+  }
+
+  speed(measured) {
+    if (measured) this.speedAt = performance.now();
+    this.value("speed-linear", measured ? decimals(measured.forward) : texts.none);
+    this.value("speed-angular", measured ? decimals(measured.turn) : texts.none);
+  }
+
+  wanted({ forward, turn }) {
+    this.write("wanted-linear", texts.wanted(decimals(forward)));
+    this.write("wanted-angular", texts.wanted(decimals(turn)));
+  }
+
+  // `reading` as of rtt.js; `parts` are its known parts, {server, robot} in ms.
+  rtt(reading, parts) {
+    const old = reading && reading.ageMs > OLD_MS;
+    this.value("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
+    this.wayMs = reading ? reading.medianMs / 2 : 0;
+    this.showParts(reading && !old ? latencyBreakdown({ total: reading.medianMs, ...parts }) : null);
+    setText(part(this.root, "rtt-age"), old ? texts.old(Math.round(reading.ageMs / 1000)) : "");
+  }
+
+  showParts(parts) {
+    const element = byTestId(this.root, "rtt-parts");
+    setText(part(element, "short"), parts ? latency.parts(rounded(parts)) : "");
+    setText(part(element, "words"), parts ? latency.words(rounded(parts)) : "");
+  }
+
+  // A speed was on its way for a while before it came here.
+  tick() {
+    const frameAge = this.frameAge();
+    const speed = this.speedAt === null ? null : performance.now() - this.speedAt + this.wayMs;
+    this.value("picture-age", frameAge === null ? dataAge.none : dataAge.exact(Math.round(frameAge)));
+    this.write("speed-age", speed === null ? "" : ageText(speed));
+  }
+
+  // The unit beside the value stands in the template.
+  value(testId, text) {
+    setText(part(byTestId(this.root, testId), "value"), text);
+  }
+
+  write(testId, text) {
+    setText(byTestId(this.root, testId), text);
+  }
+}
+
+// Two decimals, and no "-0.00" for a robot that stands still.
+const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
+
+const ageText = (ms) => (ms < 10_000 ? dataAge.measured(Math.round(ms)) : dataAge.long(Math.round(ms / 1000)));
+
+function rounded(parts) {
+  const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);
+  return Object.fromEntries(texts);
+}

@@ -1,0 +1,215 @@
+// The drive page: one robot's connection, picture, speed and controls. Loaded by drive.html.
+
+import { Banner } from "../control/banner.js";
+import { api } from "./calls.js";
+import { framesUrl, rosUrl } from "../client/addresses.js";
+import { FrameStream } from "../client/frames.js";
+import { Session } from "../client/session.js";
+import { setUpControls } from "../input/controls.js";
+import { Discovery } from "../topics/discovery.js";
+import { Feed } from "../client/feed.js";
+import { LoginUse } from "./loginUse.js";
+import { byTestId, localTime, setText } from "./page.js";
+import { setUpPanels } from "./panels.js";
+import { Readback } from "../overlays/readback.js";
+import { Readings } from "../overlays/readings.js";
+import { RttMeter } from "../client/rtt.js";
+import { DriveMode } from "../control/driveMode.js";
+import { driveSettings } from "./settings.js";
+import { ReloadStore } from "../control/reloadStore.js";
+import { StopBar } from "../control/stopBar.js";
+import { watchers } from "../texts/safety.js";
+import { requestTicket } from "../client/tickets.js";
+import { Arming } from "../control/arming.js";
+import { VideoInterlock } from "../control/videoInterlock.js";
+import { View } from "../video/view.js";
+import { ControlPanel } from "../control/controlPanel.js";
+
+const CHECK_MS = 50;
+const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
+
+const root = document.querySelector("main.drive");
+const { robot, level, user } = root.dataset;
+const settings = JSON.parse(root.dataset.settings);
+const odometryTopic = settings.page?.odometry_topic;
+const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
+const facts = { since: "" };
+
+const loginUse = new LoginUse();
+const reloadStore = new ReloadStore(robot);
+const driveMode = new DriveMode({ me: user, level, drove: reloadStore.restore(), onMove: () => connection.reopen(), onChange: showDriveMode });
+const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });
+const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
+const session = new Session({
+  driveTopic,
+  wheelbase,
+  requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, driveMode.mode)),
+  prepare: (call) => discovery.run(call),
+  onState: showState,
+  onLeaving: () => arming.leave(),
+  onControl: useControl,
+});
+const { connection, commands, clockSync } = session;
+const subscribe = (spec, handler) => connection.subscribe(spec, handler);
+
+const banner = new Banner(root, {
+  onRetry: () => connection.retryNow({ asked: true }),
+  onBlind: () => interlock.allow(),
+});
+const readings = new Readings(root, { frameAge: () => interlock.ageMs });
+const view = new View(root, {
+  robot,
+  settings,
+  openFrames: (topic, options) =>
+    new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
+  subscribe,
+  onFreshness: (freshness) => interlock.receive(freshness),
+});
+const rtt = new RttMeter({
+  call: (service, request) => connection.call(service, request),
+  onReading: (reading) => readings.rtt(reading, { server: clockSync.roundTripMs, robot: facts.rttMs }),
+});
+const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
+const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
+const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => controls.held() });
+const stopBar = new StopBar(root, {
+  robot,
+  halt: () => controls.halt(),
+  send: () => session.stop(),
+  onReleased: (again) => driveMode.released(again),
+});
+const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
+const arming = new Arming({
+  controls: () => controls,
+  interlock,
+  send: (twist, timestamp) => commands.publish(twist, timestamp),
+});
+
+function controlOptions() {
+  return {
+    kind,
+    limits,
+    publish: (twist, timestamp) => arming.publish(twist, timestamp),
+    mayQueue: () => session.mayQueue,
+    onTake: () => driveMode.press() || controls.letGo(),
+    onWanted: useWanted,
+    onStop: () => stopBar.press(),
+  };
+}
+
+// A gamepad's driver touches nothing that the page would hear of.
+function useWanted(twist) {
+  if (Object.values(twist).some((value) => value !== 0)) loginUse.note();
+  readings.wanted(twist);
+  view.wanted(twist);
+}
+
+function useSpeed(speed) {
+  readings.speed(speed);
+  view.speed(speed);
+}
+
+function useControl(control) {
+  if (session.controlState.linked) panels.receiveControl(control, driveMode.driving);
+  driveMode.receive(control);
+  stopBar.receive(control.stopped);
+}
+
+function showState(state) {
+  if (state.lost) driveMode.lose(state.lost, state.reason);
+  if (state.name === "not_allowed") endAll(state);
+  const live = state.name === "live";
+  commands.use(live && driveMode.driving);
+  if (!live && state.name !== "connecting") driveMode.settle();
+  if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
+  interlock.revoke();
+  showDriveMode();
+  useLink(live);
+}
+
+function useLink(live) {
+  if (live) {
+    driveMode.settle();
+    rtt.start();
+    view.retryNow();
+  } else {
+    panels.linkEnded();
+    rtt.stop();
+    discovery.stop();
+    readback.forget();
+  }
+}
+
+// The banner says why; who drives and what the cameras see this page is told no more.
+function endAll({ login }) {
+  driveMode.end();
+  byTestId(root, "control").hidden = true;
+  view.refuse(login ? "login_missing" : "rights_ended");
+}
+
+function showDriveMode() {
+  const { live } = connection;
+  showBanner();
+  controlPanel.show(live);
+  panels.use({ live, driving: driveMode.driving });
+  const { driving, armed, pressed, mayDrive, free } = driveMode;
+  const watches = mayDrive && (pressed || (live && !driving));
+  arming.update({ mayMove: live && driving && armed, watches, free });
+}
+
+function showBanner() {
+  const { driving, armed: begun, control, free } = driveMode;
+  const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
+  const mayDrive = driveMode.mayDrive;
+  const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: driveMode.wasStopped };
+  banner.show(connection.state, { ...facts, ...shown, video: interlock.kind });
+  stopBar.offer(driveMode.wasStopped ? "again" : "idle");
+}
+
+function useTopics({ twistType, speed, topics }) {
+  commands.useType(twistType);
+  controls.useType(commands.type);
+  if (speed) readback.follow(speed);
+  view.found(topics);
+  panels.topics(topics);
+}
+
+function receiveRobot(update) {
+  const wasOnline = facts.online && facts.ros !== "down";
+  const { state, online, ros, since, control, rtt_ms: rttMs, observers } = update;
+  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), disabled: state === "disabled" });
+  showWatchers(observers);
+  if (control) session.controlState.fromFeed(control);
+  showBanner();
+  if (!wasOnline && online && ros !== "down") retryNow();
+}
+
+// All but this page, which the server counts as well.
+function showWatchers(observers) {
+  const others = observers - (connection.live && !driveMode.driving ? 1 : 0);
+  setText(byTestId(root, "watchers"), watchers(others));
+}
+
+function retryNow() {
+  connection.retryNow();
+  view.retryNow();
+}
+
+const feed = new Feed({
+  onFleet: (all) => all.filter(({ name }) => name === robot).forEach(receiveRobot),
+  onRobot: (update) => update.name === robot && receiveRobot(update),
+});
+
+loginUse.watch(window);
+window.addEventListener("offline", () => connection.cut());
+window.addEventListener("online", retryNow);
+window.addEventListener("pagehide", () => {
+  reloadStore.save(driveMode.saved);
+  arming.disarm();
+  connection.stop();
+});
+window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+setInterval(() => interlock.check(), CHECK_MS);
+connection.start();
+view.start();
+feed.start();

@@ -1,0 +1,144 @@
+// The fleet page: keeps the robots as the feed tells, as cards or as a table. Loaded by fleet.html.
+// What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
+
+import { CardStop } from "../fleet/cardStop.js";
+import { Feed } from "../client/feed.js";
+import { Batch, Seldom } from "../fleet/batch.js";
+import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
+import { RobotList } from "../fleet/list.js";
+import { Snapshots, Queue } from "../fleet/snapshots.js";
+import { PointerPause } from "../fleet/pointerPause.js";
+import { Thumbs } from "../fleet/thumbs.js";
+import { Toolbar } from "../fleet/toolbar.js";
+import { FleetStops } from "../fleet/fleetStops.js";
+import { LoginUse } from "./loginUse.js";
+import { byTestId, part, setText } from "./page.js";
+import { feed as feedTexts } from "../texts/common.js";
+
+const ARRANGE_EVERY_MS = 1000;
+
+const main = document.querySelector("main");
+const feedState = byTestId(document, "fleet-feed");
+const fleetStops = new FleetStops(main, { manages: main.dataset.manages === "yes" });
+const stops = new Map();
+const thumbs = new Thumbs({ queue: new Queue(), snapshots: new Snapshots() });
+
+const containers = { cards: part(main, "cards"), table: part(main, "rows") };
+const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
+// What the server wrote into the page and the events do not tell; "" for a robot that came since.
+const known = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
+const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
+
+const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
+const batch = new Batch({ apply: update });
+const arranging = new Seldom({ act: arrangeUnlessPaused, everyMs: ARRANGE_EVERY_MS });
+const pause = new PointerPause({ onEnd: () => arrangeLater && arranging.ask() });
+let inOrderOfNames = inNameOrder(robots.keys());
+let arrangeLater = false;
+for (const listed of [...Object.values(containers), part(main, "stops")]) pause.listen(listed);
+showView();
+
+function atFirst({ robot, state, online, since, site }) {
+  return { name: robot, state, online: online === "true", since, site: site || null };
+}
+
+function listIn(container, template) {
+  return new RobotList({ container, template: document.getElementById(template), onNew: prepare });
+}
+
+function prepare(element, name) {
+  element.dataset.camera ||= known.get(name)?.camera ?? "";
+  stopOf(name).join(element);
+  thumbs.add(element, name);
+}
+
+function stopOf(name) {
+  if (!stops.has(name)) {
+    stops.set(name, new CardStop(name));
+    stops.get(name).receive(robots.get(name));
+  }
+  return stops.get(name);
+}
+
+function shownList() {
+  return lists[toolbar.view];
+}
+
+// A list that is not shown is not kept up to date either; it is filled when it is.
+function showView() {
+  for (const [view, container] of Object.entries(containers)) {
+    container.closest("[data-list]").hidden = view !== toolbar.view;
+  }
+  for (const robot of robots.values()) shownList().fill(robot, false);
+  arrangeNow();
+}
+
+function showFleet(all) {
+  const names = new Set(all.map(({ name }) => name));
+  for (const name of robots.keys()) if (!names.has(name)) remove(name);
+  for (const robot of all) receive(robot);
+}
+
+function receive(robot) {
+  if (!robots.has(robot.name)) inOrderOfNames = null;
+  robots.set(robot.name, robot);
+  batch.add(robot.name);
+}
+
+function update(names) {
+  const fits = filterOf(toolbar.filter);
+  for (const name of names) {
+    const robot = robots.get(name);
+    if (!robot) continue;
+    shownList().fill(robot, fits(robot));
+    stopOf(name).receive(robot);
+  }
+  if (fleetStops.results.length) fleetStops.receive([...robots.values()]);
+  arranging.ask();
+}
+
+function remove(name) {
+  robots.delete(name);
+  stops.delete(name);
+  inOrderOfNames = null;
+  for (const list of Object.values(lists)) list.remove(name, pause.active);
+  arranging.ask();
+}
+
+// What a person chose is done at once.
+function arrangeNow() {
+  batch.flush();
+  arrange();
+}
+
+function arrangeUnlessPaused() {
+  batch.flush();
+  if (pause.active) arrangeLater = true;
+  else arrange();
+}
+
+function arrange() {
+  arrangeLater = false;
+  inOrderOfNames ??= inNameOrder(robots.keys());
+  const listed = inOrderOfNames.map((name) => robots.get(name));
+  const fits = filterOf(toolbar.filter);
+  const shown = new Set(listed.filter(fits).map(({ name }) => name));
+  shownList().arrange(inOrder(listed, toolbar.filter).map(({ name }) => name), shown);
+  toolbar.offerSites(listed);
+  toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
+  part(main, "empty").hidden = listed.length > 0;
+  fleetStops.show(listed.map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
+}
+
+const feed = new Feed({
+  onFleet: showFleet,
+  onRobot: receive,
+  onRemoved: ({ name }) => remove(name),
+  onState: (state) => {
+    feedState.dataset.feed = state;
+    setText(feedState, feedTexts[state]);
+  },
+});
+
+feed.start();
+new LoginUse().watch(window);

@@ -1,0 +1,130 @@
+// Shows one probe of a topic: its newest message, how often it comes, and one of its numbers over the last minute.
+
+import { make, setText } from "../pages/page.js";
+import { topics as texts } from "../texts/panels.js";
+import { preview } from "./fields.js";
+import { TopicProbe, MEASURE_MS } from "./topicProbe.js";
+import { drawPlot } from "./plot.js";
+import { shortNumber, sizeText } from "./samples.js";
+
+const TICK_MS = 500;
+
+export class Inspector {
+  // `onClose()` when the person closes it.
+  constructor({ topic, watch, onClose }) {
+    this.topic = topic;
+    this.build(topic, onClose);
+    this.probe = new TopicProbe({ topic, watch, onChange: () => (this.changed = true) });
+    this.getOne.hidden = this.large.hidden = !this.probe.large;
+    this.chosen.hidden = this.measure.hidden = this.probe.large;
+    this.timer = setInterval(() => this.show(), TICK_MS);
+    this.show();
+  }
+
+  build({ name, type }, onClose) {
+    const button = (part, text, act) => {
+      const made = make("button", { type: "button", "data-testid": part }, text);
+      made.addEventListener("click", act);
+      return made;
+    };
+    this.close = button("topic-close", "×", onClose);
+    this.close.setAttribute("aria-label", texts.close(name));
+    this.pace = make("span", { "data-testid": "topic-rate" });
+    this.measure = button("topic-measure", texts.measure, () => this.probe.measure());
+    this.measure.title = texts.measureHelp(MEASURE_MS / 1000);
+    this.large = make("p", { class: "hint" }, texts.large);
+    this.getOne = button("topic-get-one", texts.getOne, () => this.probe.getOne());
+    this.notice = make("p", { class: "topic-notice", role: "status", "data-testid": "topic-notice" });
+    this.content = make("pre", { tabindex: "0", role: "region", "aria-label": texts.content(name), "data-testid": "topic-content" });
+    this.element = make(
+      "section",
+      { class: "topic-look", "aria-label": name, "data-testid": "topic-look", "data-topic": name },
+      make("header", {}, make("h2", {}, name), this.close),
+      make("p", { class: "topic-type" }, type || texts.untyped),
+      make("div", { class: "topic-pace" }, this.pace, this.measure),
+      this.large, this.getOne, this.notice, this.content, this.buildPlot(),
+    );
+  }
+
+  buildPlot() {
+    this.field = make("select", { "data-testid": "topic-field" }, new Option(texts.noField, ""));
+    this.field.addEventListener("change", () => this.choose());
+    this.canvas = make("canvas", { role: "img", "data-testid": "topic-plot" });
+    this.canvas.hidden = true;
+    this.words = make("p", { class: "hint", "data-testid": "topic-plot-words" });
+    const label = make("label", {}, make("span", {}, texts.field), " ", this.field);
+    this.chosen = make("div", { class: "topic-field" }, label, this.canvas, this.words);
+    return this.chosen;
+  }
+
+  choose() {
+    const field = this.field.value;
+    this.probe.plot(field);
+    this.canvas.hidden = !field;
+    this.canvas.setAttribute("aria-label", field ? texts.plot(field) : "");
+    this.show();
+  }
+
+  show() {
+    const { probe } = this;
+    setText(this.pace, [paceText(probe.pace), probe.size ? texts.size(sizeText(probe.size)) : ""].filter(Boolean).join(", "));
+    this.measure.setAttribute("aria-disabled", String(Boolean(probe.measuring)));
+    setText(this.notice, noticeText(probe));
+    if (this.changed && !this.isBeingRead()) {
+      this.changed = false;
+      setText(this.content, probe.message === null ? "" : preview(probe.message));
+      this.offerFields();
+    }
+    this.showPlot();
+  }
+
+  // What is selected, to be copied, stays.
+  isBeingRead() {
+    const selection = document.getSelection();
+    return !selection.isCollapsed && this.content.contains(selection.anchorNode);
+  }
+
+  offerFields() {
+    const { numbers } = this.probe;
+    if (numbers.length === 0 || numbers.join() === this.offered) return;
+    this.offered = numbers.join();
+    const chosen = this.field.value;
+    const paths = numbers.includes(chosen) || !chosen ? numbers : [chosen, ...numbers];
+    this.field.replaceChildren(new Option(texts.noField, ""), ...paths.map((path) => new Option(path, path)));
+    this.field.value = chosen;
+  }
+
+  showPlot() {
+    const { probe } = this;
+    if (!probe.field) return setText(this.words, "");
+    const extent = probe.samples.extent(probe.now());
+    const { now, min, max } = extent ?? {};
+    const words = { now: shortNumber(now), min: shortNumber(min), max: shortNumber(max) };
+    setText(this.words, extent ? texts.plotted(words) : texts.notPlotted);
+    drawPlot(this.canvas, probe.samples.points, extent, probe.now());
+  }
+
+  end() {
+    clearInterval(this.timer);
+    this.probe.end();
+    this.element.remove();
+  }
+}
+
+const PACES = {
+  none: () => "",
+  measuring: () => texts.measuring,
+  measured: ({ perSecond }) => texts.measured(shortNumber(perSecond)),
+  slow: ({ seconds }) => texts.rateSlow(seconds),
+  least: ({ perSecond }) => texts.rateAtLeast(shortNumber(perSecond)),
+  rate: ({ perSecond }) => texts.rate(shortNumber(perSecond)),
+};
+
+const paceText = (pace) => PACES[pace.kind](pace);
+
+function noticeText({ state, refusal, message, large, ends }) {
+  if (state === "refused") return texts.refused(refusal);
+  if (state === "too_big") return texts.tooBig;
+  if (state === "lost") return texts.lost;
+  return message === null && (!large || ends.size > 0) ? texts.waiting : "";
+}

@@ -1,0 +1,262 @@
+// The pictures of the drive page: which cameras, how they stand, at which quality, and how old the main one is.
+// It must never say that a picture is fresher than it is: driving is held by what it tells.
+
+import { byTestId, part, setText } from "../pages/page.js";
+import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
+import { markFull, mayBeFull, toggleFull } from "./fullscreen.js";
+import { Hud } from "../overlays/hud.js";
+import { viewActionOf } from "./viewKeys.js";
+import { Layout } from "./layout.js";
+import { recall, remember } from "./memory.js";
+import { MAP, cameraTopics, offeredCameras, topicOf } from "./sources.js";
+import { saveSnapshot } from "./snapshot.js";
+import { Tiles } from "./tiles.js";
+import { Overlays } from "../overlays/overlays.js";
+import { requestedQuality } from "./streamRequest.js";
+import { World } from "../overlays/world.js";
+import { driveSettings } from "../pages/settings.js";
+import { video as texts } from "../texts/video.js";
+
+const USUAL_HOLD_MS = 1000;
+const CHECK_MS = 100;
+const SHOW_EVERY = 2; // of these
+const NOTE_MS = 4000;
+const SETTLE_MS = 300;
+
+export class View {
+  // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
+  // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` tells of the main picture, at each change and ten times a second at most.
+  constructor(root, { robot, settings, openFrames, subscribe, onFreshness = () => {}, now = () => performance.now() }) {
+    Object.assign(this, { root, robot, settings, now });
+    this.page = settings.page ?? {};
+    this.element = byTestId(root, "view");
+    this.memory = recall(robot);
+    this.layout = new Layout(this.memory.layout);
+    this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
+    this.mainTimestamp = new MainTimestamp();
+    this.sleep = new Sleep();
+    this.freshness = new FreshnessReporter(onFreshness);
+    this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
+    this.refused = null;
+    this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
+    this.overlays = new Overlays(part(this.element, "vitals"), { subscribe, now });
+    this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
+    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames));
+    this.setUpTools();
+    this.listen();
+  }
+
+  tileOptions(openFrames) {
+    return {
+      openFrames,
+      wanted: () => this.wantedOfAll(),
+      set: { width: this.page.width ?? null, height: this.page.height ?? null },
+      oldMs: this.limitMs,
+      world: this.world,
+      memory: () => this.memory.map,
+      onMemory: (map) => this.keep({ map }),
+      onPainted: (topic) => this.seen(topic),
+      onChoose: (id) => this.change(() => this.layout.choose(id)),
+      now: this.now,
+    };
+  }
+
+  start() {
+    this.offer();
+    this.ticks = 0;
+    setInterval(() => this.tick(), CHECK_MS);
+  }
+
+  // `topics` are all that the robot has, {name, type}.
+  found(topics) {
+    const { page } = this;
+    cameraTopics(topics).forEach((topic) => this.known.add(topic));
+    const of = (kind) => topicOf(kind, topics, page[`${kind}_topic`]);
+    this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
+    this.world.follow(this.followed);
+    this.overlays.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
+    this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
+    this.offer();
+  }
+
+  // No picture comes to this page any more; `why` as of texts/video.js.
+  refuse(why) {
+    this.refused = why;
+    this.arrange();
+  }
+
+  retryNow() {
+    this.tiles.each((tile) => tile.retryNow());
+  }
+
+  // What is commanded and what the robot measures, {forward, left, turn}; null for unknown.
+  wanted(twist) {
+    this.hud.wanted(twist);
+  }
+
+  speed(measured) {
+    this.hud.measured(measured);
+  }
+
+  // The pose {x, y, theta} by the robot's odometry.
+  pose(pose) {
+    this.world.receivePose(pose);
+  }
+
+  // A robot that tells of no camera may have the usual one all the same.
+  seen(topic) {
+    this.known.add(topic);
+    this.checkFreshness();
+  }
+
+  get hasCamera() {
+    return Boolean(this.page.cameras?.length) || this.known.size > 0;
+  }
+
+  offer() {
+    this.cameras = offeredCameras({ configured: this.page.cameras, known: [...this.known] });
+    const ids = this.cameras.map(({ topic }) => topic);
+    this.layout.offer(this.hasMap ? [...ids, MAP] : ids);
+    this.offerNames();
+    this.arrange();
+  }
+
+  offerNames() {
+    const named = this.cameras.map(({ topic, name }) => new Option(name, topic));
+    if (this.hasMap) named.push(new Option(texts.map, MAP));
+    const names = named.map(({ value, text }) => value + text).join("\n");
+    if (names !== this.offeredNames) this.tools.camera.replaceChildren(...named);
+    this.offeredNames = names;
+    this.tools.camera.disabled = this.tools.layout.disabled = named.length < 2;
+  }
+
+  setUpTools() {
+    const names = ["camera", "layout", "quality", "turn", "still", "full", "figure"];
+    this.tools = Object.fromEntries(names.map((name) => [name, part(this.element, name)]));
+    const { layout, quality, full, figure } = this.tools;
+    layout.value = this.layout.kind;
+    if ([...quality.options].some(({ value }) => value === this.memory.quality)) quality.value = this.memory.quality;
+    full.hidden = !mayBeFull(this.root);
+    figure.checked = this.memory.figure !== false;
+    this.hud.show(figure.checked);
+  }
+
+  listen() {
+    const { camera, layout, quality, turn, still, full, figure } = this.tools;
+    onChoice(camera, (id) => this.change(() => this.layout.choose(id)));
+    onChoice(layout, (kind) => this.change(() => this.layout.use(kind)));
+    onChoice(quality, (value) => {
+      this.keep({ quality: value });
+      this.tiles.each((tile) => tile.ask());
+    });
+    figure.addEventListener("change", () => {
+      this.keep({ figure: figure.checked });
+      this.hud.show(figure.checked);
+    });
+    turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
+    still.addEventListener("click", () => this.saveSnapshot());
+    markFull(this.root);
+    full.addEventListener("click", () => toggleFull(this.root));
+    window.addEventListener("keydown", (event) => this.press(event));
+    document.addEventListener("visibilitychange", () => this.arrange());
+    new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
+  }
+
+  press(event) {
+    const action = viewActionOf(event);
+    if (!action) return;
+    event.preventDefault(); // a menu that has the focus would look for the letter
+    if (action.fullscreen) toggleFull(this.root);
+    else this.change(() => (action.next ? this.layout.next() : this.layout.nth(action.nth)));
+  }
+
+  change(act) {
+    act();
+    this.keep({ layout: this.layout.memory });
+    this.arrange();
+  }
+
+  keep(chosen) {
+    this.memory = { ...this.memory, ...chosen };
+    remember(this.robot, this.memory);
+  }
+
+  resized() {
+    clearTimeout(this.settling);
+    this.settling = setTimeout(() => this.tiles.each((tile) => tile.ask()), SETTLE_MS);
+  }
+
+  wantedOfAll() {
+    const { fps = 15, latency_ms = 300 } = this.page;
+    return { ...requestedQuality(this.tools.quality.value, this.page), fps, latency_ms };
+  }
+
+  arrange() {
+    const { layout, tools } = this;
+    const turned = ({ topic, turned_deg }) => layout.turned(topic, turned_deg);
+    this.tiles.arrange({
+      kind: layout.arranged,
+      main: layout.main,
+      shown: layout.shown.map((id) => this.cameras.find(({ topic }) => topic === id) ?? { topic: id, name: texts.map }),
+      turned,
+      playing: !document.hidden && !this.refused,
+      why: this.refused ?? "paused",
+    });
+    if (layout.main) tools.camera.value = layout.main;
+    tools.turn.disabled = tools.still.disabled = layout.main === MAP;
+    this.checkFreshness();
+  }
+
+  // What the driver goes by: the main picture, or beside the map the first camera that is shown.
+  get watched() {
+    const cameras = this.layout.shown.filter((id) => id !== MAP);
+    return cameras.includes(this.layout.main) ? this.layout.main : (cameras[0] ?? null);
+  }
+
+  checkFreshness() {
+    const { watched } = this;
+    const now = this.now();
+    if (this.sleep.isOver(now, Date.now())) this.forget();
+    const at = this.mainTimestamp.read(watched, this.tiles.get(watched)?.at ?? null);
+    this.freshness.receive(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
+  }
+
+  forget() {
+    this.mainTimestamp = new MainTimestamp();
+    this.tiles.each((tile) => tile.forget());
+  }
+
+  tick() {
+    this.checkFreshness();
+    this.ticks += 1;
+    if (this.ticks % SHOW_EVERY !== 0) return;
+    this.tiles.each((tile) => tile.showState());
+    this.overlays.show();
+  }
+
+  async saveSnapshot() {
+    const camera = this.cameras.find(({ topic }) => topic === this.layout.main);
+    if (!camera) return;
+    const status = await saveSnapshot(this.robot, camera);
+    this.note(status === null ? texts.snapshotSaved : texts.snapshotFailed(status));
+  }
+
+  note(text) {
+    const note = part(this.element, "sight-note");
+    setText(note, text);
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => setText(note, ""), NOTE_MS);
+  }
+}
+
+function onChoice(choice, act) {
+  choice.addEventListener("change", () => {
+    choice.blur(); // else the drive keys would go on changing it
+    act(choice.value);
+  });
+}
+
+function scaleOf(settings) {
+  const { maxLinear, maxAngular } = driveSettings(settings).limits;
+  return { speed: maxLinear, turn: maxAngular };
+}

@@ -1,0 +1,345 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { Connection } from "../../src/client/connection.js";
+import { TicketRefused } from "../../src/client/tickets.js";
+
+let clock, links, tickets, refusal, states, prepared, senders, own, connection;
+
+// A link as link.js makes it, that notes what it is told and lets the test play the server.
+function fakeLink(url, handlers) {
+  const link = {
+    url,
+    ...handlers,
+    subscribed: [],
+    published: [],
+    closed: false,
+    backlog: 0,
+    subscribe({ name }) {
+      link.subscribed.push(name);
+      return { end: () => link.subscribed.splice(link.subscribed.indexOf(name), 1) };
+    },
+    advertise: () => ({ publish: (message) => link.published.push(message), end() {} }),
+    call: () => new Promise((resolve) => (link.answer = resolve)),
+    send: (operation) => link.told.push(operation) > 0,
+    told: [],
+    close: () => (link.closed = true),
+  };
+  links.push(link);
+  return link;
+}
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  clock = tickets = prepared = 0;
+  links = [];
+  states = [];
+  senders = [];
+  own = [];
+  refusal = null;
+  connection = new Connection({
+    requestTicket: async () => {
+      tickets += 1;
+      if (refusal) throw refusal;
+      return `wss://server/ros?ticket=${tickets}`;
+    },
+    openLink: fakeLink,
+    prepare: async (call) => {
+      await call("/rosapi/topics", {});
+      prepared += 1;
+    },
+    onState: ({ name }) => states.push(name),
+    onLink: (send) => senders.push(send),
+    onOwn: ({ op }) => own.push(op),
+    now: () => clock,
+  });
+});
+
+afterEach(() => connection.stop());
+
+async function settle() {
+  for (let i = 0; i < 10; i++) await Promise.resolve();
+}
+
+async function pass(ms) {
+  clock += ms;
+  mock.timers.tick(ms);
+  await settle();
+}
+
+async function goLive() {
+  await settle();
+  links.at(-1).onOpen();
+  links.at(-1).answer({ ok: true });
+  await settle();
+}
+
+test("it is live only when the robot itself has answered", async () => {
+  connection.start();
+  await settle();
+  links[0].onOpen();
+  await settle();
+  assert.deepEqual(states, ["connecting"]);
+  links[0].answer({ ok: false });
+  await settle();
+  assert.deepEqual(states, ["connecting", "live"]);
+  assert.equal(prepared, 1);
+});
+
+test("news of the network connect nothing that was not started, or was stopped", async () => {
+  connection.retryNow();
+  connection.start();
+  await goLive();
+  connection.stop();
+  connection.retryNow();
+  await settle();
+  assert.equal(tickets, 1);
+});
+
+test("a stop is the last chance to say something on a live link", async () => {
+  const live = [];
+  connection.onLeaving = () => live.push(connection.live);
+  connection.start();
+  await goLive();
+  connection.stop();
+  connection.stop();
+  assert.deepEqual(live, [true]);
+});
+
+test("a robot that is offline is told by the close code, and each attempt has a fresh ticket", async () => {
+  connection.start();
+  await settle();
+  links[0].onOpen();
+  links[0].onClose({ code: 4503, reason: "robot sim1 is offline since 12:03 UTC" });
+  assert.deepEqual(states, ["connecting", "offline"]);
+  await pass(500);
+  assert.equal(links.length, 2);
+  assert.notEqual(links[0].url, links[1].url);
+});
+
+test("after a cut it resumes with its subscriptions, also those made meanwhile", async () => {
+  connection.start();
+  await goLive();
+  connection.subscribe({ name: "/odom" }, () => {});
+  links[0].onClose({ code: 4505, reason: "" });
+  connection.subscribe({ name: "/pose" }, () => {});
+  await pass(500);
+  await goLive();
+  assert.deepEqual(states, ["connecting", "live", "link_lost", "live"]);
+  assert.deepEqual(links[1].subscribed, ["/odom", "/pose"]);
+});
+
+test("an ended subscription is not resumed", async () => {
+  connection.start();
+  await goLive();
+  const end = connection.subscribe({ name: "/odom" }, () => {});
+  end();
+  assert.deepEqual(links[0].subscribed, []);
+  links[0].onClose({ code: 1006, reason: "" });
+  await pass(500);
+  await goLive();
+  assert.deepEqual(links[1].subscribed, []);
+});
+
+test("what is published while cut is dropped and never reaches the next link", async () => {
+  connection.start();
+  await goLive();
+  const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
+  assert.equal(publisher.publish("a"), true);
+  links[0].onClose({ code: 1006, reason: "" });
+  assert.equal(publisher.publish("b"), false);
+  await pass(500);
+  assert.equal(publisher.publish("c"), false);
+  await goLive();
+  publisher.publish("d");
+  assert.deepEqual(links[0].published, ["a"]);
+  assert.deepEqual(links[1].published, ["d"]);
+});
+
+test("silence on a live link is a lost link", async () => {
+  connection.start();
+  await goLive();
+  for (let i = 0; i < 5; i++) await pass(1000);
+  links[0].onMessage();
+  for (let i = 0; i < 6; i++) await pass(1000);
+  assert.equal(states.at(-1), "live");
+  clock += 1;
+  await pass(1000);
+  assert.equal(states.at(-1), "link_lost");
+  assert.equal(links[0].closed, true);
+});
+
+test("news that the network is gone ends a live link at once", async () => {
+  connection.start();
+  await goLive();
+  connection.cut();
+  assert.equal(states.at(-1), "link_lost");
+  assert.equal(links[0].closed, true);
+});
+
+test("the last that a link carries which the page gives up is what onLeaving says", async () => {
+  connection.start();
+  await goLive();
+  const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
+  connection.onLeaving = () => publisher.publish("zero");
+  connection.cut();
+  assert.deepEqual(links[0].published, ["zero"]);
+  connection.cut();
+  await pass(500);
+  links[1].onOpen();
+  links[1].onClose({ code: 4503, reason: "" });
+  assert.deepEqual(links[1].published, []);
+});
+
+test("a connection that was stopped is not live", async () => {
+  connection.start();
+  await goLive();
+  connection.stop();
+  assert.equal(connection.live, false);
+});
+
+test("events of a link that was given up change nothing", async () => {
+  connection.start();
+  await goLive();
+  links[0].onClose({ code: 4505, reason: "" });
+  await pass(500);
+  await goLive();
+  links[0].onClose({ code: 4001, reason: "" });
+  assert.equal(states.at(-1), "live");
+});
+
+test("after a change of rights the next ticket says what is left", async () => {
+  connection.start();
+  await goLive();
+  links[0].onClose({ code: 4001, reason: "" });
+  assert.equal(states.at(-1), "connecting");
+  refusal = new TicketRefused(403, "grant_missing");
+  await pass(500);
+  assert.equal(states.at(-1), "not_allowed");
+  assert.equal(links.length, 1);
+});
+
+test("no answer from the robot is told as such and tried again", async () => {
+  connection.start();
+  await settle();
+  links[0].onOpen();
+  await pass(8000);
+  assert.equal(states.at(-1), "rosbridge_down");
+  await pass(500);
+  assert.equal(links.length, 2);
+});
+
+test("without a server the attempts go on with growing delays", async () => {
+  refusal = new TicketRefused(0);
+  connection.start();
+  await settle();
+  assert.equal(states.at(-1), "server_unreachable");
+  for (let i = 0; i < 20; i++) await pass(500);
+  assert.ok(tickets >= 3 && tickets <= 8, `${tickets} attempts in 10 s`);
+  refusal = null;
+  for (let i = 0; i < 10; i++) await pass(500);
+  await goLive();
+  assert.equal(states.at(-1), "live");
+});
+
+test("news that the robot is back cuts the wait short", async () => {
+  connection.start();
+  await settle();
+  for (let i = 0; i < 6; i++) {
+    links.at(-1).onOpen();
+    links.at(-1).onClose({ code: 4503, reason: "" });
+    if (i < 5) await pass(5000);
+  }
+  const before = links.length;
+  connection.retryNow();
+  await settle();
+  assert.equal(links.length, before + 1);
+});
+
+test("news during an attempt or on a live link does nothing", async () => {
+  connection.start();
+  connection.retryNow();
+  await settle();
+  assert.equal(tickets, 1);
+  await goLive();
+  connection.retryNow();
+  await settle();
+  assert.equal(tickets, 1);
+});
+
+for (const code of [4002, 4003, 4009, 4010]) {
+  test(`whoever loses the control by ${code} sees on at once`, async () => {
+    connection.start();
+    await goLive();
+    links[0].onClose({ code, reason: "" });
+    await pass(0);
+    assert.equal(links.length, 2);
+    await goLive();
+    assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
+  });
+}
+
+test("a server that lets nobody drive is not asked over and over", async () => {
+  connection.start();
+  await settle();
+  for (let i = 0; i < 4; i++) {
+    links.at(-1).onClose({ code: 4009, reason: "" });
+    await pass(0);
+  }
+  assert.equal(links.length, 2);
+});
+
+test("another ticket is asked for as the page drives or watches from now on", async () => {
+  connection.start();
+  await goLive();
+  connection.reopen();
+  assert.equal(links[0].closed, true);
+  await goLive();
+  assert.equal(links.length, 2);
+  assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
+  links[0].onClose({ code: 1000, reason: "" });
+  assert.equal(connection.live, true);
+});
+
+test("operations of our own go out on an open link, also before the robot has answered, and never later", async () => {
+  assert.equal(connection.send({ op: "robotether.stop" }), false);
+  connection.start();
+  await settle();
+  links[0].onOpen();
+  assert.equal(connection.send({ op: "robotether.stop" }), true);
+  assert.deepEqual(links[0].told, [{ op: "robotether.stop" }]);
+  senders[0]({ op: "robotether.beat" });
+  assert.equal(links[0].told.length, 2);
+  links[0].onClose({ code: 4505, reason: "" });
+  assert.equal(senders[1], null);
+  assert.equal(connection.send({ op: "robotether.stop" }), false);
+});
+
+test("a link that is given up is not live any more when its end is told", async () => {
+  connection.start();
+  await goLive();
+  const live = [];
+  connection.onLink = () => live.push(connection.live);
+  connection.reopen();
+  assert.deepEqual(live, [false]);
+});
+
+test("what the relay says is no sign of life of the robot", async () => {
+  connection.start();
+  await goLive();
+  for (let i = 0; i < 7; i++) {
+    links[0].onOwn({ op: "robotether.beat" });
+    await pass(1000);
+  }
+  assert.equal(own.length, 7);
+  assert.equal(states.at(-1), "link_lost");
+});
+
+test("a missing grant ends the attempts", async () => {
+  refusal = new TicketRefused(403, "grant_missing");
+  connection.start();
+  await pass(60_000);
+  assert.equal(tickets, 1);
+  assert.equal(states.at(-1), "not_allowed");
+});

@@ -1,0 +1,126 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { Feed } from "../../src/client/feed.js";
+
+let streams, answers, states, heard, feed;
+
+// A stream of events that the test writes, as the server's next answer.
+function nextAnswer() {
+  const stream = { write: (text) => stream.to.enqueue(new TextEncoder().encode(text)) };
+  const body = new ReadableStream({ start: (controller) => (stream.to = controller) });
+  stream.send = (name, data) => stream.write(`event: ${name}\ndata: ${JSON.stringify(data)}\n\n`);
+  streams.push(stream);
+  answers.push(new Response(body));
+  return stream;
+}
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+  streams = [];
+  answers = [];
+  states = [];
+  heard = [];
+  globalThis.window = { addEventListener() {} };
+  mock.method(globalThis, "fetch", async () => {
+    const answer = answers.shift();
+    if (!answer) throw new TypeError("no network");
+    return answer;
+  });
+  feed = new Feed({
+    onFleet: (robots) => heard.push(["fleet", robots]),
+    onRobot: (robot) => heard.push(["robot", robot]),
+    onRemoved: ({ name }) => heard.push(["removed", name]),
+    onState: (state) => states.push(state),
+  });
+});
+
+afterEach(() => {
+  feed.close();
+  mock.restoreAll();
+});
+
+// The streams of the platform hand data on by real tasks, which no mocked timer moves.
+async function settle() {
+  for (let i = 0; i < 5; i++) await new Promise((resolve) => setImmediate(resolve));
+}
+
+async function pass(ms) {
+  mock.timers.tick(ms);
+  await settle();
+}
+
+test("each kind of event reaches its handler, and an unknown one none", async () => {
+  const stream = nextAnswer();
+  feed.start();
+  stream.send("fleet", []);
+  stream.send("robot", { name: "sim1" });
+  stream.send("alive", {});
+  stream.send("removed", { name: "sim1" });
+  await settle();
+  assert.deepEqual(heard, [["fleet", []], ["robot", { name: "sim1" }], ["removed", "sim1"]]);
+  assert.deepEqual([...new Set(states)], ["connecting", "live"]);
+});
+
+test("a stream that ends is lost, and opened again by the page", async () => {
+  const stream = nextAnswer();
+  feed.start();
+  stream.to.close();
+  await settle();
+  assert.equal(states.at(-1), "lost");
+  nextAnswer().send("fleet", []);
+  await pass(500);
+  assert.equal(states.at(-1), "live");
+});
+
+test("a server that is down is asked again", async () => {
+  answers.push(new Response("", { status: 502 }));
+  feed.start();
+  await settle();
+  assert.equal(states.at(-1), "lost");
+  await pass(500);
+  await pass(1000);
+  assert.equal(fetch.mock.callCount(), 3);
+});
+
+test("a stream that says nothing, not even a comment, is lost", async () => {
+  const stream = nextAnswer();
+  feed.start();
+  stream.send("fleet", []);
+  await settle();
+  await pass(24_999);
+  assert.equal(states.at(-1), "live");
+  await pass(1);
+  assert.equal(states.at(-1), "lost");
+  assert.equal(fetch.mock.calls[0].arguments[1].signal.aborted, true);
+});
+
+test("comments keep a quiet stream alive", async () => {
+  const stream = nextAnswer();
+  feed.start();
+  stream.send("fleet", []);
+  for (let i = 0; i < 10; i++) {
+    stream.write(": awake\n\n");
+    await settle();
+    await pass(10_000);
+  }
+  assert.equal(states.at(-1), "live");
+  assert.equal(fetch.mock.callCount(), 1);
+});
+
+test("a server that takes the connection and never answers is lost too", async () => {
+  fetch.mock.mockImplementation(() => new Promise(() => {}));
+  feed.start();
+  await pass(25_000);
+  assert.equal(states.at(-1), "lost");
+});
+
+test("an ended login ends the attempts and is told as such", async () => {
+  answers.push(new Response("", { status: 401 }));
+  feed.start();
+  await settle();
+  assert.equal(states.at(-1), "login");
+  await pass(60_000);
+  assert.equal(fetch.mock.callCount(), 1);
+});

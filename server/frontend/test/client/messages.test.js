@@ -1,0 +1,84 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import {
+  driveMessage,
+  isSteered,
+  speedReader,
+  speedTopic,
+  twistType,
+} from "../../src/client/messages.js";
+
+test("what the robot says of cmd_vel decides the type", () => {
+  assert.equal(twistType("geometry_msgs/Twist", ["std_msgs/msg/String"]), "geometry_msgs/Twist");
+  assert.equal(twistType("geometry_msgs/msg/Twist", []), "geometry_msgs/msg/Twist");
+  assert.equal(twistType("geometry_msgs/msg/TwistStamped", []), "geometry_msgs/msg/TwistStamped");
+});
+
+test("without an answer the other types decide, and without any the ROS 1 name is taken", () => {
+  assert.equal(twistType("", ["nav_msgs/msg/Odometry"]), "geometry_msgs/msg/Twist");
+  assert.equal(twistType("", ["nav_msgs/Odometry"]), "geometry_msgs/Twist");
+  assert.equal(twistType("", []), "geometry_msgs/Twist");
+  assert.equal(twistType("std_msgs/String", []), "geometry_msgs/Twist");
+});
+
+test("a car's own type is taken as the robot says it", () => {
+  for (const type of ["ackermann_msgs/AckermannDriveStamped", "ackermann_msgs/msg/AckermannDriveStamped"]) {
+    assert.equal(twistType(type, []), type);
+  }
+});
+
+test("a stamped type gets the same twist in an envelope", () => {
+  const speed = { forward: 1, left: 0.5, turn: 2 };
+  const twist = { linear: { x: 1, y: 0.5, z: 0 }, angular: { x: 0, y: 0, z: 2 } };
+  assert.deepEqual(driveMessage("geometry_msgs/msg/Twist", speed), twist);
+  assert.deepEqual(driveMessage("geometry_msgs/msg/TwistStamped", speed).twist, twist);
+});
+
+const car = (twist, wheelbase) =>
+  driveMessage("ackermann_msgs/msg/AckermannDriveStamped", twist, { wheelbase }).drive;
+
+test("a car steers so that it follows the twist's curve, forwards and backwards", () => {
+  const { speed, steering_angle } = car({ forward: 2, turn: 1 }, 0.5);
+  assert.equal(speed, 2);
+  assert.ok(Math.abs((2 * Math.tan(steering_angle)) / 0.5 - 1) < 1e-9);
+  assert.equal(car({ forward: -2, turn: -1 }, 0.5).steering_angle, steering_angle);
+  assert.equal(car({ forward: 2, turn: -1 }, 0.5).steering_angle, -steering_angle);
+});
+
+test("a car that stands points its wheels ahead, and one of unknown size steers all the same", () => {
+  assert.deepEqual(car({ forward: 0, left: 0, turn: 1 }, 0.5), { steering_angle: 0, speed: 0 });
+  assert.ok(car({ forward: 1, turn: 1 }, null).steering_angle > 0);
+});
+
+test("odometry comes before pose, and the usual name before others, in either ROS", () => {
+  const topics = [
+    { name: "/turtle1/pose", type: "turtlesim/Pose" },
+    { name: "/pose", type: "turtlesim/msg/Pose" },
+    { name: "/base/odom", type: "nav_msgs/msg/Odometry" },
+    { name: "/odom", type: "nav_msgs/msg/Odometry" },
+    { name: "/cmd_vel", type: "geometry_msgs/Twist" },
+  ];
+  assert.equal(speedTopic(topics).name, "/odom");
+  assert.equal(speedTopic(topics.slice(0, 3)).name, "/base/odom");
+  assert.equal(speedTopic(topics.slice(0, 2)).name, "/pose");
+  assert.equal(speedTopic(topics.slice(4)), undefined);
+});
+
+test("speed is read from odometry and from turtlesim's pose", () => {
+  const odometry = { twist: { twist: { linear: { x: 0.5, y: 0.2 }, angular: { z: -1 } } } };
+  assert.deepEqual(speedReader("nav_msgs/Odometry")(odometry), {
+    forward: 0.5,
+    left: 0.2,
+    turn: -1,
+  });
+  const pose = { linear_velocity: 0.5, angular_velocity: -1 };
+  assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
+});
+
+test("only a car's type is steered, under its ROS 1 and ROS 2 name", () => {
+  assert.equal(isSteered("ackermann_msgs/AckermannDriveStamped"), true);
+  assert.equal(isSteered("ackermann_msgs/msg/AckermannDriveStamped"), true);
+  assert.equal(isSteered("geometry_msgs/Twist"), false);
+  assert.equal(isSteered(null), false);
+});

@@ -1,0 +1,68 @@
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { RttMeter, median } from "../../src/client/rtt.js";
+
+let clock, calls, reading, meter;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setInterval"] });
+  clock = 0;
+  calls = [];
+  meter = new RttMeter({
+    call: (service) => new Promise((resolve, reject) => calls.push({ service, resolve, reject })),
+    onReading: (value) => (reading = value),
+    now: () => clock,
+  });
+});
+
+const pass = async (ms) => {
+  clock += ms;
+  mock.timers.tick(ms);
+  await Promise.resolve();
+};
+
+const answer = async (result = { ok: true }) => {
+  calls.at(-1).resolve(result);
+  for (let i = 0; i < 5; i++) await Promise.resolve();
+};
+
+test("the median ignores one slow answer", () => {
+  assert.equal(median([10, 12, 500, 11, 13]), 12);
+  assert.equal(median([10, 20]), 15);
+});
+
+test("an answer that says that the service failed counts as well", async () => {
+  meter.start();
+  clock += 40;
+  await answer({ ok: false });
+  assert.deepEqual(reading, { medianMs: 40, ageMs: 0 });
+});
+
+test("one call is under way at a time, and the age of the last answer grows while none comes", async () => {
+  meter.start();
+  clock += 10;
+  await answer();
+  await pass(1000);
+  await pass(1000);
+  assert.equal(calls.length, 2);
+  assert.equal(reading.ageMs, 2000);
+  meter.stop();
+});
+
+test("a call without an answer is given up after five seconds, and its late answer ignored", async () => {
+  meter.start();
+  for (let i = 0; i < 5; i++) await pass(1000);
+  assert.equal(calls.length, 2);
+  calls[0].resolve({ ok: true });
+  await Promise.resolve();
+  assert.equal(reading, null);
+});
+
+test("stopping forgets what was measured", async () => {
+  meter.start();
+  await answer();
+  meter.stop();
+  assert.equal(reading, null);
+});

@@ -1,0 +1,78 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { afterClose, afterTicketRefusal } from "../../src/client/states.js";
+import { connection as texts, driveMode as notes } from "../../src/texts/common.js";
+
+const shown = (code, wasLive = false) => {
+  const { name, retry } = afterClose({ code, wasLive });
+  assert.ok(name in texts, name);
+  return `${name} ${retry ? "retry" : "final"}`;
+};
+
+test("each close code of the contract has its own state", () => {
+  assert.equal(shown(4001), "connecting retry");
+  assert.equal(shown(4503), "offline retry");
+  assert.equal(shown(4504), "rosbridge_down retry");
+  assert.equal(shown(4505), "link_lost retry");
+  assert.equal(shown(4510), "lease_unavailable retry");
+  assert.equal(shown(4408), "link_lost retry");
+  assert.equal(shown(4413), "link_lost retry");
+  assert.equal(shown(1008), "link_lost retry");
+  assert.equal(shown(4429), "server_unreachable retry");
+  assert.equal(shown(1009), "link_lost retry");
+  assert.equal(shown(1001), "server_unreachable retry");
+});
+
+test("each way to lose the control has a sentence of its own, and the page goes on", () => {
+  const lost = [4002, 4003, 4009, 4010].map((code) => afterClose({ code, reason: "ben has it" }));
+  assert.deepEqual(
+    lost.map(({ lost }) => lost),
+    ["superseded", "robot_stopped", "lease_held", "lease_lost"],
+  );
+  assert.ok(lost.every(({ retry }) => retry));
+  const sentences = lost.map(({ lost, reason }) => notes[lost]({ reason }));
+  assert.equal(new Set(sentences).size, 4);
+  assert.match(sentences[3], /ben has it/);
+  assert.equal(afterClose({ code: 4505 }).lost, undefined);
+});
+
+test("a cut without a code is a lost link when it was live, else an unreachable server", () => {
+  assert.equal(shown(1006, true), "link_lost retry");
+  assert.equal(shown(1006, false), "server_unreachable retry");
+});
+
+test("an offline robot keeps the reason that the server gave", () => {
+  const state = afterClose({ code: 4503, reason: "robot sim1 is offline since 12:03 UTC" });
+  const detail = texts.offline.detail({ since: "", reason: state.reason });
+  assert.match(detail, /offline since 12:03 UTC/);
+});
+
+test("a refused ticket ends the attempts only where another attempt cannot help", () => {
+  const verdict = (status, code) => {
+    const { name, retry, login } = afterTicketRefusal({ status, code });
+    return { name, retry, login: Boolean(login) };
+  };
+  assert.deepEqual(verdict(401, "login_missing"), { name: "not_allowed", retry: false, login: true });
+  assert.deepEqual(verdict(403, "grant_missing"), { name: "not_allowed", retry: false, login: false });
+  assert.deepEqual(verdict(404, "robot_unknown"), { name: "not_allowed", retry: false, login: false });
+  assert.deepEqual(verdict(400, ""), { name: "not_allowed", retry: false, login: false });
+  for (const status of [0, 429, 500, 502, 503]) {
+    assert.deepEqual(verdict(status, ""), { name: "server_unreachable", retry: true, login: false });
+  }
+});
+
+test("every state has a title and a sentence", () => {
+  const facts = { driving: false, armed: false, since: "12:03", reason: "" };
+  for (const name of Object.keys(texts)) {
+    assert.ok(texts[name].title, name);
+    assert.ok(texts[name].detail(facts), name);
+  }
+});
+
+test("only who may send reads that the robot is ready", () => {
+  const detail = (driving, armed) => texts.live.detail({ driving, armed });
+  assert.match(detail(false, false), /watching/);
+  assert.match(detail(true, true), /Ready/);
+  assert.match(detail(true, false), /Start driving/);
+});

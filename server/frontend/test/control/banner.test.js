@@ -1,0 +1,52 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, test } from "node:test";
+
+import { Banner } from "../../src/control/banner.js";
+import { LINK_LOST, LIVE } from "../../src/client/states.js";
+
+let before, clock, deeds, parts, banner;
+
+beforeEach(() => {
+  before = globalThis.document;
+  globalThis.document = { activeElement: null };
+  clock = 1000;
+  deeds = [];
+  const button = Object.assign(new EventTarget(), { hidden: true, textContent: "" });
+  parts = { "state-title": {}, "state-detail": {}, "state-action": button };
+  const element = { dataset: {}, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
+  banner = new Banner(
+    { querySelector: () => element },
+    { onRetry: () => deeds.push("retry"), onBlind: () => deeds.push("blind"), now: () => clock },
+  );
+});
+
+afterEach(() => {
+  globalThis.document = before;
+});
+
+const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
+const press = () => parts["state-action"].dispatchEvent(new Event("click"));
+
+test("a press that was meant for what the button was before lets nobody drive without a picture", () => {
+  banner.show(LINK_LOST, {});
+  press();
+  held();
+  press();
+  clock += 699;
+  held();
+  press();
+  assert.deepEqual(deeds, ["retry"]);
+  assert.equal(parts["state-action"].textContent, "Drive without picture");
+});
+
+test("who has had the time to read it, or saw no button before, may drive without a picture", () => {
+  banner.show(LINK_LOST, {});
+  held();
+  clock += 700;
+  press();
+  banner.show(LIVE, { control: {}, driving: true, video: "seen" });
+  clock += 700;
+  held();
+  press();
+  assert.deepEqual(deeds, ["blind", "blind"]);
+});

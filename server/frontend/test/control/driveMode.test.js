@@ -1,0 +1,273 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { DriveMode } from "../../src/control/driveMode.js";
+
+const SINCE = "2026-01-01T12:03:00Z";
+const ann = { user: "ann", since: SINCE, fence: 1 };
+const ben = { user: "ben", since: SINCE, passes_at: SINCE };
+const me = { user: "me", since: SINCE, passes_at: SINCE };
+const stopped = { by: "ben", at: SINCE, confirmed: true };
+
+let moves, driveMode;
+
+function sitDown(level, drove = { armed: true }) {
+  moves = [];
+  driveMode = new DriveMode({ me: "me", level, drove, onMove: () => moves.push(driveMode.mode) });
+}
+
+beforeEach(() => sitDown("drive"));
+
+function askAnn() {
+  driveMode.lose("lease_held", "");
+  driveMode.receive({ driver: ann });
+  driveMode.ask();
+  driveMode.receive({ driver: ann, waiting: me });
+}
+
+test("a page that is opened watches, whoever opens it", () => {
+  for (const level of ["observe", "drive", "manage"]) {
+    sitDown(level, null);
+    assert.equal(driveMode.mode, "observe");
+    assert.equal(driveMode.armed, false);
+    driveMode.receive({ driver: null });
+    assert.deepEqual(moves, []);
+  }
+});
+
+test("a page that is loaded anew while it drove drives on, armed if it was", () => {
+  assert.equal(driveMode.mode, "drive");
+  assert.deepEqual(driveMode.saved, { armed: true });
+  sitDown("drive", { armed: false });
+  assert.equal(driveMode.mode, "drive");
+  assert.equal(driveMode.armed, false);
+  driveMode.leave();
+  assert.equal(driveMode.saved, null);
+});
+
+test("who may no longer drive watches, whatever the page did before", () => {
+  sitDown("observe");
+  assert.equal(driveMode.mode, "observe");
+  assert.deepEqual(driveMode.actions(true), []);
+});
+
+for (const why of ["superseded", "robot_stopped", "lease_held", "lease_lost"]) {
+  test(`after ${why} the page watches, not armed, and does not come back by itself`, () => {
+    driveMode.lose(why, "reason");
+    assert.equal(driveMode.mode, "observe");
+    assert.equal(driveMode.armed, false);
+    driveMode.receive({ driver: null });
+    driveMode.receive({ driver: null, reserved: me });
+    assert.equal(driveMode.mode, "observe");
+    assert.deepEqual(moves, []);
+  });
+}
+
+test("control that is kept for who asked is taken, not armed, and drives after a word of the person", () => {
+  askAnn();
+  driveMode.receive({ driver: null, reserved: me });
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(driveMode.armed, false);
+  assert.equal(driveMode.note.why, "arrived");
+  assert.deepEqual(driveMode.actions(true), ["arm", "leave"]);
+  driveMode.arm();
+  assert.equal(driveMode.armed, true);
+});
+
+test("control that comes before the question was seen standing is taken as well", () => {
+  driveMode.lose("lease_held", "");
+  driveMode.ask();
+  driveMode.receive({ driver: null, reserved: me });
+  assert.deepEqual(moves, ["drive"]);
+});
+
+test("a driver who leaves leaves the control to who asked", () => {
+  askAnn();
+  driveMode.receive({ driver: null });
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(driveMode.armed, false);
+});
+
+test("a question that is gone while the driver stays was refused", () => {
+  askAnn();
+  driveMode.receive({ driver: ann, waiting: null });
+  assert.deepEqual(driveMode.note, { why: "refused", by: "ann" });
+  assert.equal(driveMode.asked, null);
+  driveMode.receive({ driver: null, reserved: me });
+  assert.deepEqual(moves, []);
+});
+
+test("news from before the question is no refusal", () => {
+  driveMode.lose("lease_held", "");
+  driveMode.ask();
+  driveMode.receive({ driver: ann });
+  assert.equal(driveMode.asked, "sent");
+});
+
+test("a question that was withdrawn brings no control", () => {
+  askAnn();
+  driveMode.forget();
+  driveMode.receive({ driver: null, reserved: me });
+  assert.deepEqual(moves, []);
+});
+
+test("a stop ends the question, whatever else the news says", () => {
+  askAnn();
+  driveMode.receive({ driver: null, stopped });
+  assert.equal(driveMode.asked, null);
+  assert.equal(driveMode.note.why, "stopped_meanwhile");
+  assert.deepEqual(moves, []);
+});
+
+test("a question answered for another window of the same person ends here", () => {
+  askAnn();
+  driveMode.receive({ driver: { ...ann, user: "me" } });
+  assert.equal(driveMode.asked, null);
+  assert.deepEqual(moves, []);
+});
+
+test("who drove when the robot was stopped drives on by releasing it", () => {
+  driveMode.lose("robot_stopped", "");
+  driveMode.receive({ stopped });
+  assert.equal(driveMode.wasStopped, true);
+  driveMode.released(true);
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(driveMode.armed, true);
+});
+
+test("for others a release leaves the control free", () => {
+  sitDown("drive", null);
+  driveMode.receive({ stopped });
+  assert.equal(driveMode.wasStopped, false);
+  driveMode.released(false);
+  assert.deepEqual(moves, []);
+  assert.equal(driveMode.mode, "observe");
+});
+
+test("who drove when the robot was stopped has no more claim on it once somebody released it", () => {
+  driveMode.lose("robot_stopped", "");
+  driveMode.receive({ stopped });
+  driveMode.receive({ stopped: null });
+  driveMode.receive({ stopped });
+  assert.equal(driveMode.wasStopped, false);
+});
+
+test("a press takes the control that nobody has, and says so", () => {
+  sitDown("drive", null);
+  driveMode.receive({ driver: null });
+  assert.equal(driveMode.free, true);
+  assert.equal(driveMode.press(), true);
+  assert.deepEqual(moves, ["drive"]);
+  assert.equal(driveMode.armed, true);
+  assert.equal(driveMode.note.why, "pressed");
+  driveMode.settle();
+  assert.equal(driveMode.pressed, false);
+});
+
+test("a press before it is known who drives does nothing", () => {
+  sitDown("drive", null);
+  assert.equal(driveMode.press(), false);
+  assert.deepEqual(driveMode.actions(true), []);
+  assert.deepEqual(moves, []);
+});
+
+for (const [who, control, why] of [
+  ["somebody else drives", { driver: ann }, "busy_driver"],
+  ["another window of the same person drives", { driver: { ...ann, user: "me" } }, "busy_window"],
+  ["somebody is about to drive", { reserved: ben }, "busy_reserved"],
+  ["the robot is stopped", { stopped }, "busy_stopped"],
+]) {
+  test(`a press while ${who} takes and asks nothing, and says why until that changes`, () => {
+    sitDown("drive", null);
+    driveMode.receive(control);
+    assert.equal(driveMode.free, false);
+    assert.equal(driveMode.press(), false);
+    assert.deepEqual(moves, []);
+    assert.equal(driveMode.asked, null);
+    assert.equal(driveMode.note.why, why);
+    driveMode.receive(control);
+    assert.equal(driveMode.note.why, why);
+    driveMode.receive({ driver: null });
+    assert.equal(driveMode.note, null);
+  });
+}
+
+test("a press that lost the race for the control has to be made anew", () => {
+  sitDown("drive", null);
+  driveMode.receive({ driver: null });
+  driveMode.press();
+  driveMode.lose("lease_held", "");
+  assert.equal(driveMode.pressed, false);
+  assert.equal(driveMode.armed, false);
+});
+
+test("who takes the control by a press is armed at once", () => {
+  driveMode.lose("superseded", "");
+  driveMode.drive();
+  assert.equal(driveMode.armed, true);
+});
+
+test("who gives up the control watches", () => {
+  driveMode.leave();
+  assert.deepEqual(moves, ["observe"]);
+  assert.equal(driveMode.armed, false);
+  assert.equal(driveMode.note.why, "left");
+});
+
+test("only the driver's own page is asked", () => {
+  driveMode.receive({ driver: { ...ann, user: "me" }, waiting: ben });
+  assert.equal(driveMode.asking.user, "ben");
+  driveMode.lose("superseded", "");
+  assert.equal(driveMode.asking, null);
+});
+
+test("that the robot was stopped is said until it is released", () => {
+  for (const note of [() => driveMode.lose("robot_stopped", ""), () => driveMode.setNote({ why: "stopped_meanwhile" })]) {
+    note();
+    driveMode.receive({ driver: null, stopped });
+    assert.notEqual(driveMode.note, null);
+    driveMode.receive({ driver: ann });
+    assert.equal(driveMode.note, null);
+  }
+});
+
+test("a page that is told nothing any more says of nobody that they drive or ask, and takes nothing", () => {
+  askAnn();
+  driveMode.end();
+  assert.deepEqual([driveMode.control.driver, driveMode.asking, driveMode.note, driveMode.asked], [null, null, null, null]);
+  driveMode.receive({ driver: null });
+  assert.deepEqual([driveMode.mode, moves], ["observe", []]);
+});
+
+test("a release ends no note of something else", () => {
+  driveMode.lose("lease_held", "");
+  driveMode.receive({ driver: ann, stopped });
+  driveMode.receive({ driver: ann });
+  assert.equal(driveMode.note.why, "lease_held");
+});
+
+test("what can be done depends on who drives, who waits and whether the robot is stopped", () => {
+  const offered = (control) => {
+    driveMode.receive(control);
+    return driveMode.actions(true);
+  };
+  driveMode.lose("lease_held", "");
+  assert.deepEqual(offered({ driver: null }), ["drive"]);
+  assert.deepEqual(offered({ driver: { ...ann, user: "me" } }), ["drive"]);
+  assert.deepEqual(offered({ driver: null, reserved: ben }), []);
+  assert.deepEqual(offered({ driver: ann }), ["ask"]);
+  assert.deepEqual(offered({ driver: ann, waiting: ben }), []);
+  assert.deepEqual(offered({ driver: null, stopped }), []);
+  driveMode.ask();
+  assert.deepEqual(offered({ driver: ann, waiting: me }), ["withdraw"]);
+  assert.deepEqual(driveMode.actions(false), []);
+});
+
+test("a manager can take the control, also while asking", () => {
+  sitDown("manage");
+  driveMode.lose("lease_held", "");
+  driveMode.receive({ driver: ann });
+  assert.deepEqual(driveMode.actions(true), ["ask", "take"]);
+  driveMode.ask();
+  assert.deepEqual(driveMode.actions(true), ["withdraw", "take"]);
+});

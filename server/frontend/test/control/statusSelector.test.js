@@ -1,0 +1,53 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { connection } from "../../src/texts/common.js";
+import { states } from "../../src/texts/safety.js";
+import { selectStatus } from "../../src/control/statusSelector.js";
+
+const texts = { ...connection, ...states };
+const LIVE = { name: "live" };
+const FINE = { control: { stopped: null, guard: "ready" }, driving: true, video: "seen" };
+
+function shown(state, facts) {
+  const name = selectStatus(state, facts);
+  assert.ok(name in texts, name);
+  return name;
+}
+
+test("without a connection its own state is shown, whatever was true before", () => {
+  const control = { stopped: { by: "ben", confirmed: true }, guard: "down" };
+  assert.equal(shown({ name: "offline" }, { control, driving: true, video: "old" }), "offline");
+});
+
+test("a robot that an administrator disabled is not one that comes back by itself", () => {
+  for (const name of ["offline", "link_lost"]) assert.equal(shown({ name }, { disabled: true }), "disabled");
+  for (const name of ["live", "not_allowed", "server_unreachable"]) assert.equal(shown({ name }, { disabled: true }), name);
+});
+
+test("a stop comes before all else, and says whether the robot has confirmed it", () => {
+  const stopped = { by: "ben", at: "", confirmed: false };
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped, guard: "down" }, video: "old" }), "stopping");
+  stopped.confirmed = true;
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped, guard: "down" } }), "stopped");
+});
+
+test("then comes a guard that does not answer, then a picture that is missing", () => {
+  assert.equal(shown(LIVE, { ...FINE, control: { guard: "down" }, video: "old" }), "guard_down");
+  assert.equal(shown(LIVE, { ...FINE, video: "old" }), "held");
+  assert.equal(shown(LIVE, { ...FINE, video: "missing" }), "held");
+  assert.equal(shown(LIVE, { ...FINE, video: "blind" }), "blind");
+  assert.equal(shown(LIVE, FINE), "live");
+  assert.equal(shown(LIVE, { ...FINE, video: "off" }), "live");
+});
+
+test("whoever watches is held by no picture", () => {
+  assert.equal(shown(LIVE, { ...FINE, driving: false, video: "old" }), "live");
+});
+
+test("each state has its own title and says what it means", () => {
+  const all = Object.keys(texts);
+  assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
+  const facts = { video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
+  for (const name of all) assert.notEqual(texts[name].detail(facts), "", name);
+});

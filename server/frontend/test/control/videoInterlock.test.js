@@ -1,0 +1,123 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { VideoInterlock } from "../../src/control/videoInterlock.js";
+
+let clock, wall, changes, hold;
+
+function make(afterMs = 1000) {
+  changes = [];
+  hold = new VideoInterlock({
+    afterMs,
+    onChange: () => changes.push(hold.kind),
+    now: () => clock,
+    wall: () => wall,
+  });
+}
+
+beforeEach(() => {
+  clock = 5000;
+  wall = 1_000_000;
+  make();
+});
+
+function pass(ms) {
+  clock += ms;
+  wall += ms;
+  hold.check();
+}
+
+const see = (ageMs) => hold.receive({ state: "fresh", ageMs });
+
+test("driving is held until the first picture", () => {
+  assert.equal(hold.held, true);
+  see(40);
+  assert.equal(hold.held, false);
+  assert.deepEqual(changes, ["seen"]);
+});
+
+test("a picture grows old by itself: no word of it is no word that it is fresh", () => {
+  see(40);
+  pass(960);
+  assert.equal(hold.held, false);
+  pass(1);
+  assert.equal(hold.held, true);
+  assert.deepEqual(changes, ["seen", "old"]);
+});
+
+test("the limit is the robot's, whatever the picture itself calls old", () => {
+  make(3000);
+  hold.receive({ state: "old", ageMs: 2500 });
+  assert.equal(hold.held, false);
+  make(300);
+  see(400);
+  assert.equal(hold.held, true);
+});
+
+test("a picture that is lost holds at once", () => {
+  see(10);
+  hold.receive({ state: "none", ageMs: null });
+  assert.equal(hold.kind, "missing");
+  assert.equal(hold.held, true);
+});
+
+test("a robot without a camera is never held, nor one whose settings say so", () => {
+  hold.receive({ state: "off", ageMs: null });
+  assert.equal(hold.held, false);
+  make(null);
+  hold.receive({ state: "none", ageMs: null });
+  pass(60_000);
+  assert.equal(hold.held, false);
+});
+
+test("a person may drive without the picture until it is back, and then not again", () => {
+  hold.allow();
+  assert.equal(hold.kind, "blind");
+  hold.receive({ state: "none", ageMs: null });
+  pass(10_000);
+  assert.equal(hold.held, false);
+  see(10);
+  pass(2000);
+  assert.equal(hold.kind, "old");
+  assert.deepEqual(changes, ["blind", "seen", "old"]);
+});
+
+test("what was allowed on one link is not on the next", () => {
+  hold.allow();
+  hold.revoke();
+  assert.equal(hold.held, true);
+});
+
+test("after a sleep of the machine, in which the clock of ages stood, only a newer picture counts", () => {
+  see(10);
+  wall += 60_000;
+  hold.check();
+  assert.equal(hold.kind, "old");
+  clock += 50;
+  wall += 50;
+  see(60); // still the one from before the sleep
+  assert.equal(hold.kind, "old");
+  clock += 50;
+  wall += 50;
+  see(20);
+  assert.equal(hold.kind, "seen");
+});
+
+test("a reading without an age is no picture", () => {
+  hold.receive({ state: "fresh", ageMs: NaN });
+  assert.equal(hold.held, true);
+});
+
+test("between two checks all read the same, so that none misses a change", () => {
+  see(990);
+  clock += 20;
+  wall += 20;
+  assert.equal(hold.kind, "seen");
+  see(5);
+  assert.deepEqual(changes, ["seen"]);
+  clock += 1001;
+  wall += 1001;
+  hold.check();
+  assert.equal(hold.held, true);
+  assert.deepEqual(changes, ["seen", "old"]);
+});

@@ -1,0 +1,170 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { Keyboard, direction } from "../../src/input/keyboard.js";
+
+let told, armed, keyboard;
+
+// An element that stands inside exactly the given kinds of elements.
+const element = (...kinds) => ({
+  closest: (selector) => kinds.some((kind) => selector.split(", ").includes(kind)) || null,
+});
+const BODY = element();
+const TEXT_FIELD = element("input:not([type=range]):not([type=checkbox])");
+const SLIDER = element("input[type=range]");
+
+function key(code, more = {}) {
+  const event = { code, target: BODY, timeStamp: 1000, prevented: false, ...more };
+  event.preventDefault = () => (event.prevented = true);
+  return event;
+}
+
+beforeEach(() => {
+  told = [];
+  armed = true;
+  keyboard = new Keyboard({
+    accepts: () => armed,
+    onHold: (input) => told.push(input),
+    onRelease: () => told.push("released"),
+    onLetGo: () => told.push("let go"),
+  });
+});
+
+test("W drives forward, A turns left, and arrows do the same", () => {
+  assert.deepEqual(direction(["KeyW", "KeyA"]), { forward: 1, left: 0, turn: 1 });
+  assert.deepEqual(direction(["ArrowDown", "ArrowRight"]), { forward: -1, left: 0, turn: -1 });
+});
+
+test("opposite keys cancel, and two keys for one direction count once", () => {
+  assert.deepEqual(direction(["KeyW", "KeyS", "KeyD"]), { forward: 0, left: 0, turn: -1 });
+  assert.deepEqual(direction(["KeyW", "ArrowUp"]), { forward: 1, left: 0, turn: 0 });
+  assert.deepEqual(direction(["KeyW", "ArrowUp", "KeyS"]), { forward: 0, left: 0, turn: 0 });
+});
+
+test("holding and letting go is told once each, whatever the key repeat", () => {
+  keyboard.down(key("KeyW"));
+  keyboard.down(key("KeyW", { repeat: true }));
+  keyboard.up(key("KeyW"));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
+});
+
+test("a key that a halt dropped does not drive on by its repeats", () => {
+  keyboard.down(key("KeyW"));
+  keyboard.drop();
+  keyboard.down(key("KeyW", { repeat: true }));
+  keyboard.up(key("KeyW"));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("keys typed into a field do nothing, not even the space bar", () => {
+  keyboard.down(key("KeyW", { target: TEXT_FIELD }));
+  keyboard.down(key("Space", { target: TEXT_FIELD }));
+  assert.deepEqual(told, []);
+});
+
+test("letters drive past a menu or slider that has the focus, which keeps its arrow keys", () => {
+  for (const target of [element("select"), SLIDER]) {
+    keyboard.down(key("ArrowUp", { target }));
+    const letter = key("KeyW", { target });
+    keyboard.down(letter);
+    assert.equal(letter.prevented, true);
+    keyboard.up(key("KeyW", { target }));
+  }
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released", { forward: 1, left: 0, turn: 0 }, "released"]);
+});
+
+test("a key pressed on the page and let go in a field is let go", () => {
+  keyboard.down(key("KeyW"));
+  keyboard.up(key("KeyW", { target: TEXT_FIELD }));
+  assert.equal(told.at(-1), "released");
+});
+
+test("arrow keys on a slider move the slider, letters still drive", () => {
+  const arrow = key("ArrowUp", { target: SLIDER });
+  keyboard.down(arrow);
+  assert.equal(arrow.prevented, false);
+  assert.deepEqual(told, []);
+  keyboard.down(key("KeyW", { target: SLIDER }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("the repeats of an arrow key that drives do not push a slider that took the focus", () => {
+  keyboard.down(key("ArrowUp"));
+  const repeated = key("ArrowUp", { target: SLIDER, repeat: true });
+  keyboard.down(repeated);
+  assert.equal(repeated.prevented, true);
+  keyboard.up(key("ArrowUp", { target: SLIDER }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
+});
+
+test("letters drive also from a checkbox", () => {
+  keyboard.down(key("KeyW", { target: element("input[type=checkbox]") }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("the space bar is not this input's: it stops the robot", () => {
+  const space = key("Space");
+  keyboard.down(space);
+  assert.deepEqual(told, []);
+  assert.equal(space.prevented, false);
+});
+
+test("a press is told with its own moment", () => {
+  const moments = [];
+  keyboard.onHold = (_, at) => moments.push(at);
+  keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
+  assert.deepEqual(moments, [1234.5]);
+});
+
+for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
+  test(`${modifier} lets go of everything, since what it opens may swallow the keyup`, () => {
+    keyboard.down(key("KeyW"));
+    keyboard.down(key("KeyD", { [modifier]: true }));
+    assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "let go"]);
+  });
+}
+
+test("a key pressed while driving is not armed never counts, not by its repeats nor with another key", () => {
+  armed = false;
+  keyboard.down(key("KeyW"));
+  armed = true;
+  keyboard.down(key("KeyW", { repeat: true }));
+  assert.deepEqual(told, []);
+  keyboard.down(key("KeyD"));
+  keyboard.up(key("KeyD"));
+  keyboard.up(key("KeyW"));
+  assert.deepEqual(told, [{ forward: 0, left: 0, turn: -1 }, "released"]);
+  keyboard.down(key("KeyW"));
+  assert.deepEqual(told.at(-1), { forward: 1, left: 0, turn: 0 });
+});
+
+test("a key that repeats into a window that just got the focus does not count", () => {
+  const target = new EventTarget();
+  keyboard.listen(target);
+  const focus = new Event("focus");
+  target.dispatchEvent(focus);
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 40 }));
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400, repeat: true }));
+  assert.deepEqual(told, []);
+  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400 }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+});
+
+test("Q and E go sideways, on a robot that can", () => {
+  keyboard.down(key("KeyQ"));
+  assert.deepEqual(told, []);
+  keyboard = new Keyboard({
+    sideways: true,
+    accepts: () => true,
+    onHold: (input) => told.push(input),
+    onRelease: () => told.push("released"),
+    onLetGo: () => {},
+  });
+  keyboard.down(key("KeyQ"));
+  keyboard.down(key("KeyE"));
+  keyboard.up(key("KeyQ"));
+  assert.deepEqual(
+    told.map(({ left }) => left),
+    [1, 0, -1],
+  );
+});

@@ -1,0 +1,36 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { gridPixels, planar } from "../../src/overlays/grid.js";
+
+const info = { width: 2, height: 2, resolution: 0.5, origin: { position: { x: -1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: 1, w: 0 } } };
+
+test("free is dark, occupied is light, unknown is nothing", () => {
+  const { pixels } = gridPixels({ info, data: [0, 100, -1, 50] });
+  const alphas = [3, 7, 11, 15].map((at) => pixels[at]);
+  assert.deepEqual(alphas, [255, 255, 0, 255]);
+  assert.ok(pixels[0] < pixels[12] && pixels[12] < pixels[4]);
+});
+
+test("a map keeps its place and its scale", () => {
+  const grid = gridPixels({ info, data: [0, 0, 0, 0] });
+  assert.deepEqual([grid.width, grid.height, grid.resolution], [2, 2, 0.5]);
+  assert.deepEqual([grid.origin.x, grid.origin.y], [-1, 2]);
+  assert.ok(Math.abs(Math.abs(grid.origin.theta) - Math.PI) < 1e-9);
+});
+
+test("bytes in base64 are the same map", () => {
+  const data = btoa(String.fromCharCode(0, 100, 255, 50));
+  assert.deepEqual(gridPixels({ info, data }).pixels, gridPixels({ info, data: [0, 100, -1, 50] }).pixels);
+});
+
+test("what does not fit together is no map", () => {
+  assert.equal(gridPixels({ info, data: [0] }), null);
+  assert.equal(gridPixels({ info: { ...info, resolution: 0 }, data: [0, 0, 0, 0] }), null);
+  assert.equal(gridPixels({ info: { ...info, width: 1e6, height: 1e6 }, data: [] }), null);
+  assert.equal(gridPixels({}), null);
+});
+
+test("a pose that lacks its parts is the origin", () => {
+  assert.deepEqual(planar(), { x: 0, y: 0, theta: 0 });
+});

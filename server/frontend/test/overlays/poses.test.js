@@ -1,0 +1,24 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { compose, inverse, poseReader } from "../../src/overlays/poses.js";
+
+const near = (a, b) => ["x", "y", "theta"].forEach((key) => assert.ok(Math.abs(a[key] - b[key]) < 1e-9, `${key}: ${a[key]}`));
+
+test("a pose in a frame that is turned left lies to the left", () => {
+  near(compose({ x: 1, y: 2, theta: Math.PI / 2 }, { x: 3, y: 0, theta: 0 }), { x: 1, y: 5, theta: Math.PI / 2 });
+});
+
+test("there and back is where it began", () => {
+  const pose = { x: 1.5, y: -2, theta: 0.7 };
+  near(compose(pose, inverse(pose)), { x: 0, y: 0, theta: 0 });
+});
+
+test("odometry, localization and turtlesim tell poses, a twist does not", () => {
+  const pose = { position: { x: 1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: Math.SQRT1_2, w: Math.SQRT1_2 } };
+  const expected = { x: 1, y: 2, theta: Math.PI / 2 };
+  near(poseReader("nav_msgs/msg/Odometry")({ pose: { pose } }), expected);
+  near(poseReader("geometry_msgs/PoseWithCovarianceStamped")({ pose: { pose } }), expected);
+  near(poseReader("turtlesim/msg/Pose")(expected), expected);
+  assert.equal(poseReader("geometry_msgs/Twist"), undefined);
+});

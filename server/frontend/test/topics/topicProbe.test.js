@@ -1,0 +1,113 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { TopicProbe } from "../../src/topics/topicProbe.js";
+
+let clock, watched;
+
+beforeEach(() => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  clock = 0;
+  watched = [];
+});
+
+afterEach(() => mock.timers.reset());
+
+function probe(type) {
+  return new TopicProbe({
+    topic: { name: "/x", type },
+    now: () => clock,
+    watch: (spec, onMessage, onState) => {
+      const one = { spec, onMessage, onState, ended: false };
+      watched.push(one);
+      return () => (one.ended = true);
+    },
+  });
+}
+
+const open = () => watched.filter(({ ended }) => !ended);
+
+test("a topic is asked for twice a second at most", () => {
+  probe("nav_msgs/Odometry");
+  assert.deepEqual(watched.map(({ spec }) => spec.throttleMs), [500]);
+});
+
+test("a picture is asked for only when the person says so, and one at a time", () => {
+  const pictures = probe("sensor_msgs/msg/Image");
+  assert.equal(watched.length, 0);
+  pictures.getOne();
+  pictures.getOne();
+  assert.equal(watched.length, 1);
+  assert.ok(watched[0].spec.throttleMs > 10_000);
+  watched[0].onMessage({ data: "x".repeat(1000) });
+  assert.equal(open().length, 0);
+  assert.ok(pictures.size > 1000);
+  pictures.getOne();
+  assert.equal(open().length, 1);
+});
+
+test("measuring takes every message for 3 s and no longer", () => {
+  const odom = probe("nav_msgs/Odometry");
+  watched[0].onState("open");
+  odom.measure();
+  odom.measure();
+  assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500, 0]);
+  for (let i = 0; i < 30; i++) watched[1].onMessage({});
+  assert.equal(odom.pace.kind, "measuring");
+  clock = 3000;
+  mock.timers.tick(3000);
+  assert.deepEqual(odom.pace, { kind: "measured", perSecond: 10 });
+  assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500]);
+});
+
+test("a late timer measures for longer, and no higher rate", () => {
+  const odom = probe("nav_msgs/Odometry");
+  watched[0].onState("open");
+  odom.measure();
+  for (let i = 0; i < 60; i++) watched[1].onMessage({});
+  clock = 6000;
+  mock.timers.tick(3000);
+  assert.deepEqual(odom.pace, { kind: "measured", perSecond: 10 });
+});
+
+test("a throttled topic tells no more than that it is at least so fast", () => {
+  const odom = probe("nav_msgs/Odometry");
+  for (clock = 0; clock <= 5000; clock += 500) watched[0].onMessage({ v: 1 });
+  clock -= 500;
+  assert.deepEqual(odom.pace, { kind: "least", perSecond: 2 });
+  clock += 9000;
+  assert.deepEqual(odom.pace, { kind: "slow", seconds: 9 });
+});
+
+test("a slow topic tells its rate", () => {
+  const battery = probe("sensor_msgs/BatteryState");
+  assert.deepEqual(battery.pace, { kind: "none" });
+  for (clock = 0; clock <= 4000; clock += 1000) watched[0].onMessage({ v: 1 });
+  assert.deepEqual(battery.pace, { kind: "rate", perSecond: 1 });
+});
+
+test("a number is plotted from the newest message on", () => {
+  const odom = probe("nav_msgs/Odometry");
+  watched[0].onMessage({ v: 1 });
+  odom.plot("v");
+  clock = 500;
+  watched[0].onMessage({ v: 3 });
+  assert.deepEqual(odom.samples.extent(clock), { now: 3, min: 1, max: 3 });
+  odom.plot("");
+  assert.equal(odom.samples.extent(clock), null);
+});
+
+test("a refusal stays, whatever the connection does afterwards", () => {
+  const odom = probe("nav_msgs/Odometry");
+  watched[0].spec.onRefused("cannot subscribe to /x");
+  watched[0].onState("lost");
+  assert.deepEqual([odom.state, odom.refusal], ["refused", "cannot subscribe to /x"]);
+});
+
+test("its end ends all that it asked for", () => {
+  const odom = probe("nav_msgs/Odometry");
+  watched[0].onState("open");
+  odom.measure();
+  odom.end();
+  assert.equal(open().length, 0);
+});
