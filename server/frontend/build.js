@@ -6,7 +6,7 @@ import { build, context } from "esbuild";
 const OUT = "../robotether_server/web/static/dist";
 
 // roslib brings decoders (BSON, CBOR, PNG) and a Node.js socket for its own transports. The pages use
-// their own JSON transport (src/client/transport.js), so these would only be dead weight in the bundle.
+// their own JSON transport (src/client/link.js), so these would only be dead weight in the bundle.
 const UNUSED = /^(bson|cbor2|fast-png|ws)$|^\.\/(Native|Ws)WebSocketTransport-/;
 
 const leaveOutUnused = {

@@ -2,17 +2,9 @@
 // gives every new link the subscriptions and publishers of the page. Started by drive.js.
 // It must never send on a new link what was meant for an old one.
 
+import { TicketRefused } from "./api.js";
 import { backoff } from "./backoff.js";
-import {
-  CONNECTING,
-  LINK_LOST,
-  LIVE,
-  NOT_OPENED,
-  ROSBRIDGE_SILENT,
-  afterClose,
-  afterTicketRefusal,
-} from "./states.js";
-import { TicketRefused } from "./tickets.js";
+import { CONNECTING, LINK_LOST, LIVE, NOT_OPENED, ROSBRIDGE_SILENT, afterClose, afterTicketRefusal } from "./states.js";
 
 const OPEN_MS = 5000;
 const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself

@@ -3,7 +3,6 @@
 // gives up for good after an HTTP error, and does not tell an ended login from a server that is down.
 
 import { backoff } from "./backoff.js";
-import { EventReader } from "./events.js";
 
 const SILENCE_MS = 25_000; // over two of the relay's comments
 
@@ -83,4 +82,27 @@ async function ask(signal) {
 async function next(body) {
   const { done, value } = await body.read().catch(() => ({ done: true }));
   return done ? null : value;
+}
+
+// Takes the events out of a text/event-stream body as its bytes arrive. Pure.
+// Of the format only what our relay writes: `event`, `data` and comments, each line ended by one "\n".
+export class EventReader {
+  constructor() {
+    this.decoder = new TextDecoder();
+    this.rest = "";
+  }
+
+  // Gives the events {name, data} that these bytes complete; a comment completes none.
+  push(bytes) {
+    const blocks = (this.rest + this.decoder.decode(bytes, { stream: true })).split("\n\n");
+    this.rest = blocks.pop();
+    return blocks.map(parseEvent).filter(({ data }) => data);
+  }
+}
+
+function parseEvent(block) {
+  const lines = block.split("\n");
+  const values = (field) =>
+    lines.filter((line) => line.startsWith(`${field}: `)).map((line) => line.slice(field.length + 2));
+  return { name: values("event")[0], data: values("data").join("\n") };
 }

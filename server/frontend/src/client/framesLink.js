@@ -1,9 +1,6 @@
 // One WebSocket of the frames protocol (docs/media.md), from its opening to its end; frames.js opens the next one.
 // It must never have more pictures under way than the page can show, or what it shows would be late.
 
-import { readFrame } from "./frameHeader.js";
-import { SenderClock } from "./senderClock.js";
-
 const CREDITS = 2; // one is shown while the next is on its way
 const SYNC_MS = 500;
 const SILENCE_MS = 4000; // every beat is answered
@@ -103,5 +100,62 @@ function parse(text) {
     return JSON.parse(text);
   } catch {
     return null;
+  }
+}
+
+// Takes a picture of the frames protocol (docs/media.md) apart. Pure.
+const LENGTH = 16; // Python's struct: !BBHId
+const JPEG = 1;
+const CAMERA_STAMP = 1;
+
+// Gives {number, quality, byCamera, timestampMs, jpeg}, the moment by the sender's clock; null for what this page
+// cannot show, such as a codec of a newer server. Nothing is copied: `jpeg` is a view of `data`.
+export function readFrame(data) {
+  if (data.byteLength <= LENGTH) return null;
+  const view = new DataView(data);
+  const timestampMs = view.getFloat64(8);
+  if (view.getUint8(0) !== JPEG || !Number.isFinite(timestampMs)) return null;
+  return {
+    number: view.getUint32(4),
+    quality: view.getUint16(2),
+    byCamera: Boolean(view.getUint8(1) & CAMERA_STAMP),
+    timestampMs,
+    jpeg: new Uint8Array(data, LENGTH),
+  };
+}
+
+// Tells when a picture was taken, by this page's clock (docs/media.md, "SenderClock"). A beat is on its way for a while
+// before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
+// moment is never told later than it was. Pure.
+const MAX_AGE_MS = 30_000;
+const STEP_MS = 250; // over what clocks drift in that time, and over what browsers blur them by
+
+export class SenderClock {
+  // `now()` may stand still while the machine sleeps, as performance.now() does; `wall()` goes on.
+  constructor({ now, wall }) {
+    Object.assign(this, { now, wall });
+    this.samples = [];
+  }
+
+  // The answer to a beat that was asked at `t_ms` of `now()`.
+  receive({ t_ms, sender_ms }) {
+    if (!Number.isFinite(t_ms) || !Number.isFinite(sender_ms)) return;
+    const at = this.now();
+    this.samples = [...this.fresh(at), { at, ahead: sender_ms - t_ms, slept: this.wall() - at }];
+  }
+
+  // The moment on the clock of `now()`; null while nothing is known of the sender's clock.
+  timestamp(sender_ms) {
+    const now = this.now();
+    const known = this.fresh(now).map(({ ahead }) => ahead);
+    return known.length ? Math.min(now, sender_ms - Math.min(...known)) : null;
+  }
+
+  // After a sleep of this machine, what was known would make old pictures look new.
+  fresh(at) {
+    const slept = this.wall() - at;
+    return this.samples.filter(
+      (sample) => at - sample.at <= MAX_AGE_MS && Math.abs(slept - sample.slept) < STEP_MS,
+    );
   }
 }

@@ -2,15 +2,13 @@
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";
-import { twistType } from "./messages.js";
-import { RttMeter } from "./rtt.js";
-import { TicketRefused, requestTicket } from "./tickets.js";
 import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
-import { Api } from "./api.js";
+import { TicketRefused, requestTicket, Api } from "./api.js";
 import { Driver } from "./driver.js";
 import { FrameStream } from "./frames.js";
+import { twistType } from "./messages.js";
+import { RttMeter } from "./rtt.js";
 import { Session } from "./session.js";
-import { showOn } from "./show.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
 const USUAL_CAMERA = "/camera/image_raw";
@@ -238,3 +236,42 @@ function credentials(token) {
 }
 
 export { FrameStream, TicketRefused };
+
+// Shows pictures in an <img> or on a <canvas> of the page, one at a time.
+// Gives the function that shows {jpeg} and settles when it is to be seen; it rejects for what is no picture.
+function showOn(element) {
+  if (element.localName === "canvas") return ({ jpeg }) => draw(element, jpeg);
+  if (element.localName === "img") return imageShower(element);
+  throw new TypeError(`cannot show video in <${element.localName}>: give an <img> or a <canvas>`);
+}
+
+const blobOf = (jpeg) => new Blob([jpeg], { type: "image/jpeg" });
+
+async function draw(canvas, jpeg) {
+  const bitmap = await createImageBitmap(blobOf(jpeg));
+  if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
+  if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+}
+
+function imageShower(img) {
+  let shown = null;
+  return async ({ jpeg }) => {
+    const before = shown;
+    shown = URL.createObjectURL(blobOf(jpeg));
+    try {
+      await load(img, shown);
+    } finally {
+      if (before) URL.revokeObjectURL(before);
+    }
+  };
+}
+
+function load(img, url) {
+  return new Promise((resolve, reject) => {
+    img.onload = resolve;
+    img.onerror = () => reject(new Error("cannot show a picture: it is no JPEG"));
+    img.src = url;
+  });
+}

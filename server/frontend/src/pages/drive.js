@@ -1,29 +1,29 @@
 // The drive page: one robot's connection, picture, speed and controls. Loaded by drive.html.
 
-import { Banner } from "../control/banner.js";
-import { api } from "./calls.js";
 import { framesUrl, rosUrl } from "../client/addresses.js";
-import { FrameStream } from "../client/frames.js";
-import { Session } from "../client/session.js";
-import { setUpControls } from "../input/controls.js";
-import { Discovery } from "../topics/discovery.js";
+import { requestTicket } from "../client/api.js";
 import { Feed } from "../client/feed.js";
+import { FrameStream } from "../client/frames.js";
+import { RttMeter } from "../client/rtt.js";
+import { Session } from "../client/session.js";
+import { Arming } from "../control/arming.js";
+import { Banner } from "../control/banner.js";
+import { ControlPanel } from "../control/controlPanel.js";
+import { DriveMode } from "../control/driveMode.js";
+import { ReloadStore } from "../control/reloadStore.js";
+import { StopBar } from "../control/stopBar.js";
+import { VideoInterlock } from "../control/videoInterlock.js";
+import { setUpControls } from "../input/controls.js";
+import { Readback } from "../overlays/readback.js";
+import { Readings } from "../overlays/readings.js";
+import { watchers } from "../texts/safety.js";
+import { Discovery } from "../topics/discovery.js";
+import { View } from "../video/view.js";
+import { api } from "./calls.js";
 import { LoginUse } from "./loginUse.js";
 import { byTestId, localTime, setText } from "./page.js";
 import { setUpPanels } from "./panels.js";
-import { Readback } from "../overlays/readback.js";
-import { Readings } from "../overlays/readings.js";
-import { RttMeter } from "../client/rtt.js";
-import { DriveMode } from "../control/driveMode.js";
 import { driveSettings } from "./settings.js";
-import { ReloadStore } from "../control/reloadStore.js";
-import { StopBar } from "../control/stopBar.js";
-import { watchers } from "../texts/safety.js";
-import { requestTicket } from "../client/tickets.js";
-import { Arming } from "../control/arming.js";
-import { VideoInterlock } from "../control/videoInterlock.js";
-import { View } from "../video/view.js";
-import { ControlPanel } from "../control/controlPanel.js";
 
 const CHECK_MS = 50;
 const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };

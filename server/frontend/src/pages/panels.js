@@ -1,16 +1,16 @@
 // What stands below the controls of the drive page: the robot's buttons, its topics, and the summary of a drive.
 // Started by drive.js. Observers have the topics alone.
 
-import { api } from "./calls.js";
 import { rosUrl } from "../client/addresses.js";
+import { requestTicket } from "../client/api.js";
 import { openLink } from "../client/link.js";
-import { part } from "./page.js";
-import { requestTicket } from "../client/tickets.js";
 import { Buttons } from "../control/buttonPanel.js";
-import { ObserverConnection } from "../topics/observerConnection.js";
-import { OwnDrive } from "../control/ownDrive.js";
 import { Summary } from "../control/driveSummary.js";
+import { OwnDrive } from "../control/ownDrive.js";
+import { ObserverConnection } from "../topics/observerConnection.js";
 import { Topics } from "../topics/topicList.js";
+import { api } from "./calls.js";
+import { part } from "./page.js";
 
 // `connection` has `advertise` and `call` as of connection.js; `ask()` has the robot asked for its topics again.
 // Gives {topics(list), use({live, driving}), receiveControl(control, driving), linkEnded()}; `receiveControl` is for what the page's own

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
+import { TicketRefused } from "../../src/client/api.js";
 import { Connection } from "../../src/client/connection.js";
-import { TicketRefused } from "../../src/client/tickets.js";
 
 let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 

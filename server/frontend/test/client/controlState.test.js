@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { ControlState } from "../../src/client/controlState.js";
+import { ControlState } from "../../src/client/session.js";
 
 let heard, state;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EventReader } from "../../src/client/events.js";
+import { EventReader } from "../../src/client/feed.js";
 
 const bytes = (text) => new TextEncoder().encode(text);
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Commands } from "../../src/client/commands.js";
+import { Commands } from "../../src/client/session.js";
 
 let advertised, ended, published, commands;
 

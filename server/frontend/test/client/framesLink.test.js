@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { readFrame } from "../../src/client/frameHeader.js";
+import { readFrame } from "../../src/client/framesLink.js";
 import { framed } from "./fakes.js";
 
 test("a picture is taken out with its number, quality and moment, without a copy", () => {
