@@ -1,11 +1,10 @@
 // The part of the drive page that says who drives and lets a person ask, answer, take, begin and give up.
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
-import { lease } from "../pages/calls.js";
-import { serverClock } from "../pages/clock.js";
+import { lease, serverClock } from "../pages/calls.js";
 import { byTestId, localTime, part, setText } from "../pages/page.js";
-import { Question } from "./question.js";
 import { control as texts, driveMode as notes } from "../texts/common.js";
+import { Question } from "./question.js";
 
 const TICK_MS = 500;
 

@@ -1,15 +1,15 @@
 // Joins sticks, keyboard, gamepad and limits to teleop.js.
 
-import { FieldFocus } from "./fieldFocus.js";
-import { GamepadPanel } from "./gamepadPanel.js";
-import { Keyboard } from "./keyboard.js";
-import { setUpLimits } from "./limits.js";
 import { isSteered } from "../client/messages.js";
 import { part, setText } from "../pages/page.js";
+import { limits as texts } from "../texts/common.js";
+import { hints } from "../texts/inputs.js";
+import { FieldFocus } from "./fieldFocus.js";
+import { releaseOnFocusLoss } from "./focusLoss.js";
+import { GamepadPanel } from "./gamepadPanel.js";
+import { Keyboard } from "./keyboard.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
-import { hints } from "../texts/inputs.js";
-import { releaseOnFocusLoss } from "./focusLoss.js";
 
 // `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
 // teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
@@ -66,4 +66,45 @@ function setUpKeyboard(root, teleop, kind) {
 
 function showTaken(root, taken) {
   setText(part(root, "keys-taken"), taken ? hints.taken[taken] : "");
+}
+
+// How fast the inputs may ask for: the two sliders, and the higher limits of a gamepad's turbo button.
+const STEPS = 20;
+
+// In m/s and rad/s, as of mixing.js. `most` is the robot's own, beyond which nothing goes.
+export class Limits {
+  constructor({ maxLinear, maxAngular }) {
+    this.most = { linear: maxLinear, angular: maxAngular };
+    Object.assign(this, this.most);
+    this.share = 1; // of the robot's own, with turbo
+  }
+
+  // Never slower than without.
+  get turbo() {
+    const { most, share } = this;
+    return {
+      linear: Math.max(this.linear, most.linear * share),
+      angular: Math.max(this.angular, most.angular * share),
+    };
+  }
+}
+
+// The sliders go up to the robot's own limits and start there.
+function setUpLimits(root, { maxLinear, maxAngular }) {
+  const limits = new Limits({ maxLinear, maxAngular });
+  setUpSlider(root, "linear", maxLinear, (value) => (limits.linear = value));
+  setUpSlider(root, "angular", maxAngular, (value) => (limits.angular = value));
+  return limits;
+}
+
+function setUpSlider(root, name, max, onValue) {
+  const slider = part(root, `limit-${name}`);
+  const output = part(root, `limit-${name}-value`);
+  Object.assign(slider, { min: max / STEPS, max, step: max / STEPS, value: max });
+  const apply = () => {
+    onValue(Math.min(max, Number(slider.value)));
+    output.textContent = texts[name](Number(slider.value).toFixed(2));
+  };
+  slider.addEventListener("input", apply);
+  apply();
 }

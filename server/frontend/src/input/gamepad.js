@@ -2,8 +2,6 @@
 // seen while it counted: one that is stuck, or was held through a drop, a loss or a late look, moves nothing until it
 // is released and pressed anew. Its stop button stops whether it may drive or not. Pure.
 
-import { asked } from "./gamepadProfile.js";
-
 // For as long is a look good: between two that are further apart a release may have been missed.
 export const MAX_POLL_GAP_MS = 250;
 
@@ -17,7 +15,7 @@ export class Gamepad {
     this.forget();
   }
 
-  // As of gamepadProfile.js; null for a device that nobody knows.
+  // As of gamepad.js; null for a device that nobody knows.
   use(profile) {
     this.release();
     this.profile = profile;
@@ -77,4 +75,76 @@ export class Gamepad {
     if (!this.accepts()) return "off";
     return buttons[this.profile.enable] ? "stuck" : "ready";
   }
+}
+
+// What a gamepad's sticks and buttons do: `{version, axes, buttons, mapping, forward, left, turn, enable, turbo, stop, deadZone}`.
+// `axes` and `buttons` are how many the device has, `mapping` is the browser's order of them; forward, left (or null) and turn are {axis, sign, invert}, the sign that
+// of the axis when the stick is pushed forward or left; enable, turbo and stop are buttons, the last two may be null. Pure.
+export const MOTIONS = ["forward", "left", "turn"];
+export const DEAD_ZONE = { least: 0.05, usual: 0.15, most: 0.4 };
+
+const VERSION = 1;
+const BUTTONS = { enable: 4, turbo: 5, stop: 1 }; // of the standard mapping: LB, RB, B
+const LEFT_STICK = [0, 1];
+const RIGHT_STICK = [2, 3];
+
+// Of a device that the browser knows ("standard" mapping); null for others, which must be learnt.
+export function usualProfile({ mapping, axes, buttons }, kind) {
+  if (mapping !== "standard" || axes < RIGHT_STICK[1] + 1) return null;
+  const [across, along] = LEFT_STICK;
+  const sideways = kind === "holonomic";
+  const learnt = {
+    forward: towards(along),
+    left: sideways ? towards(across) : null,
+    turn: towards(sideways ? RIGHT_STICK[0] : across),
+    ...BUTTONS,
+  };
+  return madeOf(learnt, { axes, buttons, mapping });
+}
+
+const towards = (axis) => ({ axis, sign: -1 }); // browsers count down and right as positive
+
+// `learnt` gives forward, left, turn as {axis, sign} and enable, turbo, stop; `rest`: what these sticks show untouched.
+export function madeOf(learnt, { axes, buttons, mapping }) {
+  const { enable, turbo = null, stop = null, rest = 0 } = learnt;
+  const deadZone = Math.min(DEAD_ZONE.most, Math.max(DEAD_ZONE.usual, rest));
+  const profile = { version: VERSION, axes, buttons, mapping, enable, turbo, stop, deadZone };
+  for (const name of MOTIONS) profile[name] = learnt[name] ? { invert: false, ...learnt[name] } : null;
+  return profile;
+}
+
+// Whether what was kept is a profile, and of a device with as many axes and buttons in the same order: the same one may
+// come in another, by cable or by another version of the browser.
+export function fits(profile, { axes, buttons, mapping }) {
+  if (profile?.version !== VERSION || profile.mapping !== mapping) return false;
+  if (profile.axes !== axes || profile.buttons !== buttons) return false;
+  return motionsFit(profile, axes) && buttonsFit(profile, buttons) && isDeadZone(profile.deadZone);
+}
+
+const motionsFit = ({ forward, left, turn }, axes) =>
+  isMotion(forward, axes) && isMotion(turn, axes) && (left === null || isMotion(left, axes));
+
+const isMotion = (motion, axes) =>
+  isBelow(motion?.axis, axes) && Math.abs(motion.sign) === 1 && typeof motion.invert === "boolean";
+
+const buttonsFit = ({ enable, turbo, stop }, buttons) =>
+  isBelow(enable, buttons) && [turbo, stop].every((one) => one === null || isBelow(one, buttons));
+
+const isBelow = (number, end) => Number.isInteger(number) && number >= 0 && number < end;
+
+const isDeadZone = (value) => value >= DEAD_ZONE.least && value <= DEAD_ZONE.most;
+
+// What the sticks ask for, as of mixing.js.
+export function asked(profile, { axes, buttons }) {
+  const [forward, left, turn] = MOTIONS.map((name) => pushed(profile[name], axes, profile.deadZone));
+  return { forward, left, turn, turbo: profile.turbo !== null && buttons[profile.turbo] };
+}
+
+// From -1 to 1; strength grows from the dead zone's rim without a step. What is no number is rest.
+function pushed(motion, axes, deadZone) {
+  const value = motion ? axes[motion.axis] : 0;
+  const reach = Math.min(1, Math.abs(value));
+  if (!(reach > deadZone)) return 0;
+  const strength = (reach - deadZone) / (1 - deadZone);
+  return strength * Math.sign(value) * motion.sign * (motion.invert ? -1 : 1);
 }

@@ -1,12 +1,11 @@
 // The gamepad on the page: which one drives, what its sticks and buttons do, and the settings of this device for it.
 
-import { Gamepad, MAX_POLL_GAP_MS } from "./gamepad.js";
-import { Learner, stepsOf } from "./gamepadLearn.js";
-import { GamepadLoop } from "./gamepadLoop.js";
-import { DEAD_ZONE, MOTIONS, fits, madeOf, usualProfile } from "./gamepadProfile.js";
 import { LocalStore } from "../pages/localStore.js";
 import { byTestId, part, setText } from "../pages/page.js";
 import * as texts from "../texts/inputs.js";
+import { Gamepad, MAX_POLL_GAP_MS, DEAD_ZONE, MOTIONS, fits, madeOf, usualProfile } from "./gamepad.js";
+import { Learner, stepsOf } from "./gamepadLearn.js";
+import { GamepadLoop } from "./gamepadLoop.js";
 
 const INPUT = "gamepad";
 const storedAs = ({ id }) => `gamepad ${id}`;

@@ -1,7 +1,6 @@
 // The joysticks on the screen: one for everything, or a left one to drive and a right one to turn. Which of the two a
 // person likes is kept on the device; a robot that goes sideways starts with two, as one cannot tell it to.
 
-import { Joystick } from "./joystick.js";
 import { LocalStore } from "../pages/localStore.js";
 import { byTestId, part } from "../pages/page.js";
 import { hints } from "../texts/inputs.js";
@@ -76,4 +75,86 @@ export class Sticks {
     this.main.drop();
     this.second.drop();
   }
+}
+
+// A joystick for touch, pen and mouse as an input of teleop.js, on pointer events. It follows the one
+// pointer that pressed it while driving was armed, so that a second finger elsewhere on the screen
+// changes nothing.
+// Which way a stick can go: a throttle only up and down, a rudder only to the sides.
+const WAYS = { both: [1, 1], upright: [0, 1], level: [1, 0] };
+
+const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
+const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
+
+export class Joystick {
+  // `accepts()` says whether a press counts now. `onHold` gets where the stick is, as of `stick`, and its moment.
+  constructor({ element, knob, accepts, onHold, onRelease }) {
+    Object.assign(this, { element, knob, accepts, onHold, onRelease });
+    this.pointer = null;
+    this.ways = "both"; // or "upright", "level"
+    element.addEventListener("pointerdown", (event) => this.down(event));
+    element.addEventListener("pointermove", (event) => this.move(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      element.addEventListener(end, (event) => this.up(event));
+    }
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  down(event) {
+    if (this.pointer !== null || event.button !== 0 || !this.accepts()) return;
+    event.preventDefault();
+    this.pointer = event.pointerId;
+    this.element.setPointerCapture(event.pointerId);
+    this.element.dataset.held = "true";
+    this.pressed = this.measure();
+    this.move(event);
+  }
+
+  move(event) {
+    if (event.pointerId !== this.pointer) return;
+    if (!(event.buttons & PRESSED)) return this.up(event); // a native menu or drag took the pointerup
+    const { centreX, centreY, radius } = this.pressed;
+    const [across, along] = WAYS[this.ways];
+    const x = (event.clientX - centreX) * across;
+    const y = (event.clientY - centreY) * along;
+    this.place(x, y, radius);
+    this.onHold(stick(x, y, radius), event.timeStamp);
+  }
+
+  // Once for each press: what moves the stick on the screen meanwhile must not steer.
+  measure() {
+    const { left, top, width, height } = this.element.getBoundingClientRect();
+    const radius = (width - this.knob.offsetWidth) / 2;
+    return { centreX: left + width / 2, centreY: top + height / 2, radius };
+  }
+
+  up(event) {
+    if (event.pointerId !== this.pointer) return;
+    this.drop();
+    this.onRelease();
+  }
+
+  // Forgets the pointer: what it still does means nothing until it is pressed anew.
+  drop() {
+    if (this.pointer === null) return;
+    const pointer = this.pointer;
+    this.pointer = null;
+    delete this.element.dataset.held;
+    this.place(0, 0, 1);
+    if (this.element.hasPointerCapture(pointer)) this.element.releasePointerCapture(pointer);
+  }
+
+  place(x, y, radius) {
+    const scale = Math.min(1, radius / (Math.hypot(x, y) || 1));
+    this.knob.style.transform = `translate(${x * scale}px, ${y * scale}px)`;
+  }
+}
+
+// Turns an offset in pixels from the centre (y down) into {up, left} within the unit circle.
+export function stick(x, y, radius) {
+  const length = Math.hypot(x, y);
+  const reach = Math.min(1, length / radius);
+  if (reach <= DEAD_ZONE) return { up: 0, left: 0 };
+  const strength = (reach - DEAD_ZONE) / (1 - DEAD_ZONE);
+  return { up: ((0 - y) / length) * strength, left: ((0 - x) / length) * strength };
 }

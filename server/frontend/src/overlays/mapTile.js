@@ -2,7 +2,6 @@
 
 import { part, setText } from "../pages/page.js";
 import { map as texts } from "../texts/video.js";
-import { drawWorld } from "./mapDraw.js";
 
 const ZOOMS = [4, 8, 16, 32, 64, 128]; // pixels a metre
 const USUAL = 3;
@@ -95,4 +94,93 @@ export class MapTile {
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
   }
+}
+
+// Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
+const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };
+const ROBOT_M = 0.3;
+const ROBOT_LEAST_PX = 9;
+const GRID_LEAST_PX = 14;
+
+// `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
+function drawWorld(canvas, world, { zoom, parts }) {
+  const context = canvas.getContext("2d");
+  const { robot } = world;
+  context.setTransform(1, 0, 0, 1, 0, 0);
+  context.clearRect(0, 0, canvas.width, canvas.height);
+  // From here on in metres, y up, the robot in the middle.
+  context.setTransform(zoom, 0, 0, -zoom, canvas.width / 2 - robot.x * zoom, canvas.height / 2 + robot.y * zoom);
+  drawGrid(context, canvas, robot, zoom);
+  if (parts.map && world.map) drawMap(context, world.map);
+  if (parts.path) within(context, world.offset, () => drawPath(context, world.path.points, zoom));
+  within(context, robot, () => {
+    if (parts.scan && world.points) drawScan(context, world.points, zoom);
+    drawRobot(context, robot.old, zoom);
+  });
+}
+
+function within(context, { x, y, theta }, draw) {
+  context.save();
+  context.translate(x, y);
+  context.rotate(theta);
+  draw();
+  context.restore();
+}
+
+// A line a metre, or every five or more where they would stand too close.
+function drawGrid(context, canvas, { x, y }, zoom) {
+  const step = [1, 5, 10, 50, 100].find((metres) => metres * zoom >= GRID_LEAST_PX) ?? 500;
+  const [across, up] = [canvas.width / zoom / 2, canvas.height / zoom / 2];
+  context.beginPath();
+  for (let at = Math.ceil((x - across) / step) * step; at <= x + across; at += step) {
+    context.moveTo(at, y - up);
+    context.lineTo(at, y + up);
+  }
+  for (let at = Math.ceil((y - up) / step) * step; at <= y + up; at += step) {
+    context.moveTo(x - across, at);
+    context.lineTo(x + across, at);
+  }
+  stroke(context, COLOURS.grid, 1 / zoom);
+}
+
+// The first row of the picture is the map's lowest, and y goes up here: so it stands right.
+function drawMap(context, { bitmap, origin, resolution }) {
+  within(context, origin, () => {
+    context.imageSmoothingEnabled = false;
+    context.scale(resolution, resolution);
+    context.drawImage(bitmap, 0, 0);
+  });
+}
+
+function drawPath(context, points, zoom) {
+  context.beginPath();
+  for (const { x, y } of points) context.lineTo(x, y);
+  context.lineJoin = "round";
+  stroke(context, COLOURS.path, 2.5 / zoom);
+}
+
+function drawScan(context, points, zoom) {
+  const size = 3 / zoom;
+  context.fillStyle = COLOURS.scan;
+  for (let i = 0; i < points.length; i += 2) {
+    context.fillRect(points[i] - size / 2, points[i + 1] - size / 2, size, size);
+  }
+}
+
+function drawRobot(context, old, zoom) {
+  const radius = Math.max(ROBOT_M, ROBOT_LEAST_PX / zoom);
+  context.beginPath();
+  context.moveTo(radius, 0);
+  context.lineTo(-radius, radius * 0.75);
+  context.lineTo(-radius * 0.5, 0);
+  context.lineTo(-radius, -radius * 0.75);
+  context.closePath();
+  context.fillStyle = old ? COLOURS.old : COLOURS.robot;
+  context.fill();
+}
+
+function stroke(context, colour, width) {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.stroke();
 }

@@ -2,8 +2,6 @@
 
 import { part, setText } from "../pages/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
-import { BatteryReader } from "./battery.js";
-import { Diagnostics } from "./diagnostics.js";
 
 const BATTERY_THROTTLE_MS = 2000;
 const BATTERY_OLD_MS = 60_000;
@@ -80,4 +78,83 @@ function row({ name, level, message }) {
   title.textContent = `${texts.levels[level]}: ${name}`;
   item.append(title, ` ${message}`);
   return item;
+}
+
+// What a robot's sensor_msgs/BatteryState says to a person. Pure.
+const LOW_PERCENT = 20;
+const CHARGING = 1;
+const FULL = 4;
+
+export class BatteryReader {
+  // Gives {percent, volts, charging, low}, percent and volts null where the message does not tell, or null for no battery at all.
+  read({ percentage, voltage, power_supply_status: status, present }) {
+    if (present === false) return null;
+    const percent = this.percent(percentage);
+    const volts = Number.isFinite(voltage) && voltage > 0 ? Math.round(voltage * 10) / 10 : null;
+    if (percent === null && volts === null) return null;
+    const charging = status === CHARGING || status === FULL;
+    return { percent, volts, charging, low: percent !== null && percent < LOW_PERCENT };
+  }
+
+  // 0 to 1 by its definition. Drivers that count to 100 are many: one that was over 1 once means hundredths from then on.
+  percent(percentage) {
+    if (!Number.isFinite(percentage) || percentage < 0 || percentage > 100) return null;
+    this.hundredths ||= percentage > 1;
+    return Math.round(this.hundredths ? percentage : percentage * 100);
+  }
+}
+
+// The robot's diagnostics (REP-107): the newest of each name, and the worst of all. Pure.
+const LEVELS = ["ok", "warn", "error", "stale"];
+
+// From what needs no look to what does: of what is stale nothing is known.
+const ORDER = ["ok", "warn", "stale", "error"];
+const STALE_MS = 10_000;
+const MOST_NAMES = 500;
+
+export class Diagnostics {
+  constructor() {
+    this.byName = new Map();
+  }
+
+  // `message` is a diagnostic_msgs/DiagnosticArray.
+  receive({ status }, now) {
+    for (const { name, level, message } of status ?? []) {
+      if (typeof name !== "string") continue;
+      if (!this.byName.has(name) && this.byName.size >= MOST_NAMES) continue;
+      this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
+    }
+  }
+
+  clear() {
+    this.byName.clear();
+  }
+
+  // [{name, level, message}], the worst first.
+  list(now) {
+    const current = ({ name, level, message, at }) => ({ name, level: now - at > STALE_MS ? "stale" : level, message });
+    return [...this.byName.values()]
+      .map(current)
+      .sort((a, b) => ORDER.indexOf(b.level) - ORDER.indexOf(a.level) || a.name.localeCompare(b.name));
+  }
+
+  // {level, count} of the worst level that there is, or null before the first message.
+  worst(now) {
+    const all = this.list(now);
+    if (all.length === 0) return null;
+    const [{ level }] = all;
+    return { level, count: all.filter((entry) => entry.level === level).length };
+  }
+}
+
+// A `byte`: a number, or as some bridges write bytes, base64 or the character itself. What cannot be read is not known.
+export function readLevel(level) {
+  const value = typeof level === "string" ? fromText(level) : level;
+  return LEVELS[value] ?? "stale";
+}
+
+function fromText(text) {
+  if (/^\d$/.test(text)) return Number(text);
+  if (text.length === 1) return text.charCodeAt(0);
+  return /^[A-Za-z0-9+/]{2}==$/.test(text) ? atob(text).charCodeAt(0) : undefined;
 }

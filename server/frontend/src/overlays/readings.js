@@ -3,7 +3,6 @@
 import { byTestId, part, setText } from "../pages/page.js";
 import { readings as texts } from "../texts/common.js";
 import { dataAge, latency } from "../texts/safety.js";
-import { latencyBreakdown } from "./latencyBreakdown.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;
@@ -67,4 +66,12 @@ const ageText = (ms) => (ms < 10_000 ? dataAge.measured(Math.round(ms)) : dataAg
 function rounded(parts) {
   const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);
   return Object.fromEntries(texts);
+}
+
+// Where the time of a round trip goes. Pure.
+// `total` from this page to the robot's rosbridge and back, `server` to the server, `robot` from there to the robot: ms,
+// or null for what is not known. They are measured apart, so what is left for rosbridge is never told as less than 0.
+export function latencyBreakdown({ total, server, robot }) {
+  const known = [total, server, robot].every((part) => Number.isFinite(part));
+  return { server, robot, rosbridge: known ? Math.max(0, total - server - robot) : null };
 }

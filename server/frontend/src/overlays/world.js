@@ -1,9 +1,7 @@
 // What the map is drawn from: its subscriptions, which last only while it is seen, and what they say.
 
 import { gridPixels } from "./grid.js";
-import { Path } from "./path.js";
 import { compose, inverse, poseReader } from "./poses.js";
-import { scanPoints } from "./scan.js";
 
 // A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
 const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
@@ -110,3 +108,57 @@ const keyOf = ({ name, type }) => `${name} ${type}`;
 
 const bitmapOf = ({ pixels, width, height }) =>
   createImageBitmap(new ImageData(pixels, width, height));
+
+// The way that the robot came by its odometry, of bounded length. Pure.
+const MOST = 2000;
+const STEP_M = 0.05;
+const JUMP_M = 5;
+
+export class Path {
+  constructor() {
+    this.points = [];
+    this.step = STEP_M;
+  }
+
+  // Says whether the path has grown. A jump is a new beginning of the odometry and no way.
+  add({ x, y }) {
+    if (!Number.isFinite(x) || !Number.isFinite(y)) return false;
+    const last = this.points.at(-1);
+    const way = last ? Math.hypot(x - last.x, y - last.y) : Infinity;
+    if (last && way > JUMP_M) this.clear();
+    else if (way < this.step) return false;
+    this.points.push({ x, y });
+    if (this.points.length > MOST) this.thin();
+    return true;
+  }
+
+  // The whole way stays, in longer steps.
+  thin() {
+    this.points = this.points.filter((_, i) => i % 2 === 0);
+    this.step *= 2;
+  }
+
+  clear() {
+    this.points = [];
+    this.step = STEP_M;
+  }
+}
+
+// A sensor_msgs/LaserScan as points. Pure.
+const MOST_POINTS = 1500; // more than a screen shows, at 10 Hz
+
+// Points in m in the scan's own frame, x and y in turn; what the sensor did not see (null, NaN, infinite, out of range)
+// is left out.
+export function scanPoints({ angle_min, angle_increment, range_min, range_max, ranges }) {
+  const seen = within(range_min || 0, range_max > 0 ? range_max : Infinity);
+  const step = Math.max(1, Math.ceil(ranges.length / MOST_POINTS));
+  const points = [];
+  for (let i = 0; i < ranges.length; i += step) {
+    if (!seen(ranges[i])) continue;
+    const angle = angle_min + i * angle_increment;
+    points.push(ranges[i] * Math.cos(angle), ranges[i] * Math.sin(angle));
+  }
+  return Float32Array.from(points);
+}
+
+const within = (least, most) => (range) => Number.isFinite(range) && range >= least && range <= most;

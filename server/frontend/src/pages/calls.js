@@ -1,7 +1,6 @@
 // Asks the server's API to do something, with the login of this page.
 
 import { Api } from "../client/api.js";
-import { serverClock } from "./clock.js";
 import { csrfToken } from "./page.js";
 
 export const api = new Api({
@@ -16,3 +15,27 @@ export const release = (robot, stopped) => api.release(robot, stopped);
 
 // All that this user manages, or those of a site.
 export const stopAll = (site) => api.post("/api/v1/stop", site ? { site } : {}, { keepalive: true });
+
+// The server's time of day, for countdowns: this machine's own may be minutes off. Pure.
+const HALF_SECOND_MS = 500; // the header Date has whole seconds, cut off
+
+export class ServerClock {
+  constructor(now = () => Date.now()) {
+    this.now = now;
+    this.aheadMs = 0;
+  }
+
+  // `date` is the header Date of an answer that has just come.
+  receive(date) {
+    const time = Date.parse(date ?? "");
+    if (Number.isFinite(time)) this.aheadMs = time + HALF_SECOND_MS - this.now();
+  }
+
+  // Whole seconds until a time of day as the server writes it; never less than 0.
+  secondsUntil(iso) {
+    const left = Date.parse(iso) - this.now() - this.aheadMs;
+    return Math.max(0, Math.ceil(left / 1000)) || 0;
+  }
+}
+
+export const serverClock = new ServerClock();

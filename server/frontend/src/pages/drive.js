@@ -4,12 +4,16 @@ import { framesUrl, rosUrl } from "../client/addresses.js";
 import { requestTicket } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
+import { openLink } from "../client/link.js";
 import { RttMeter } from "../client/rtt.js";
 import { Session } from "../client/session.js";
 import { Arming } from "../control/arming.js";
 import { Banner } from "../control/banner.js";
+import { Buttons } from "../control/buttonPanel.js";
 import { ControlPanel } from "../control/controlPanel.js";
 import { DriveMode } from "../control/driveMode.js";
+import { Summary } from "../control/driveSummary.js";
+import { OwnDrive } from "../control/ownDrive.js";
 import { ReloadStore } from "../control/reloadStore.js";
 import { StopBar } from "../control/stopBar.js";
 import { VideoInterlock } from "../control/videoInterlock.js";
@@ -18,11 +22,12 @@ import { Readback } from "../overlays/readback.js";
 import { Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/safety.js";
 import { Discovery } from "../topics/discovery.js";
+import { ObserverConnection } from "../topics/observerConnection.js";
+import { Topics } from "../topics/topicList.js";
 import { View } from "../video/view.js";
 import { api } from "./calls.js";
 import { LoginUse } from "./loginUse.js";
-import { byTestId, localTime, setText } from "./page.js";
-import { setUpPanels } from "./panels.js";
+import { byTestId, localTime, setText, part } from "./page.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
@@ -213,3 +218,34 @@ setInterval(() => interlock.check(), CHECK_MS);
 connection.start();
 view.start();
 feed.start();
+
+// What stands below the controls of the drive page: the robot's buttons, its topics, and the summary of a drive.
+// Started by drive.js. Observers have the topics alone.
+// `connection` has `advertise` and `call` as of connection.js; `ask()` has the robot asked for its topics again.
+// Gives {topics(list), use({live, driving}), receiveControl(control, driving), linkEnded()}; `receiveControl` is for what the page's own
+// connection tells of the control.
+function setUpPanels(root, { robot, user, settings, connection, ask = () => {} }) {
+  const requestUrl = async () => rosUrl(location.href, robot, await requestTicket(api, robot, "observe"));
+  const observerConnection = new ObserverConnection({ requestUrl, openLink });
+  const topics = new Topics(part(root, "topics"), { observerConnection, ask });
+  const panels = [topics, ...driversPanels(root, { robot, settings, connection })];
+  const summary = panels.find((panel) => panel instanceof Summary);
+  const own = new OwnDrive({ me: user, onEnded: (drive) => summary?.driveEnded(drive) });
+  return {
+    topics: (list) => topics.receive(list),
+    use: (now) => panels.forEach((panel) => panel.use(now)),
+    receiveControl: (control, driving) => own.receive(control, driving),
+    linkEnded: () => own.linkEnded(),
+  };
+}
+
+function driversPanels(root, { robot, settings, connection }) {
+  const buttonPanel = part(root, "buttons");
+  if (!buttonPanel) return [];
+  const advertise = (spec) => connection.advertise(spec);
+  const call = (...how) => connection.call(...how);
+  return [
+    new Buttons(buttonPanel, { buttons: settings.buttons ?? [], advertise, call }),
+    new Summary(part(root, "summary"), { robot }),
+  ];
+}

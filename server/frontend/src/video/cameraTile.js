@@ -2,16 +2,13 @@
 
 import { part, setText } from "../pages/page.js";
 import { frame as texts } from "../texts/video.js";
-import { Painter } from "./painter.js";
-import { Rate } from "./rate.js";
-import { requestedSize } from "./streamRequest.js";
 
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
   // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a picture is grey.
   constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now, painter = new Painter(part(element, "picture")) }) {
     Object.assign(this, { element, camera, openFrames, wanted, set, oldMs, onPainted, now, painter });
-    this.rate = new Rate();
+    this.rate = new FrameRate();
     this.at = null; // of the picture that is seen
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
@@ -144,3 +141,100 @@ export class CameraTile {
     return [rate === null ? "" : texts.rate(rate), quality ? texts.quality(quality) : "", texts.size(this.size)].filter(Boolean);
   }
 }
+
+// Draws JPEGs on a canvas, turned as the camera needs it. Decoding happens beside the page's own work, one picture at a time.
+export class Painter {
+  // `decode(jpeg)` gives a promise of what drawImage takes.
+  constructor(canvas, { decode = decodeBeside } = {}) {
+    this.canvas = canvas;
+    this.decode = decode;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.turned = 0;
+  }
+
+  // Gives the picture's own size; rejects for what is no picture.
+  async show(jpeg) {
+    const image = await this.decode(jpeg);
+    const { width, height } = image;
+    this.draw(image);
+    image.close();
+    return { width, height };
+  }
+
+  draw(image) {
+    const { width, height } = image;
+    const across = this.turned % 180 !== 0;
+    this.fit(across ? height : width, across ? width : height);
+    const { canvas, context } = this;
+    context.setTransform(1, 0, 0, 1, canvas.width / 2, canvas.height / 2);
+    context.rotate((this.turned * Math.PI) / 180);
+    context.drawImage(image, -width / 2, -height / 2);
+  }
+
+  // A canvas that is given its size anew is empty, so only for a new one.
+  fit(width, height) {
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+  }
+}
+
+const decodeBeside = (jpeg) => createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+
+// Pictures a second, over the last two seconds. Pure.
+const SPAN_MS = 2000;
+
+export class FrameRate {
+  constructor() {
+    this.timestamps = [];
+  }
+
+  hit(now) {
+    this.timestamps = [...this.fresh(now), now];
+  }
+
+  // One decimal; null before there are two to tell a rate from.
+  perSecond(now) {
+    const timestamps = this.fresh(now);
+    if (timestamps.length < 2) return timestamps.length ? null : 0;
+    const span = Math.max(now, timestamps.at(-1)) - timestamps[0];
+    return Math.round(((timestamps.length - 1) * 10_000) / span) / 10;
+  }
+
+  fresh(now) {
+    return this.timestamps.filter((timestamp) => now - timestamp <= SPAN_MS);
+  }
+}
+
+// What is wanted of a camera (docs/media.md, `want`), by the person's choice, the robot's settings and the room on the page. Pure.
+// Automatic, or one of the steps that the paper drove with, and one below.
+const QUALITIES = ["auto", "90", "70", "50", "30"];
+
+// A small picture is asked for in few sizes: each change is a new request at the camera.
+const PARTS = [0.25, 0.5];
+const ENOUGH = 0.9; // of the pixels that the page has
+
+export function requestedQuality(choice, { quality_min = 20, quality_max = 80 } = {}) {
+  if (choice === "auto" || !QUALITIES.includes(choice)) return { quality_min, quality_max };
+  return { quality_min: Number(choice), quality_max: Number(choice) };
+}
+
+// `full`: the camera's own size as far as it is known, or null. `set`: the settings' {width, height}, or nulls.
+// `box`: the place on the page in device pixels. Gives {width, height}, null for the camera's own.
+export function requestedSize({ full, set, box, turned }) {
+  const whole = set.width ? set : OWN;
+  const size = set.width ? set : full;
+  const part = size && box.width && box.height ? partOf(size, across(box, turned)) : 1;
+  return part === 1 ? whole : { width: even(size.width * part), height: even(size.height * part) };
+}
+
+const OWN = { width: null, height: null };
+
+// The box as the camera sees it.
+const across = (box, turned) => (turned % 180 ? { width: box.height, height: box.width } : box);
+
+function partOf(size, box) {
+  const needed = Math.min(box.width / size.width, box.height / size.height) * ENOUGH;
+  return PARTS.find((part) => part >= needed) ?? 1;
+}
+
+const even = (pixels) => Math.max(2, Math.round(pixels / 2) * 2);

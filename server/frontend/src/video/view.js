@@ -1,21 +1,19 @@
 // The pictures of the drive page: which cameras, how they stand, at which quality, and how old the main one is.
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
-import { byTestId, part, setText } from "../pages/page.js";
-import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
-import { markFull, mayBeFull, toggleFull } from "./fullscreen.js";
+import { plainQuery } from "../client/addresses.js";
 import { Hud } from "../overlays/hud.js";
-import { viewActionOf } from "./viewKeys.js";
+import { Overlays } from "../overlays/overlays.js";
+import { World } from "../overlays/world.js";
+import { byTestId, part, setText, TEXT, matches } from "../pages/page.js";
+import { driveSettings } from "../pages/settings.js";
+import { video as texts } from "../texts/video.js";
+import { requestedQuality } from "./cameraTile.js";
+import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
 import { Layout } from "./layout.js";
 import { recall, remember } from "./memory.js";
 import { MAP, cameraTopics, offeredCameras, topicOf } from "./sources.js";
-import { saveSnapshot } from "./snapshot.js";
 import { Tiles } from "./tiles.js";
-import { Overlays } from "../overlays/overlays.js";
-import { requestedQuality } from "./streamRequest.js";
-import { World } from "../overlays/world.js";
-import { driveSettings } from "../pages/settings.js";
-import { video as texts } from "../texts/video.js";
 
 const USUAL_HOLD_MS = 1000;
 const CHECK_MS = 100;
@@ -259,4 +257,79 @@ function onChoice(choice, act) {
 function scaleOf(settings) {
   const { maxLinear, maxAngular } = driveSettings(settings).limits;
   return { speed: maxLinear, turn: maxAngular };
+}
+
+// The whole drive page in fullscreen: the picture alone would leave stick and Stop behind.
+const mayBeFull = (root) =>
+  Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
+
+const isFull = () =>
+  Boolean(document.fullscreenElement ?? document.webkitFullscreenElement);
+
+// Tells the style sheets, which have no one name for it in all browsers.
+function markFull(root) {
+  for (const name of ["fullscreenchange", "webkitfullscreenchange"]) {
+    document.addEventListener(name, () => (root.dataset.full = isFull()));
+  }
+}
+
+// Refused when no key or click is behind it; then the page stays as it is.
+async function toggleFull(root) {
+  const act = isFull()
+    ? (document.exitFullscreen ?? document.webkitExitFullscreen).bind(document)
+    : (root.requestFullscreen ?? root.webkitRequestFullscreen)?.bind(root);
+  try {
+    await act?.();
+  } catch {
+    return;
+  }
+}
+
+// The keys of the picture: C the next camera, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
+// that drive, which they must never be.
+
+// Gives the action that a key asks for: {next}, {nth: 0..3}, {fullscreen}, or null.
+export function viewActionOf(event) {
+  if (isMeantForOthers(event)) return null;
+  const { code } = event;
+  if (code === "KeyC") return { next: true };
+  if (code === "KeyF") return { fullscreen: true };
+  const digit = /^(?:Digit|Numpad)([1-4])$/.exec(code);
+  return digit && { nth: Number(digit[1]) - 1 };
+}
+
+const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) =>
+  repeat || ctrlKey || altKey || metaKey || matches(target, TEXT);
+
+// A still at full quality, saved as a file.
+const FULL_QUALITY = 100;
+
+export function snapshotUrl(robot, topic) {
+  const query = plainQuery({ topic, quality: FULL_QUALITY });
+  return `/robots/${encodeURIComponent(robot)}/video/snapshot?${query}`;
+}
+
+// robot-camera-20260101T120304Z.jpg; a camera's name may have what no file name may.
+export function snapshotName(robot, camera, time) {
+  const plain = camera.replace(/[^A-Za-z0-9]+/g, "-").replace(/^-|-$/g, "") || "camera";
+  return `${robot}-${plain}-${time.toISOString().replace(/[-:]|\.\d+/g, "")}.jpg`;
+}
+
+// Gives null, or the status of the answer that was no picture (0 for none).
+async function saveSnapshot(robot, { topic, name }) {
+  const answer = await fetch(snapshotUrl(robot, topic), { cache: "no-store" }).catch(() => null);
+  const isImage = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");
+  const image = isImage && (await answer.blob().catch(() => null));
+  if (!image) return answer?.status ?? 0;
+  download(image, snapshotName(robot, name, new Date()));
+  return null;
+}
+
+function download(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  // The browser has taken the blob up by the next task.
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }

@@ -1,8 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Gamepad, MAX_POLL_GAP_MS } from "../../src/input/gamepad.js";
-import { usualProfile } from "../../src/input/gamepadProfile.js";
+import { Gamepad, MAX_POLL_GAP_MS, usualProfile } from "../../src/input/gamepad.js";
 
 const PROFILE = usualProfile({ mapping: "standard", axes: 4, buttons: 17 }, "differential");
 const { enable, turbo, stop } = PROFILE;

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { asked as askedOf, fits, madeOf } from "../../src/input/gamepad.js";
 import { Learner, stepsOf } from "../../src/input/gamepadLearn.js";
-import { asked as askedOf, fits, madeOf } from "../../src/input/gamepadProfile.js";
 
 const REST = [0, 0, -1, 3.28]; // two axes of a stick, a trigger, a cross
 

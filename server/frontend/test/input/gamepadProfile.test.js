@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { DEAD_ZONE, asked, fits, madeOf, usualProfile } from "../../src/input/gamepadProfile.js";
+import { DEAD_ZONE, asked, fits, madeOf, usualProfile } from "../../src/input/gamepad.js";
 
 const STANDARD = { mapping: "standard", axes: 4, buttons: 17 };
 const NONE = Array(17).fill(false);

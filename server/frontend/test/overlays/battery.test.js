@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { BatteryReader } from "../../src/overlays/battery.js";
+import { BatteryReader } from "../../src/overlays/overlays.js";
 
 let reader;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Diagnostics, readLevel } from "../../src/overlays/diagnostics.js";
+import { Diagnostics, readLevel } from "../../src/overlays/overlays.js";
 
 let diagnostics;
 const status = (name, level, message = "") => ({ status: [{ name, level, message }] });

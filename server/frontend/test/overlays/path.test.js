@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Path } from "../../src/overlays/path.js";
+import { Path } from "../../src/overlays/world.js";
 
 let path;
 

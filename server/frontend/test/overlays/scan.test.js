@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { scanPoints } from "../../src/overlays/scan.js";
+import { scanPoints } from "../../src/overlays/world.js";
 
 const scan = { angle_min: -Math.PI / 2, angle_increment: Math.PI / 2, range_min: 0.1, range_max: 10, ranges: [1, 2, 3] };
 const rounded = (points) => [...points].map((value) => Math.round(value * 1000) / 1000 + 0);

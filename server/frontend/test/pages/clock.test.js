@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ServerClock } from "../../src/pages/clock.js";
+import { ServerClock } from "../../src/pages/calls.js";
 
 const NOW = Date.parse("2026-01-01T12:00:00Z");
 const at = (ms) => new Date(NOW + ms).toISOString();

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Painter } from "../../src/video/painter.js";
+import { Painter } from "../../src/video/cameraTile.js";
 
 // A canvas that writes down what is drawn, in place of a browser's.
 function recordingCanvas() {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { requestedQuality, requestedSize } from "../../src/video/streamRequest.js";
+import { requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
 
 const full = { width: 640, height: 480 };
 const none = { width: null, height: null };

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { viewActionOf } from "../../src/video/viewKeys.js";
+import { viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 const page = within();
@@ -28,4 +28,14 @@ test("shortcuts, repeats and typed text are not for the picture", () => {
 
 test("a menu that has the focus keeps no letter and no number", () => {
   assert.deepEqual(viewActionOf({ code: "KeyC", target: within("select") }), { next: true });
+});
+
+test("a still is asked for at full quality", () => {
+  assert.equal(snapshotUrl("sim 1", "/camera/image_raw"), "/robots/sim%201/video/snapshot?topic=/camera/image_raw&quality=100");
+});
+
+test("a file is named after robot, camera and time, in plain letters", () => {
+  const time = new Date("2026-01-02T03:04:05.678Z");
+  assert.equal(snapshotName("sim1", "/camera/image_raw", time), "sim1-camera-image-raw-20260102T030405Z.jpg");
+  assert.equal(snapshotName("sim1", "../..", time), "sim1-camera-20260102T030405Z.jpg");
 });

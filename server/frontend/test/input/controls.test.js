@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Limits } from "../../src/input/limits.js";
+import { Limits } from "../../src/input/controls.js";
 
 let limits;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Joystick, stick } from "../../src/input/joystick.js";
+import { Joystick, stick } from "../../src/input/sticks.js";
 
 let told, armed, element, joystick;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { latencyBreakdown } from "../../src/overlays/latencyBreakdown.js";
+import { latencyBreakdown } from "../../src/overlays/readings.js";
 
 test("what is left of the round trip is the robot's rosbridge", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: 12, robot: 40 }), { server: 12, robot: 40, rosbridge: 8 });
