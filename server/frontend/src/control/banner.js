@@ -1,9 +1,7 @@
 // The banner that says how things stand and offers what a person can do about it.
 
 import { byTestId, part, setText } from "../pages/page.js";
-import { connection, logIn } from "../texts/common.js";
-import { states } from "../texts/safety.js";
-import { selectStatus } from "./statusSelector.js";
+import { connection, logIn, states } from "../texts/common.js";
 
 const texts = { ...connection, ...states };
 const TURNED_MS = 700; // who presses sooner meant what the button was before
@@ -19,7 +17,7 @@ export class Banner {
     this.turnedAt = -Infinity;
   }
 
-  // `state` as of states.js; `facts` are those of statusSelector.js and what the sentences need.
+  // `state` as of states.js; `facts` are those of `selectStatus` and what the sentences need.
   show(state, facts) {
     this.state = state;
     this.shown = selectStatus(state, facts);
@@ -50,4 +48,28 @@ export class Banner {
   goBlind() {
     if (this.now() - this.turnedAt >= TURNED_MS) this.onBlind();
   }
+}
+
+// The one state that the page's banner shows, out of all that is true at once: what keeps the robot from driving
+// comes first. Pure.
+const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
+
+// `state` is the connection's (states.js); `control` as in docs/protocols.md, `video` the kind of videoInterlock.js; `disabled` by an
+// administrator.
+export function selectStatus({ name }, { control = {}, driving, video, disabled = false }) {
+  if (name !== "live") return disabled ? asDisabled(name) : name;
+  return robotStatus(control) ?? (driving ? videoStatus(video) : null) ?? "live";
+}
+
+const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
+
+function robotStatus({ stopped, guard }) {
+  if (stopped) return stopped.confirmed ? "stopped" : "stopping";
+  return guard === "down" ? "guard_down" : null;
+}
+
+// Whoever watches is held by nothing.
+function videoStatus(video) {
+  if (video === "missing" || video === "old") return "held";
+  return video === "blind" ? "blind" : null;
 }

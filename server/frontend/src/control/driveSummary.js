@@ -2,9 +2,8 @@
 
 import { api } from "../pages/calls.js";
 import { byTestId, make, part, setText } from "../pages/page.js";
-import { summary as texts } from "../texts/panels.js";
-import { driveRows, headline, moved } from "./driveWords.js";
-import { recordOf } from "./driveRecord.js";
+import { summary as texts, endings, refusals } from "../texts/panels.js";
+import { shortNumber, sizeText } from "../topics/samples.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
@@ -67,5 +66,94 @@ export class Summary {
     const link = make("a", { href: url, download: `robotether-${this.robot}-drive-${this.drive.id}.json` });
     link.click();
     setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  }
+}
+
+// The record of a drive (docs/protocols.md, /api/v1/drives) in words. Pure.
+
+// "2 h 3 min", "2 min 5 s", "5 s".
+export function durationText(ms) {
+  const seconds = Math.max(0, Math.round(ms / 1000));
+  const [hours, minutes] = [Math.floor(seconds / 3600), Math.floor((seconds % 3600) / 60)];
+  if (hours) return `${hours} h ${minutes} min`;
+  return minutes ? `${minutes} min ${seconds % 60} s` : `${seconds} s`;
+}
+
+const metres = (m) => (m >= 1000 ? `${(m / 1000).toFixed(2)} km` : `${m.toFixed(1)} m`);
+
+// As the list of drives has it.
+const moved = ({ top_speed_m_s, top_turn_rad_s }) => top_speed_m_s > 0 || top_turn_rad_s > 0;
+
+const duration = ({ started_at, ended_at }) => durationText(Date.parse(ended_at) - Date.parse(started_at));
+
+export const headline = (drive) => texts.headline(duration(drive), metres(drive.distance_m));
+
+// Rows of {name, label, text}.
+export function driveRows(drive) {
+  const rows = {
+    duration: duration(drive),
+    ended: endings[drive.end_code] ?? drive.end_code ?? texts.unknown,
+    distance: texts.commanded(metres(drive.distance_m)),
+    speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
+    latency: latencyText(drive),
+    pictures: picturesText(drive),
+    bytes: Number.isFinite(drive.bytes) ? sizeText(drive.bytes) : texts.unknown,
+    stops: drive.stops ? String(drive.stops) : texts.nothing,
+    refused: refusedText(drive),
+  };
+  return Object.entries(rows).map(([name, text]) => ({ name, label: texts.labels[name], text }));
+}
+
+function latencyText({ latency_p50_ms, latency_p95_ms }) {
+  if (!Number.isFinite(latency_p50_ms)) return texts.unknown;
+  return texts.latency(Math.round(latency_p50_ms), Math.round(latency_p95_ms));
+}
+
+function picturesText({ pictures, picture_bytes, viewed_s }) {
+  if (!pictures || !viewed_s) return texts.noPictures;
+  return texts.pictures(shortNumber(pictures / viewed_s), sizeText(picture_bytes ?? 0));
+}
+
+function refusedText({ refused = {}, dropped_old }) {
+  const all = { ...refused, ...(dropped_old ? { dropped_old } : {}) };
+  const words = Object.entries(all).map(([kind, count]) => texts.refusals(count, refusals[kind] ?? kind));
+  return words.length ? words.join(", ") : texts.nothing;
+}
+
+// Gets the record of a drive that has just ended. The server writes it a moment later, so it is asked for some times.
+const TRIES_MS = [300, 700, 1000, 2000, 3000, 3000]; // 10 s in all
+
+// `fetchDrives(robot, fence)` gives {ok, body} as of calls.js. Gives the record, "missing" or "failed".
+export async function recordOf({ robot, fence, fetchDrives, wait }) {
+  let answered = false;
+  for (const ms of TRIES_MS) {
+    await wait(ms);
+    const { ok, body } = await fetchDrives(robot, fence);
+    answered ||= ok;
+    const drive = ok && body.drives?.find((one) => one.fence === fence && one.ended_at);
+    if (drive) return drive;
+  }
+  return answered ? "missing" : "failed";
+}
+
+// Which drive is this page's, by the number of its lease, and that it has ended. Pure.
+export class OwnDrive {
+  // `onEnded({fence})` comes once for each drive of this page.
+  constructor({ me, onEnded }) {
+    Object.assign(this, { me, onEnded });
+    this.fence = null;
+  }
+
+  // What the page's own connection tells of the control. Its first word that names this user means this page:
+  // the server gives a drive its number before it opens the connection. A later one may be another window's.
+  receive({ driver }, driving) {
+    if (this.fence === null && driving && driver?.user === this.me) this.fence = driver.fence;
+  }
+
+  // The page's own connection has ended, and with it the drive.
+  linkEnded() {
+    const { fence } = this;
+    this.fence = null;
+    if (fence !== null) this.onEnded({ fence });
   }
 }

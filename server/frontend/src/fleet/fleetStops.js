@@ -1,7 +1,9 @@
-// The fleet page's buttons that stop all robots that this user manages, or those of a site, and what became of it.
+// The fleet page's Stop buttons: that of one robot, those of all robots that this user manages or of a site, and what became of it.
 
-import { stopAll } from "../pages/calls.js";
-import { part, setText } from "../pages/page.js";
+import { Stopping } from "../control/stopping.js";
+import { stopAll, stop } from "../pages/calls.js";
+import { part, setText, localTime } from "../pages/page.js";
+import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
 // The sites that a manager can stop as a whole, in order. `robots` are {site, level}; the level is "" for a robot
@@ -86,4 +88,46 @@ function element(tag, text) {
   const made = document.createElement(tag);
   made.textContent = text;
   return made;
+}
+
+// The Stop button of one robot on the fleet page, and what is known of that robot's stop. A robot has one, in the card or
+// in the row of the table, whichever is shown.
+export class CardStop {
+  constructor(robot) {
+    this.robot = robot;
+    this.cards = new Set();
+    this.state = "";
+    this.stopping = new Stopping({
+      send: () => {}, // this page has no connection to the robot
+      post: () => stop(robot),
+      onChange: () => this.show(),
+    });
+  }
+
+  join(card) {
+    this.cards.add(card);
+    const button = part(card, "stop");
+    setText(part(button, "stop-name"), ` ${this.robot}`);
+    button.addEventListener("click", () => this.stopping.press());
+    this.show();
+  }
+
+  // `robot` as of the events. One that waits for approval, or is disabled, has no connection to stop.
+  receive({ state, control }) {
+    this.state = state;
+    this.stopping.receive(control?.stopped);
+  }
+
+  show() {
+    const { kind, by, at, detail } = this.stopping.shown;
+    const words = stopTexts[kind]({ by, at: localTime(at), detail });
+    for (const card of this.cards) {
+      const button = part(card, "stop");
+      if (button.hidden !== (this.state !== "active")) button.hidden = this.state !== "active";
+      if (card.dataset.stop !== kind) card.dataset.stop = kind;
+      setText(part(card, "stopped"), words);
+      const row = part(card, "stopped-row");
+      if (row.hidden !== (kind === "none")) row.hidden = kind === "none";
+    }
+  }
 }

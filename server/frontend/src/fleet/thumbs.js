@@ -1,6 +1,7 @@
 // A robot's small picture on the fleet page: comes when somebody presses, points at or focuses it, and is let go when it
 // leaves the screen.
 
+import { plainQuery } from "../client/addresses.js";
 import { localTime, part, setText } from "../pages/page.js";
 import { thumb as texts } from "../texts/fleet.js";
 
@@ -8,7 +9,7 @@ const INTENT_MS = 300;
 const FRESH_MS = 5000;
 
 export class Thumbs {
-  // `queue` and `snapshots` as of snapshots.js.
+  // `queue` and `snapshots` as of thumbs.js.
   constructor({ queue, snapshots, now = () => performance.now() }) {
     Object.assign(this, { queue, snapshots, now });
     this.byElement = new WeakMap();
@@ -99,4 +100,97 @@ class Thumb {
     this.showState("empty");
     this.button.setAttribute("aria-label", texts.label(this.robot));
   }
+}
+
+// Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.
+const AT_ONCE = 4;
+const PATIENCE_MS = 8000;
+const SIZE = { width: 320, height: 240, quality: 50 };
+
+// Runs at most so many jobs at once, in the order in which they came. Pure.
+export class Queue {
+  constructor(most = AT_ONCE) {
+    this.most = most;
+    this.running = 0;
+    this.waiting = [];
+  }
+
+  // `job(signal)` gives a promise; the function that is given ends the job or keeps it from beginning.
+  add(job) {
+    const abort = new AbortController();
+    const entry = { job, signal: abort.signal };
+    this.waiting.push(entry);
+    this.next();
+    return () => {
+      this.waiting = this.waiting.filter((other) => other !== entry);
+      abort.abort();
+    };
+  }
+
+  async next() {
+    if (this.running >= this.most || this.waiting.length === 0) return;
+    const { job, signal } = this.waiting.shift();
+    this.running += 1;
+    await job(signal).catch(() => {});
+    this.running -= 1;
+    this.next();
+  }
+}
+
+const videoPath = (robot) => `/robots/${encodeURIComponent(robot)}/video`;
+
+// The first camera that web_video_server's own page names; "" for none. Pure.
+export function firstTopic(page) {
+  const match = /\/snapshot\?topic=([^"'&<> ]+)/.exec(page);
+  return match ? decodeURIComponent(match[1]) : "";
+}
+
+export class Snapshots {
+  // `fetch` as the browser's.
+  constructor({ fetch = (...how) => globalThis.fetch(...how) } = {}) {
+    this.fetch = fetch;
+    this.topics = new Map();
+  }
+
+  // Gives {blob} or {problem: "offline"|"no_camera"|"video_down"|"failed"}. `topic` "" is not known: the robot is asked.
+  async fetchImage(robot, topic, signal) {
+    const found = topic ? { topic } : await this.find(robot, signal);
+    if (!found.topic) return found;
+    const query = plainQuery({ topic: found.topic, ...SIZE });
+    const answer = await this.ask(`${videoPath(robot)}/snapshot?${query}`, signal);
+    if (!answer.ok) return { problem: problemOf(answer.status) };
+    return { blob: await answer.blob() };
+  }
+
+  async find(robot, signal) {
+    if (this.topics.has(robot)) return { topic: this.topics.get(robot) };
+    const answer = await this.ask(`${videoPath(robot)}/`, signal);
+    if (!answer.ok) return { problem: problemOf(answer.status) };
+    const topic = firstTopic(await answer.text());
+    if (!topic) return { problem: "no_camera" };
+    this.topics.set(robot, topic);
+    return { topic };
+  }
+
+  ask(url, signal) {
+    return this.fetch(url, { signal: signalWithin(signal, PATIENCE_MS), cache: "no-store" });
+  }
+}
+
+function problemOf(status) {
+  if (status === 503) return "offline";
+  return status === 502 ? "video_down" : "failed";
+}
+
+// AbortSignal.any is younger than the browsers that the pages are for.
+function signalWithin(signal, ms) {
+  const abort = new AbortController();
+  const timer = setTimeout(() => abort.abort(), ms);
+  const end = () => {
+    clearTimeout(timer);
+    abort.abort();
+  };
+  if (signal.aborted) end();
+  else signal.addEventListener("abort", end, { once: true });
+  return abort.signal;
 }

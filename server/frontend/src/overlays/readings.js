@@ -1,8 +1,7 @@
 // The numbers of the drive page: measured and commanded speed, how old speed and picture are, round trip and its parts.
 
 import { byTestId, part, setText } from "../pages/page.js";
-import { readings as texts } from "../texts/common.js";
-import { dataAge, latency } from "../texts/safety.js";
+import { readings as texts, dataAge, latency } from "../texts/common.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;

@@ -1,19 +1,17 @@
 // The fleet page: keeps the robots as the feed tells, as cards or as a table. Loaded by fleet.html.
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
-import { CardStop } from "../fleet/cardStop.js";
 import { Feed } from "../client/feed.js";
 import { Batch, Seldom } from "../fleet/batch.js";
 import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
+import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { RobotList } from "../fleet/list.js";
-import { Snapshots, Queue } from "../fleet/snapshots.js";
 import { PointerPause } from "../fleet/pointerPause.js";
-import { Thumbs } from "../fleet/thumbs.js";
+import { Snapshots, Queue, Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
-import { FleetStops } from "../fleet/fleetStops.js";
+import { feed as feedTexts } from "../texts/common.js";
 import { LoginUse } from "./loginUse.js";
 import { byTestId, part, setText } from "./page.js";
-import { feed as feedTexts } from "../texts/common.js";
 
 const ARRANGE_EVERY_MS = 1000;
 

@@ -1,7 +1,7 @@
 // A probe of one topic: what was heard of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { isLargeType } from "./largeTypes.js";
+import { plainType } from "../client/messages.js";
 import { numberAt, numbersIn } from "./fields.js";
 import { LastMinute, Rate } from "./samples.js";
 
@@ -118,3 +118,27 @@ export class TopicProbe {
     for (const end of [...this.ends]) end();
   }
 }
+
+// Which types of messages are too large to be asked for again and again. Pure.
+const LARGE_TYPES = new Set([
+  "sensor_msgs/Image",
+  "sensor_msgs/CompressedImage",
+  "sensor_msgs/PointCloud",
+  "sensor_msgs/PointCloud2",
+  "stereo_msgs/DisparityImage",
+  "theora_image_transport/Packet",
+  "ffmpeg_image_transport_msgs/FFMPEGPacket",
+  "nav_msgs/OccupancyGrid",
+  "nav_msgs/GetMap",
+  "grid_map_msgs/GridMap",
+  "octomap_msgs/Octomap",
+  "octomap_msgs/OctomapWithPose",
+  "costmap_2d/VoxelGrid",
+  "nav2_msgs/VoxelGrid",
+  "nav2_msgs/Costmap",
+  "visualization_msgs/MarkerArray",
+  "shape_msgs/Mesh",
+  "audio_common_msgs/AudioData",
+]);
+
+const isLargeType = (type) => LARGE_TYPES.has(plainType(type || ""));

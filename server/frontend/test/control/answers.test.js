@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { answerWords, refusalWords, succeeded } from "../../src/control/answers.js";
+import { answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
 
 test("success is what rosbridge and the service both call so", () => {
   assert.equal(succeeded({ ok: true, values: {} }), true);

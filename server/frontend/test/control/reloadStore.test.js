@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { ReloadStore } from "../../src/control/driveMode.js";
 import { LocalStore } from "../../src/pages/localStore.js";
-import { ReloadStore } from "../../src/control/reloadStore.js";
 
 let store, clock, arrival;
 

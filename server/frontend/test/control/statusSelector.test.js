@@ -1,9 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { connection } from "../../src/texts/common.js";
-import { states } from "../../src/texts/safety.js";
-import { selectStatus } from "../../src/control/statusSelector.js";
+import { selectStatus } from "../../src/control/banner.js";
+import { connection, states } from "../../src/texts/common.js";
 
 const texts = { ...connection, ...states };
 const LIVE = { name: "live" };

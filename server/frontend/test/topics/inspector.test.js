@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { places } from "../../src/topics/plot.js";
+import { places } from "../../src/topics/inspector.js";
 
 test("a plot has the newest at the right and the greatest on top", () => {
   const points = [{ value: 0, at: 0 }, { value: 10, at: 60_000 }];

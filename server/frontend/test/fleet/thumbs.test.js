@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Snapshots, Queue, firstTopic } from "../../src/fleet/snapshots.js";
+import { Snapshots, Queue, firstTopic } from "../../src/fleet/thumbs.js";
 
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { stopOnSpace } from "../../src/control/stopKey.js";
+import { stopOnSpace } from "../../src/control/stopBar.js";
 
 let stops, clicks, window;
 

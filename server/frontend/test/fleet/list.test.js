@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { itemsToMove } from "../../src/fleet/reorder.js";
+import { itemsToMove } from "../../src/fleet/list.js";
 
 const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
 

@@ -1,0 +1,81 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { driveRows, durationText, headline, recordOf, OwnDrive } from "../../src/control/driveSummary.js";
+
+const DRIVE = {
+  started_at: "2026-01-01T12:00:00Z",
+  ended_at: "2026-01-01T12:02:05Z",
+  end_code: "client_left",
+  distance_m: 14.24,
+  top_speed_m_s: 0.8,
+  latency_p50_ms: 41.6,
+  latency_p95_ms: 80.2,
+  bytes: 1_230_000,
+  pictures: 1500,
+  picture_bytes: 45_000_000,
+  viewed_s: 100,
+  stops: 1,
+  refused: { topic: 2, guard_old: 3 },
+  dropped_old: 4,
+};
+
+const words = (drive) => Object.fromEntries(driveRows(drive).map(({ name, text }) => [name, text]));
+
+test("durations are told as people say them", () => {
+  assert.deepEqual([4_600, 125_000, 7_380_000, -5].map(durationText), ["5 s", "2 min 5 s", "2 h 3 min", "0 s"]);
+});
+
+test("a drive's record is told in words", () => {
+  assert.equal(headline(DRIVE), "Your drive: 2 min 5 s, 14.2 m");
+  assert.deepEqual(words(DRIVE), {
+    duration: "2 min 5 s",
+    ended: "you",
+    distance: "14.2 m commanded",
+    speed: "0.8 m/s commanded",
+    latency: "42 ms; 95 % within 80 ms",
+    pictures: "15 a second, 45 MB",
+    bytes: "1.2 MB",
+    stops: "1",
+    refused: "2 to a topic that is not allowed, 3 too old at the robot, 4 too old at the server",
+  });
+});
+
+test("what was not measured is not told as nothing", () => {
+  const { latency, pictures, bytes, stops, refused, ended } = words({
+    ...DRIVE, latency_p50_ms: null, latency_p95_ms: null, pictures: 0, viewed_s: null, bytes: null, stops: 0, refused: {}, dropped_old: 0, end_code: "newly_made",
+  });
+  assert.deepEqual([latency, pictures, bytes, stops, refused, ended], ["Not measured", "No video", "Not measured", "None", "None", "newly_made"]);
+});
+
+test("a record is asked for until it is there, for 10 s", async () => {
+  const waits = [];
+  const wait = async (ms) => waits.push(ms);
+  const drive = { fence: 13, ended_at: "2026-01-01T12:03:00Z" };
+  const answers = [{ ok: false, body: {} }, { ok: true, body: { drives: [] } }, { ok: true, body: { drives: [{ ...drive, ended_at: null }] } }, { ok: true, body: { drives: [{ fence: 12, ended_at: "x" }, drive] } }];
+  const found = await recordOf({ robot: "sim1", fence: 13, wait, fetchDrives: async () => answers.shift() });
+  assert.equal(found, drive);
+  assert.equal(waits.length, 4);
+});
+
+test("a record that does not come is missing, and a server that does not answer is said", async () => {
+  let waited = 0;
+  const wait = async (ms) => (waited += ms);
+  const ask = (ok) => recordOf({ robot: "sim1", fence: 13, wait, fetchDrives: async () => ({ ok, body: {} }) });
+  assert.equal(await ask(true), "missing");
+  assert.equal(waited, 10_000);
+  assert.equal(await ask(false), "failed");
+});
+
+test("the page's drive is the one that its own connection tells first, until that ends", () => {
+  const ended = [];
+  const own = new OwnDrive({ me: "ann", onEnded: ({ fence }) => ended.push(fence) });
+  own.receive({ driver: { user: "ann", fence: 12 } }, false);
+  own.linkEnded();
+  own.receive({ driver: { user: "ben", fence: 13 } }, true);
+  own.receive({ driver: { user: "ann", fence: 14 } }, true);
+  own.receive({ driver: { user: "ann", fence: 15 } }, true); // another window of hers
+  own.linkEnded();
+  own.linkEnded();
+  assert.deepEqual(ended, [14]);
+});
