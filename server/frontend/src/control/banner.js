@@ -2,9 +2,9 @@
 
 import { byTestId, part, setText } from "../pages/page.js";
 import { connection, logIn, states } from "../texts/common.js";
+import { Deafness } from "./question.js";
 
 const texts = { ...connection, ...states };
-const TURNED_MS = 700; // who presses sooner meant what the button was before
 
 export class Banner {
   // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.
@@ -12,9 +12,9 @@ export class Banner {
     this.element = byTestId(root, "state");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
-    Object.assign(this, { onRetry, onBlind, now });
+    Object.assign(this, { onRetry, onBlind });
     this.offered = undefined;
-    this.turnedAt = -Infinity;
+    this.deafness = new Deafness(now); // who presses sooner meant what the button was before
   }
 
   // `state` as of states.js; `facts` are those of `selectStatus` and what the sentences need.
@@ -31,7 +31,7 @@ export class Banner {
 
   // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
   offer(action) {
-    if (this.offered && action !== this.offered) this.turnedAt = this.now();
+    if (this.offered && action !== this.offered) this.deafness.renew();
     this.offered = action;
     const focused = this.button === document.activeElement;
     this.button.hidden = !action;
@@ -45,8 +45,9 @@ export class Banner {
     else if (this.shown === "held") this.goBlind();
     else this.onRetry();
   }
+
   goBlind() {
-    if (this.now() - this.turnedAt >= TURNED_MS) this.onBlind();
+    if (!this.deafness.active) this.onBlind();
   }
 }
 

@@ -4,11 +4,28 @@
 const NEW_MS = 700;
 const CHECK_MS = 100;
 
+// Whether a press comes too soon to be meant for what is shown now.
+export class Deafness {
+  constructor(now) {
+    this.now = now;
+    this.since = -Infinity;
+  }
+
+  // Something else is shown from now on.
+  renew() {
+    this.since = this.now();
+  }
+
+  get active() {
+    return this.now() - this.since < NEW_MS;
+  }
+}
+
 export class Question {
   // `busy()` says whether a key or stick is held.
   constructor(element, { busy = () => false, now = () => performance.now() } = {}) {
-    Object.assign(this, { element, busy, now });
-    this.shownAt = -Infinity;
+    Object.assign(this, { element, busy });
+    this.deafness = new Deafness(now);
     element.addEventListener("click", (event) => this.sift(event), { capture: true });
     setInterval(() => this.mark(), CHECK_MS);
   }
@@ -18,12 +35,12 @@ export class Question {
   }
 
   get deaf() {
-    return this.now() - this.shownAt < NEW_MS || this.busy();
+    return this.deafness.active || this.busy();
   }
 
   show(shown) {
     if (shown === this.shown) return;
-    if (shown) this.shownAt = this.now();
+    if (shown) this.deafness.renew();
     this.element.hidden = !shown;
     this.mark();
   }
