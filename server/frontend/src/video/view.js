@@ -5,13 +5,13 @@ import { plainQuery } from "../client/addresses.js";
 import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
+import { LocalStore } from "../pages/localStore.js";
 import { byTestId, part, setText, TEXT, matches } from "../pages/page.js";
 import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
 import { requestedQuality } from "./cameraTile.js";
 import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
 import { Layout } from "./layout.js";
-import { recall, remember } from "./memory.js";
 import { MAP, cameraTopics, offeredCameras, topicOf } from "./sources.js";
 import { Tiles } from "./tiles.js";
 
@@ -28,7 +28,8 @@ export class View {
     Object.assign(this, { root, robot, settings, now });
     this.page = settings.page ?? {};
     this.element = byTestId(root, "view");
-    this.memory = recall(robot);
+    this.store = new LocalStore();
+    this.memory = chosenBefore(this.store, robot);
     this.layout = new Layout(this.memory.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
     this.mainTimestamp = new MainTimestamp();
@@ -176,7 +177,7 @@ export class View {
 
   keep(chosen) {
     this.memory = { ...this.memory, ...chosen };
-    remember(this.robot, this.memory);
+    this.store.write(storedAs(this.robot), this.memory);
   }
 
   resized() {
@@ -245,6 +246,14 @@ export class View {
     clearTimeout(this.noting);
     this.noting = setTimeout(() => setText(note, ""), NOTE_MS);
   }
+}
+
+const storedAs = (robot) => `sight.${robot}`;
+
+// What the person chose for the picture of this robot, on this device.
+export function chosenBefore(store, robot) {
+  const chosen = store.read(storedAs(robot));
+  return chosen !== null && typeof chosen === "object" ? chosen : {};
 }
 
 function onChoice(choice, act) {
