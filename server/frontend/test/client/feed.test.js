@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Feed } from "../../src/client/feed.js";
+import { Feed, EventReader } from "../../src/client/feed.js";
 
 let streams, answers, states, heard, feed;
 
@@ -123,4 +123,20 @@ test("an ended login ends the attempts and is told as such", async () => {
   assert.equal(states.at(-1), "login");
   await pass(60_000);
   assert.equal(fetch.mock.callCount(), 1);
+});
+
+const bytes = (text) => new TextEncoder().encode(text);
+
+test("events come out whole, however the bytes are cut", () => {
+  const reader = new EventReader();
+  const stream = bytes('event: robot\ndata: {"name":"söm"}\n\nevent: removed\ndata: {}\n\n');
+  const found = [...stream].flatMap((byte) => reader.push(Uint8Array.of(byte)));
+  assert.deepEqual(found, [
+    { name: "robot", data: '{"name":"söm"}' },
+    { name: "removed", data: "{}" },
+  ]);
+});
+
+test("a comment is no event", () => {
+  assert.deepEqual(new EventReader().push(bytes(": awake\n\n")), []);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { RobotButtons } from "../../src/control/robotButtons.js";
+import { RobotButtons, answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
 
 const LIGHTS = { name: "Lights on", kind: "publish", topic: "/lights", type: "std_msgs/Bool", msg: { data: true }, confirm: false };
 const DOCK = { name: "Dock", kind: "call", service: "/dock", type: "std_srvs/Trigger", args: {}, confirm: true };
@@ -157,4 +157,26 @@ test("a call that cannot be sent has failed", async () => {
   calls[0].reject(new Error("cannot call /scan: not connected"));
   await settle();
   assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. The robot is not connected."]);
+});
+
+test("success is what rosbridge and the service both call so", () => {
+  assert.equal(succeeded({ ok: true, values: {} }), true);
+  assert.equal(succeeded({ ok: true, values: { success: true } }), true);
+  assert.equal(succeeded({ ok: true, values: { success: false } }), false);
+  assert.equal(succeeded({ ok: false, values: "no such service" }), false);
+});
+
+test("an answer is its message, its other values, or a text", () => {
+  assert.equal(answerWords({ values: { success: true, message: "docked" } }), "docked");
+  assert.equal(answerWords({ values: { success: true } }), "");
+  assert.equal(answerWords({ values: { sum: 3 } }), '{"sum":3}');
+  assert.equal(answerWords({ values: {} }), "");
+  assert.equal(answerWords({ values: null }), "");
+  assert.equal(answerWords({ values: "service /x does not exist" }), "service /x does not exist");
+});
+
+test("what a robot says is cut before it fills the page", () => {
+  assert.equal(answerWords({ values: { message: "x".repeat(1000) } }).length, 301);
+  assert.equal(refusalWords("x".repeat(1000)).length, 301);
+  assert.equal(refusalWords(undefined), "");
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { CameraTile } from "../../src/video/cameraTile.js";
+import { CameraTile, Painter, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
 
 let clock, streams, parts, element, tile, paintings;
 
@@ -117,4 +117,88 @@ test("before the first picture the reason is told in words", async () => {
   assert.equal(parts.words.textContent, "The camera does not answer: no such topic.");
   streams[0].onStatus({ picture: "none", why: "a word of a newer client", detail: "" });
   assert.equal(parts.words.textContent, "The camera sends no picture.");
+});
+
+// A canvas that writes down what is drawn, in place of a browser's.
+function recordingCanvas() {
+  const calls = [];
+  const note = (name) => (...values) => calls.push([name, ...values.map((value) => (typeof value === "number" ? Math.round(value * 100) / 100 : value))]);
+  const context = { setTransform: note("at"), rotate: note("rotate"), drawImage: (_, x, y) => note("draw")(x, y) };
+  return { calls, width: 0, height: 0, getContext: () => context };
+}
+
+const image = { width: 64, height: 48, close() { this.closed = true; } };
+
+test("a picture is drawn at its own size and given back", async () => {
+  const canvas = recordingCanvas();
+  const size = await new Painter(canvas, { decode: async () => image }).show(new Uint8Array());
+  assert.deepEqual([canvas.width, canvas.height, size], [64, 48, { width: 64, height: 48 }]);
+  assert.deepEqual(canvas.calls, [["at", 1, 0, 0, 1, 32, 24], ["rotate", 0], ["draw", -32, -24]]);
+  assert.equal(image.closed, true);
+});
+
+test("a camera on its side is drawn upright", async () => {
+  const canvas = recordingCanvas();
+  const painter = new Painter(canvas, { decode: async () => image });
+  painter.turned = 90;
+  await painter.show(new Uint8Array());
+  assert.deepEqual([canvas.width, canvas.height], [48, 64]);
+  assert.deepEqual(canvas.calls[1], ["rotate", 1.57]);
+});
+
+test("what is no picture is told and not drawn", async () => {
+  const canvas = recordingCanvas();
+  const painter = new Painter(canvas, { decode: async () => { throw new Error("broken"); } });
+  await assert.rejects(painter.show(new Uint8Array()));
+  assert.deepEqual(canvas.calls, []);
+});
+
+test("the rate is that of the last two seconds and falls when nothing comes", () => {
+  const rate = new FrameRate();
+  for (let at = 0; at <= 3000; at += 100) rate.hit(at);
+  assert.equal(rate.perSecond(3000), 10);
+  assert.equal(rate.perSecond(4000), 5);
+  assert.equal(rate.perSecond(9000), 0);
+});
+
+test("one picture is no rate", () => {
+  const rate = new FrameRate();
+  rate.hit(0);
+  assert.equal(rate.perSecond(10), null);
+});
+
+const full = { width: 640, height: 480 };
+const none = { width: null, height: null };
+const size = (box, more = {}) => requestedSize({ full, set: none, box, turned: 0, ...more });
+
+test("automatic is the settings' range, and a step is that alone", () => {
+  assert.deepEqual(requestedQuality("auto", { quality_min: 30, quality_max: 60 }), { quality_min: 30, quality_max: 60 });
+  assert.deepEqual(requestedQuality("50", {}), { quality_min: 50, quality_max: 50 });
+  assert.deepEqual(requestedQuality("nonsense"), { quality_min: 20, quality_max: 80 });
+});
+
+test("a large place wants the camera's own size, small ones a half or a quarter", () => {
+  assert.deepEqual(size({ width: 900, height: 700 }), none);
+  assert.deepEqual(size({ width: 500, height: 375 }), none);
+  assert.deepEqual(size({ width: 320, height: 240 }), { width: 320, height: 240 });
+  assert.deepEqual(size({ width: 170, height: 130 }), { width: 160, height: 120 });
+});
+
+test("a few pixels more or less ask for nothing new", () => {
+  assert.deepEqual(size({ width: 345, height: 260 }), size({ width: 310, height: 230 }));
+});
+
+test("a picture that is turned on its side is as wide as the place is high", () => {
+  assert.deepEqual(size({ width: 170, height: 320 }, { turned: 90 }), { width: 320, height: 240 });
+});
+
+test("nothing is asked for before the camera's size or the place is known", () => {
+  assert.deepEqual(size({ width: 100, height: 80 }, { full: null }), none);
+  assert.deepEqual(size({ width: 0, height: 0 }), none);
+});
+
+test("the settings' size stands for the camera's own", () => {
+  const set = { width: 800, height: 600 };
+  assert.deepEqual(size({ width: 900, height: 700 }, { set }), set);
+  assert.deepEqual(size({ width: 400, height: 300 }, { set, full: null }), { width: 400, height: 300 });
 });
