@@ -211,7 +211,7 @@ export class ReloadStore {
     this.name = `drove ${robot}`;
   }
 
-  // `drove` as of driveMode.js, or null when the page did not drive.
+  // `drove` is `saved` of DriveMode, or null when the page did not drive.
   save(drove) {
     if (drove) this.store.write(this.name, { ...drove, at: this.now() });
   }

@@ -126,7 +126,7 @@ export const refusalWords = (why) => shortened(String(why ?? ""));
 
 const shortened = (text) => (text.length > LONGEST ? `${text.slice(0, LONGEST)}…` : text);
 
-// The robot's buttons on the drive page. What a press does is robotButtons.js's.
+// The robot's buttons on the drive page. What a press does is decided above.
 // Nothing here changes its size while somebody drives: what is asked takes the place of the button that was pressed.
 export class Buttons {
   // `root` is the panel; `advertise` and `call` as of connection.js.

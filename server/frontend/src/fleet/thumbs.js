@@ -9,7 +9,7 @@ const INTENT_MS = 300;
 const FRESH_MS = 5000;
 
 export class Thumbs {
-  // `queue` and `snapshots` as of thumbs.js.
+  // `queue` and `snapshots` are a Queue and Snapshots.
   constructor({ queue, snapshots, now = () => performance.now() }) {
     Object.assign(this, { queue, snapshots, now });
     this.byElement = new WeakMap();

@@ -15,7 +15,7 @@ export class Gamepad {
     this.forget();
   }
 
-  // As of gamepad.js; null for a device that nobody knows.
+  // `profile` as `usualProfile` gives it; null for a device that nobody knows.
   use(profile) {
     this.release();
     this.profile = profile;

@@ -218,7 +218,7 @@ view.start();
 feed.start();
 
 // What stands below the controls of the drive page: the robot's buttons, its topics, and the summary of a drive.
-// Started by drive.js. Observers have the topics alone.
+// Observers have the topics alone.
 // `connection` has `advertise` and `call` as of connection.js; `ask()` has the robot asked for its topics again.
 // Gives {topics(list), use({live, driving}), receiveControl(control, driving), linkEnded()}; `receiveControl` is for what the page's own
 // connection tells of the control.
