@@ -6,11 +6,9 @@ export const plainQuery = (words) => new URLSearchParams(words).toString().repla
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
 export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
 
-export const framesUrl = (server, robot, topic, ticket) =>
-  address(server, robot, "video/frames", { topic, ticket }, true);
+export const framesUrl = (server, robot, topic, ticket) => address(server, robot, "video/frames", { topic, ticket }, true);
 
-export const streamUrl = (server, robot, topic, ticket, more = {}) =>
-  address(server, robot, "video/stream", { topic, ...more, ticket });
+export const streamUrl = (server, robot, topic, ticket, more = {}) => address(server, robot, "video/stream", { topic, ...more, ticket });
 
 function address(server, robot, path, query, socket = false) {
   const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);

@@ -151,9 +151,7 @@ export class Connection {
       onOpen: current(() => this.confirm()),
       onMessage: current(() => (this.receivedAt = this.now())),
       onOwn: current((operation) => this.onOwn(operation)),
-      onClose: current(({ code, reason }) =>
-        this.settle(afterClose({ code, reason, wasLive: this.live })),
-      ),
+      onClose: current(({ code, reason }) => this.settle(afterClose({ code, reason, wasLive: this.live }))),
     });
     this.timer = setTimeout(() => this.settle(NOT_OPENED), OPEN_MS);
   }

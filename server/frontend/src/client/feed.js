@@ -102,7 +102,6 @@ export class EventReader {
 
 function parseEvent(block) {
   const lines = block.split("\n");
-  const values = (field) =>
-    lines.filter((line) => line.startsWith(`${field}: `)).map((line) => line.slice(field.length + 2));
+  const values = (field) => lines.filter((line) => line.startsWith(`${field}: `)).map((line) => line.slice(field.length + 2));
   return { name: values("event")[0], data: values("data").join("\n") };
 }

@@ -154,8 +154,6 @@ export class SenderClock {
   // After a sleep of this machine, what was known would make old pictures look new.
   fresh(at) {
     const slept = this.wall() - at;
-    return this.samples.filter(
-      (sample) => at - sample.at <= MAX_AGE_MS && Math.abs(slept - sample.slept) < STEP_MS,
-    );
+    return this.samples.filter((sample) => at - sample.at <= MAX_AGE_MS && Math.abs(slept - sample.slept) < STEP_MS);
   }
 }

@@ -55,8 +55,7 @@ class Link {
     const id = spec.onRefused && this.newId(`publish:${spec.name}`);
     if (id) this.ros.on(`status:${id}`, ({ level, msg }) => level === "error" && spec.onRefused(msg));
     return {
-      publish: (msg, robotether) =>
-        this.transport.send({ op: "publish", id, topic: spec.name, msg, robotether }),
+      publish: (msg, robotether) => this.transport.send({ op: "publish", id, topic: spec.name, msg, robotether }),
       end: () => {
         topic.unadvertise();
         if (id) this.ros.off(`status:${id}`);

@@ -57,7 +57,6 @@ const SPEED_TOPICS = ["/odom", "/pose"];
 
 // The topic that tells the robot's speed: odometry before pose, the usual name before others.
 export function speedTopic(topics) {
-  const rank = ({ name, type }) =>
-    SPEED_TYPES.indexOf(plainType(type)) * 2 + (SPEED_TOPICS.includes(name) ? 0 : 1);
+  const rank = ({ name, type }) => SPEED_TYPES.indexOf(plainType(type)) * 2 + (SPEED_TOPICS.includes(name) ? 0 : 1);
   return topics.filter(({ type }) => speedReader(type)).sort((a, b) => rank(a) - rank(b))[0];
 }

@@ -49,9 +49,7 @@ export class FleetStops {
     if (wanted === this.shown) return;
     this.shown = wanted;
     const all = button(texts.stopAll, "stop-all", () => this.stop());
-    const each = sites.map((site) =>
-      button(texts.stopSite(site), `stop-site-${site}`, () => this.stop(site)),
-    );
+    const each = sites.map((site) => button(texts.stopSite(site), `stop-site-${site}`, () => this.stop(site)));
     this.bar.replaceChildren(all, ...each);
   }
 

@@ -20,8 +20,7 @@ export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
 
 // Menus of the browser and lists of a <select> keep the keys until they close. A button that is pressed
 // while another one is down comes as a pointermove.
-const opensMenu = ({ button, target, type }) =>
-  button > 0 || (type === "pointerdown" && matches(target, "select"));
+const opensMenu = ({ button, target, type }) => button > 0 || (type === "pointerdown" && matches(target, "select"));
 
 function refuse(event) {
   event.preventDefault();

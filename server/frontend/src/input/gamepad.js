@@ -124,8 +124,7 @@ export function fits(profile, { axes, buttons, mapping }) {
 const motionsFit = ({ forward, left, turn }, axes) =>
   isMotion(forward, axes) && isMotion(turn, axes) && (left === null || isMotion(left, axes));
 
-const isMotion = (motion, axes) =>
-  isBelow(motion?.axis, axes) && Math.abs(motion.sign) === 1 && typeof motion.invert === "boolean";
+const isMotion = (motion, axes) => isBelow(motion?.axis, axes) && Math.abs(motion.sign) === 1 && typeof motion.invert === "boolean";
 
 const buttonsFit = ({ enable, turbo, stop }, buttons) =>
   isBelow(enable, buttons) && [turbo, stop].every((one) => one === null || isBelow(one, buttons));

@@ -29,8 +29,7 @@ export function gridPixels({ info, data }) {
   };
 }
 
-const fits = (width, height, resolution) =>
-  width > 0 && height > 0 && width * height <= MOST_CELLS && resolution > 0;
+const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MOST_CELLS && resolution > 0;
 
 const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
 

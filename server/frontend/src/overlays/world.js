@@ -56,7 +56,9 @@ export class World {
   }
 
   listen(kind, topic) {
-    const handler = { scan: (m) => this.receiveScan(m), map: (m) => this.receiveMap(m), located: (m) => this.receiveLocation(m, topic) }[kind];
+    const handler = { scan: (m) => this.receiveScan(m), map: (m) => this.receiveMap(m), located: (m) => this.receiveLocation(m, topic) }[
+      kind
+    ];
     const spec = { ...topic, throttleMs: THROTTLE_MS[kind] };
     this.open.set(kind, { key: keyOf(topic), end: this.subscribe(spec, handler) });
   }
@@ -106,8 +108,7 @@ export class World {
 
 const keyOf = ({ name, type }) => `${name} ${type}`;
 
-const bitmapOf = ({ pixels, width, height }) =>
-  createImageBitmap(new ImageData(pixels, width, height));
+const bitmapOf = ({ pixels, width, height }) => createImageBitmap(new ImageData(pixels, width, height));
 
 // The way that the robot came by its odometry, of bounded length. Pure.
 const MOST = 2000;

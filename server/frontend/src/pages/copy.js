@@ -9,7 +9,9 @@ export function wireCopyButtons(page, clipboard) {
     button.hidden = false;
     button.addEventListener("click", async () => {
       button.textContent = await copied(clipboard, page.getElementById(button.dataset.copy).textContent);
-      setTimeout(() => { button.textContent = words; }, SHOWN_MS);
+      setTimeout(() => {
+        button.textContent = words;
+      }, SHOWN_MS);
     });
   }
 }

@@ -40,7 +40,13 @@ const facts = { since: "" };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
-const driveMode = new DriveMode({ me: user, level, drove: reloadStore.restore(), onMove: () => connection.reopen(), onChange: showDriveMode });
+const driveMode = new DriveMode({
+  me: user,
+  level,
+  drove: reloadStore.restore(),
+  onMove: () => connection.reopen(),
+  onChange: showDriveMode,
+});
 const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });
 const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
 const session = new Session({
@@ -63,8 +69,7 @@ const readings = new Readings(root, { frameAge: () => interlock.ageMs });
 const view = new View(root, {
   robot,
   settings,
-  openFrames: (topic, options) =>
-    new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
+  openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
   onFreshness: (freshness) => interlock.receive(freshness),
 });
@@ -242,8 +247,5 @@ function driversPanels(root, { robot, settings, connection }) {
   if (!buttonPanel) return [];
   const advertise = (spec) => connection.advertise(spec);
   const call = (...how) => connection.call(...how);
-  return [
-    new Buttons(buttonPanel, { buttons: settings.buttons ?? [], advertise, call }),
-    new Summary(part(root, "summary"), { robot }),
-  ];
+  return [new Buttons(buttonPanel, { buttons: settings.buttons ?? [], advertise, call }), new Summary(part(root, "summary"), { robot })];
 }

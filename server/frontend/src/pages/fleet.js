@@ -121,7 +121,10 @@ function arrange() {
   const listed = inOrderOfNames.map((name) => robots.get(name));
   const fits = filterOf(toolbar.filter);
   const shown = new Set(listed.filter(fits).map(({ name }) => name));
-  shownList().arrange(inOrder(listed, toolbar.filter).map(({ name }) => name), shown);
+  shownList().arrange(
+    inOrder(listed, toolbar.filter).map(({ name }) => name),
+    shown,
+  );
   toolbar.offerSites(listed);
   toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
   part(main, "empty").hidden = listed.length > 0;

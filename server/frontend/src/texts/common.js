@@ -14,14 +14,12 @@ export const connection = {
   },
   offline: {
     title: "Robot offline",
-    detail: ({ since, reason }) =>
-      `${offlineSince(since, reason)}Connects by itself when it is back.`,
+    detail: ({ since, reason }) => `${offlineSince(since, reason)}Connects by itself when it is back.`,
     action: "Try now",
   },
   rosbridge_down: {
     title: "ROS not answering",
-    detail: () =>
-      "The robot is online, its rosbridge is not. Start rosbridge there; this page keeps trying.",
+    detail: () => "The robot is online, its rosbridge is not. Start rosbridge there; this page keeps trying.",
     action: "Try now",
   },
   link_lost: {
@@ -181,8 +179,7 @@ export const dataAge = {
 
 export const latency = {
   parts: ({ server, robot, rosbridge }) => `${server}+${robot}+${rosbridge}`,
-  words: ({ server, robot, rosbridge }) =>
-    `${server} ms to the server, ${robot} ms on to the robot, ${rosbridge} ms in its rosbridge`,
+  words: ({ server, robot, rosbridge }) => `${server} ms to the server, ${robot} ms on to the robot, ${rosbridge} ms in its rosbridge`,
   unknown: "?",
 };
 

@@ -1,14 +1,30 @@
 // Sentences of the pages: what a person drives with. No logic beyond filling in.
 
-const NAMES = ["A", "B", "X", "Y", "LB", "RB", "LT", "RT", "View", "Menu", "left stick", "right stick", "up", "down", "left", "right", "home"];
+const NAMES = [
+  "A",
+  "B",
+  "X",
+  "Y",
+  "LB",
+  "RB",
+  "LT",
+  "RT",
+  "View",
+  "Menu",
+  "left stick",
+  "right stick",
+  "up",
+  "down",
+  "left",
+  "right",
+  "home",
+];
 
 // As on most gamepads that the browser knows; else by number, from 1.
-export const button = (index, standard) =>
-  standard && NAMES[index] ? `button ${NAMES[index]}` : `button ${index + 1}`;
+export const button = (index, standard) => (standard && NAMES[index] ? `button ${NAMES[index]}` : `button ${index + 1}`);
 
 export const hints = {
-  also: (kind) =>
-    ` With a keyboard, hold W A S D or the arrow keys${kind === "holonomic" ? ", Q and E to go sideways" : ""}.`,
+  also: (kind) => ` With a keyboard, hold W A S D or the arrow keys${kind === "holonomic" ? ", Q and E to go sideways" : ""}.`,
   // Which keys do not drive, by what has them.
   taken: {
     text: "Keys go to the text field. Press Esc to drive with them.",
@@ -21,10 +37,7 @@ export const hints = {
       kind === "holonomic"
         ? "Left joystick: drag to drive forward, back and sideways, let go to halt."
         : "Left joystick: drag up or down to drive, let go to halt.",
-    turn: (kind) =>
-      kind === "ackermann"
-        ? "Right joystick: drag to the side to steer."
-        : "Right joystick: drag to the side to turn.",
+    turn: (kind) => (kind === "ackermann" ? "Right joystick: drag to the side to steer." : "Right joystick: drag to the side to turn."),
   },
 };
 

@@ -21,7 +21,10 @@ export class Discovery {
     const [topics, driveType] = await Promise.all([allTopics(call), this.driveType(call)]);
     if (round !== this.round) return;
     const found = {
-      twistType: twistType(driveType, topics.map(({ type }) => type)),
+      twistType: twistType(
+        driveType,
+        topics.map(({ type }) => type),
+      ),
       speed: this.speed(topics),
       cameras: cameraTopics(topics),
       topics,

@@ -68,8 +68,7 @@ function writeList(list, indent, lines, depth) {
   if (list.length > shown.length) lines.push(`${indent}… ${list.length - shown.length} more`);
 }
 
-const isPlain = (value) =>
-  value === null || typeof value !== "object" || (Array.isArray(value) && value.every(isScalar));
+const isPlain = (value) => value === null || typeof value !== "object" || (Array.isArray(value) && value.every(isScalar));
 
 const isScalar = (value) => value === null || typeof value !== "object";
 

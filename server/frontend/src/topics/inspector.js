@@ -41,7 +41,11 @@ export class Inspector {
       make("header", {}, make("h2", {}, name), this.close),
       make("p", { class: "topic-type" }, type || texts.untyped),
       make("div", { class: "topic-pace" }, this.pace, this.measure),
-      this.large, this.getOne, this.notice, this.content, this.buildPlot(),
+      this.large,
+      this.getOne,
+      this.notice,
+      this.content,
+      this.buildPlot(),
     );
   }
 

@@ -61,7 +61,11 @@ export function shortNumber(value) {
   return size >= 1000 ? String(Math.round(value)) : String(Number(value.toPrecision(3)));
 }
 
-const UNITS = [["GB", 1e9], ["MB", 1e6], ["KB", 1e3]];
+const UNITS = [
+  ["GB", 1e9],
+  ["MB", 1e6],
+  ["KB", 1e3],
+];
 
 export function sizeText(bytes) {
   const [unit, one] = UNITS.find(([, least]) => bytes >= least) ?? ["bytes", 1];

@@ -65,7 +65,12 @@ export class Topics {
   row(topic) {
     const { name, type } = topic;
     const open = String(this.probes.has(name));
-    const row = make("button", { type: "button", "aria-pressed": open, "data-topic": name }, make("span", {}, name), make("small", {}, type || texts.untyped));
+    const row = make(
+      "button",
+      { type: "button", "aria-pressed": open, "data-topic": name },
+      make("span", {}, name),
+      make("small", {}, type || texts.untyped),
+    );
     row.addEventListener("click", () => (this.probes.has(name) ? this.closeProbe(name) : this.openProbe(topic)));
     return row;
   }

@@ -269,11 +269,9 @@ function scaleOf(settings) {
 }
 
 // The whole drive page in fullscreen: the picture alone would leave stick and Stop behind.
-const mayBeFull = (root) =>
-  Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
+const mayBeFull = (root) => Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
 
-const isFull = () =>
-  Boolean(document.fullscreenElement ?? document.webkitFullscreenElement);
+const isFull = () => Boolean(document.fullscreenElement ?? document.webkitFullscreenElement);
 
 // Tells the style sheets, which have no one name for it in all browsers.
 function markFull(root) {
@@ -307,8 +305,7 @@ export function viewActionOf(event) {
   return digit && { nth: Number(digit[1]) - 1 };
 }
 
-const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) =>
-  repeat || ctrlKey || altKey || metaKey || matches(target, TEXT);
+const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) => repeat || ctrlKey || altKey || metaKey || matches(target, TEXT);
 
 // A still at full quality, saved as a file.
 const FULL_QUALITY = 100;

@@ -14,7 +14,10 @@ test("WebSockets are wss, and names and topics are written so that they stay wha
 });
 
 test("of a page's own address only the host counts", () => {
-  assert.equal(framesUrl("http://localhost/robots/sim1?x#y", "sim1", "/c", "t"), "ws://localhost/robots/sim1/video/frames?topic=/c&ticket=t");
+  assert.equal(
+    framesUrl("http://localhost/robots/sim1?x#y", "sim1", "/c", "t"),
+    "ws://localhost/robots/sim1/video/frames?topic=/c&ticket=t",
+  );
 });
 
 test("a stream has what it is asked for", () => {

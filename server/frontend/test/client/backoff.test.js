@@ -9,9 +9,15 @@ const first = (count, random) => {
 };
 
 test("delays double from half a second and stay at five seconds", () => {
-  assert.deepEqual(first(6, () => 1), [500, 1000, 2000, 4000, 5000, 5000]);
+  assert.deepEqual(
+    first(6, () => 1),
+    [500, 1000, 2000, 4000, 5000, 5000],
+  );
 });
 
 test("jitter takes off at most half and never goes below half a second", () => {
-  assert.deepEqual(first(6, () => 0), [500, 500, 1000, 2000, 2500, 2500]);
+  assert.deepEqual(
+    first(6, () => 0),
+    [500, 500, 1000, 2000, 2500, 2500],
+  );
 });

@@ -59,7 +59,11 @@ test("each kind of event reaches its handler, and an unknown one none", async ()
   stream.send("alive", {});
   stream.send("removed", { name: "sim1" });
   await settle();
-  assert.deepEqual(heard, [["fleet", []], ["robot", { name: "sim1" }], ["removed", "sim1"]]);
+  assert.deepEqual(heard, [
+    ["fleet", []],
+    ["robot", { name: "sim1" }],
+    ["removed", "sim1"],
+  ]);
   assert.deepEqual([...new Set(states)], ["connecting", "live"]);
 });
 

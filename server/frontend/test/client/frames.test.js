@@ -120,7 +120,10 @@ test("a handler that throws costs one picture and no more", async () => {
   stream.onFrame = show;
   socket.frame({ number: 2, timestampMs: AHEAD + 990 });
   await settle();
-  assert.deepEqual(frames.map(({ number }) => number), [2]);
+  assert.deepEqual(
+    frames.map(({ number }) => number),
+    [2],
+  );
 });
 
 test("the next picture is asked for when this one has been shown", async () => {
@@ -190,10 +193,7 @@ test("a picture is old after a second, whether it came late or no other came", a
 test("the sender's status says why there is no picture", async () => {
   const socket = await goOpen();
   socket.tell({ op: "status", state: "down", detail: "no answer on 8080", source: "mjpeg" });
-  assert.deepEqual(
-    [last().picture, last().why, last().detail, last().source],
-    ["none", "down", "no answer on 8080", "mjpeg"],
-  );
+  assert.deepEqual([last().picture, last().why, last().detail, last().source], ["none", "down", "no answer on 8080", "mjpeg"]);
 });
 
 test("unknown operations and broken texts are skipped", async () => {

@@ -1,13 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import {
-  driveMessage,
-  isSteered,
-  speedReader,
-  speedTopic,
-  twistType,
-} from "../../src/client/messages.js";
+import { driveMessage, isSteered, speedReader, speedTopic, twistType } from "../../src/client/messages.js";
 
 test("what the robot says of cmd_vel decides the type", () => {
   assert.equal(twistType("geometry_msgs/Twist", ["std_msgs/msg/String"]), "geometry_msgs/Twist");
@@ -35,8 +29,7 @@ test("a stamped type gets the same twist in an envelope", () => {
   assert.deepEqual(driveMessage("geometry_msgs/msg/TwistStamped", speed).twist, twist);
 });
 
-const car = (twist, wheelbase) =>
-  driveMessage("ackermann_msgs/msg/AckermannDriveStamped", twist, { wheelbase }).drive;
+const car = (twist, wheelbase) => driveMessage("ackermann_msgs/msg/AckermannDriveStamped", twist, { wheelbase }).drive;
 
 test("a car steers so that it follows the twist's curve, forwards and backwards", () => {
   const { speed, steering_angle } = car({ forward: 2, turn: 1 }, 0.5);

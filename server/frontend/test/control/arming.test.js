@@ -63,7 +63,10 @@ for (const checks of [true, false]) {
     const zero = sent.find(({ forward }) => forward === 0);
     assert.ok(last <= 2000, `driven by a picture of ${last - 1000} ms`);
     assert.ok(zero.at <= 2100, `zero came ${zero.at - 2000} ms after the picture was old`);
-    assert.deepEqual(sent.slice(sent.indexOf(zero)).map(({ forward }) => forward), [0, 0, 0, 0, 0]);
+    assert.deepEqual(
+      sent.slice(sent.indexOf(zero)).map(({ forward }) => forward),
+      [0, 0, 0, 0, 0],
+    );
   });
 }
 

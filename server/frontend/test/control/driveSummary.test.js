@@ -43,16 +43,33 @@ test("a drive's record is told in words", () => {
 
 test("what was not measured is not told as nothing", () => {
   const { latency, pictures, bytes, stops, refused, ended } = words({
-    ...DRIVE, latency_p50_ms: null, latency_p95_ms: null, pictures: 0, viewed_s: null, bytes: null, stops: 0, refused: {}, dropped_old: 0, end_code: "newly_made",
+    ...DRIVE,
+    latency_p50_ms: null,
+    latency_p95_ms: null,
+    pictures: 0,
+    viewed_s: null,
+    bytes: null,
+    stops: 0,
+    refused: {},
+    dropped_old: 0,
+    end_code: "newly_made",
   });
-  assert.deepEqual([latency, pictures, bytes, stops, refused, ended], ["Not measured", "No video", "Not measured", "None", "None", "newly_made"]);
+  assert.deepEqual(
+    [latency, pictures, bytes, stops, refused, ended],
+    ["Not measured", "No video", "Not measured", "None", "None", "newly_made"],
+  );
 });
 
 test("a record is asked for until it is there, for 10 s", async () => {
   const waits = [];
   const wait = async (ms) => waits.push(ms);
   const drive = { fence: 13, ended_at: "2026-01-01T12:03:00Z" };
-  const answers = [{ ok: false, body: {} }, { ok: true, body: { drives: [] } }, { ok: true, body: { drives: [{ ...drive, ended_at: null }] } }, { ok: true, body: { drives: [{ fence: 12, ended_at: "x" }, drive] } }];
+  const answers = [
+    { ok: false, body: {} },
+    { ok: true, body: { drives: [] } },
+    { ok: true, body: { drives: [{ ...drive, ended_at: null }] } },
+    { ok: true, body: { drives: [{ fence: 12, ended_at: "x" }, drive] } },
+  ];
   const found = await recordOf({ robot: "sim1", fence: 13, wait, fetchDrives: async () => answers.shift() });
   assert.equal(found, drive);
   assert.equal(waits.length, 4);

@@ -17,8 +17,7 @@ const storage = {
   setItem: (name, text) => store.set(name, text),
   removeItem: (name) => store.delete(name),
 };
-const load = (robot = "sim1") =>
-  new ReloadStore(robot, { store: new LocalStore(() => storage), arrival: () => arrival, now: () => clock });
+const load = (robot = "sim1") => new ReloadStore(robot, { store: new LocalStore(() => storage), arrival: () => arrival, now: () => clock });
 
 test("a page that drove when it was loaded anew is told so, once", () => {
   load().save({ armed: true });

@@ -41,7 +41,10 @@ test("nothing is sent unless the page drives", () => {
 
 test("a publisher stands from when the page drives until it does no more", () => {
   drive();
-  assert.deepEqual(publishers.map(({ name, type }) => [name, type]), [["/lights", "std_msgs/Bool"]]);
+  assert.deepEqual(
+    publishers.map(({ name, type }) => [name, type]),
+    [["/lights", "std_msgs/Bool"]],
+  );
   robotButtons.press(lights);
   robotButtons.press(lights);
   assert.deepEqual(publishers[0].published, [{ data: true }, { data: true }]);

@@ -14,10 +14,7 @@ test("a card says since when, and what keeps a robot from being used", () => {
 test("only an online robot's health calls for attention", () => {
   assert.equal(healthText({ online: false, ros: "down", video: "down" }), "");
   assert.equal(healthText({ online: true, ros: "ok", video: "unknown" }), "");
-  assert.equal(
-    healthText({ online: true, ros: "down", video: "down" }),
-    "rosbridge does not answer, video does not answer",
-  );
+  assert.equal(healthText({ online: true, ros: "down", video: "down" }), "rosbridge does not answer, video does not answer");
 });
 
 test("a card tells who drives, who gets the control and who asks for it", () => {

@@ -29,6 +29,9 @@ test("what moves brings the list into order, wherever it was", () => {
   const shuffled = [...wanted].sort((a, b) => ((a.length * 7 + a.charCodeAt(1) * 31) % 17) - ((b.length * 7 + b.charCodeAt(1) * 31) % 17));
   const moving = itemsToMove(shuffled, wanted);
   const staying = shuffled.filter((name) => !moving.has(name));
-  assert.deepEqual(staying, wanted.filter((name) => !moving.has(name)));
+  assert.deepEqual(
+    staying,
+    wanted.filter((name) => !moving.has(name)),
+  );
   assert.ok(moving.size < wanted.length);
 });

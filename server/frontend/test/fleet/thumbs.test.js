@@ -27,7 +27,10 @@ test("what is no longer wanted never begins, or is cut", async () => {
   first();
   await settle();
   assert.equal(signals.length, 2);
-  assert.deepEqual(signals.map(({ aborted }) => aborted), [true, false]);
+  assert.deepEqual(
+    signals.map(({ aborted }) => aborted),
+    [true, false],
+  );
 });
 
 test("a job that fails holds up nobody", async () => {
@@ -42,7 +45,8 @@ test("a job that fails holds up nobody", async () => {
 });
 
 test("the first camera is what web_video_server names first", () => {
-  const page = '<a href="/stream_viewer?topic=/front/image">/front/image</a> (<a href="/snapshot?topic=%2Ffront%2Fimage">Snapshot</a>) (<a href="/snapshot?topic=/rear">Snapshot</a>)';
+  const page =
+    '<a href="/stream_viewer?topic=/front/image">/front/image</a> (<a href="/snapshot?topic=%2Ffront%2Fimage">Snapshot</a>) (<a href="/snapshot?topic=/rear">Snapshot</a>)';
   assert.equal(firstTopic(page), "/front/image");
   assert.equal(firstTopic("<h1>Available ROS Image Topics:</h1>"), "");
 });

@@ -39,7 +39,10 @@ beforeEach(() => {
 });
 
 test("a menu or slider that Tab reached keeps the arrow keys, says so, and lets letters drive", () => {
-  for (const [field, name] of [[menu, "menu"], [slider, "slider"]]) {
+  for (const [field, name] of [
+    [menu, "menu"],
+    [slider, "slider"],
+  ]) {
     byTab(field);
     assert.deepEqual([keeps("ArrowUp", field), keeps("KeyW", field)], [true, false]);
     assert.equal(told.at(-1), name);
@@ -89,5 +92,8 @@ test("a field for text keeps all keys, however it was reached", () => {
 test("Esc gives the keys back, from fields alone", () => {
   const page = element("main");
   for (const field of [text, menu, slider, page]) fire("keydown", field, { code: "Escape" });
-  assert.deepEqual([text, menu, slider, page].map(({ blurs }) => blurs), [1, 1, 1, 0]);
+  assert.deepEqual(
+    [text, menu, slider, page].map(({ blurs }) => blurs),
+    [1, 1, 1, 0],
+  );
 });

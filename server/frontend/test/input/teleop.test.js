@@ -32,7 +32,7 @@ beforeEach(() => {
 });
 
 function pass(ms) {
-  for (const end = clock + ms; clock < end; ) {
+  for (const end = clock + ms; clock < end;) {
     clock += 10;
     timestamp += 10;
     mock.timers.tick(10);
@@ -376,6 +376,7 @@ test("what took the control on a page that was frozen meanwhile moves nothing", 
   assert.deepEqual(sent, []);
 });
 
+// prettier-ignore
 for (const [end, act] of [["the focus goes", () => teleop.letGo()], ["the link fails", () => teleop.arm(false)], ["driving is held", () => teleop.disarm()]]) {
   test(`what took the control moves nothing when ${end} meanwhile`, () => {
     teleop.watch();

@@ -10,7 +10,12 @@ beforeEach(() => {
 });
 
 test("a fraction becomes percent, and under twenty is low", () => {
-  assert.deepEqual(reader.read({ percentage: 0.81, voltage: 12.34, power_supply_status: 2 }), { percent: 81, volts: 12.3, charging: false, low: false });
+  assert.deepEqual(reader.read({ percentage: 0.81, voltage: 12.34, power_supply_status: 2 }), {
+    percent: 81,
+    volts: 12.3,
+    charging: false,
+    low: false,
+  });
   assert.equal(reader.read({ percentage: 0.19 }).low, true);
   assert.equal(reader.read({ percentage: 1 }).percent, 100);
 });

@@ -23,7 +23,10 @@ test("the newest of each name counts, and the worst comes first", () => {
   assert.deepEqual(diagnostics.worst(10), { level: "error", count: 1 });
   diagnostics.receive(status("motor", 0, "cool"), 100);
   assert.deepEqual(diagnostics.worst(200), { level: "warn", count: 2 });
-  assert.deepEqual(diagnostics.list(200).map(({ name }) => name), ["camera", "disk", "motor"]);
+  assert.deepEqual(
+    diagnostics.list(200).map(({ name }) => name),
+    ["camera", "disk", "motor"],
+  );
 });
 
 test("a part that says nothing for ten seconds is silent, however well it was", () => {

@@ -5,8 +5,12 @@ import { wireCopyButtons } from "../../src/pages/copy.js";
 
 function pageWith(text) {
   const button = {
-    dataset: { copy: "line" }, textContent: "Copy", hidden: true,
-    addEventListener: (_, listener) => { button.click = listener; },
+    dataset: { copy: "line" },
+    textContent: "Copy",
+    hidden: true,
+    addEventListener: (_, listener) => {
+      button.click = listener;
+    },
   };
   const page = {
     querySelectorAll: () => [button],
@@ -19,7 +23,11 @@ test("a button copies the text of its element, and says so for a while", async (
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const { button, page } = pageWith("curl ... | sudo sh");
   const copied = [];
-  wireCopyButtons(page, { writeText: async (text) => { copied.push(text); } });
+  wireCopyButtons(page, {
+    writeText: async (text) => {
+      copied.push(text);
+    },
+  });
   assert.equal(button.hidden, false);
   await button.click();
   assert.deepEqual(copied, ["curl ... | sudo sh"]);
@@ -31,7 +39,11 @@ test("a button copies the text of its element, and says so for a while", async (
 test("a browser that refuses says to copy by hand", async (t) => {
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const { button, page } = pageWith("text");
-  wireCopyButtons(page, { writeText: async () => { throw new Error("not allowed"); } });
+  wireCopyButtons(page, {
+    writeText: async () => {
+      throw new Error("not allowed");
+    },
+  });
   await button.click();
   assert.equal(button.textContent, "Select and copy by hand");
 });

@@ -68,8 +68,7 @@ test("an answer that comes after the connection ended is ignored", async () => {
 });
 
 test("the odometry that the settings name comes before any other, if it is one", async () => {
-  const named = (odometryTopic) =>
-    new Discovery({ driveTopic: "/cmd_vel", odometryTopic, onFound: (what) => found.push(what.speed) });
+  const named = (odometryTopic) => new Discovery({ driveTopic: "/cmd_vel", odometryTopic, onFound: (what) => found.push(what.speed) });
   const topics = { "/odom": "nav_msgs/Odometry", "/wheels": "nav_msgs/msg/Odometry", "/scan": "sensor_msgs/LaserScan" };
   for (const name of ["/wheels", "/scan"]) {
     const one = named(name);

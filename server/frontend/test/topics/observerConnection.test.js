@@ -32,7 +32,11 @@ afterEach(() => mock.timers.reset());
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
 async function watch() {
-  const end = observerConnection.watch(SPEC, () => {}, (state) => states.push(state));
+  const end = observerConnection.watch(
+    SPEC,
+    () => {},
+    (state) => states.push(state),
+  );
   await settle();
   return end;
 }
@@ -72,7 +76,10 @@ test("a hidden page ends the connection, and a new one takes up what was looked 
   observerConnection.use(true);
   await settle();
   links[1].onOpen();
-  assert.deepEqual(links[1].subscribed.map(({ name }) => name), ["/odom"]);
+  assert.deepEqual(
+    links[1].subscribed.map(({ name }) => name),
+    ["/odom"],
+  );
   assert.notEqual(links[0].url, links[1].url);
   assert.deepEqual(states, ["open", "lost", "open"]);
 });

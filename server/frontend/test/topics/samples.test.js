@@ -34,10 +34,15 @@ test("a rate is that of the messages that came of late", () => {
 });
 
 test("numbers are short and still tell small from none", () => {
-  assert.deepEqual(
-    [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN].map(shortNumber),
-    ["0", "0.123", "-1.5", "123457", "1.23e-4", "2.50e+12", "-"],
-  );
+  assert.deepEqual([0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN].map(shortNumber), [
+    "0",
+    "0.123",
+    "-1.5",
+    "123457",
+    "1.23e-4",
+    "2.50e+12",
+    "-",
+  ]);
 });
 
 test("sizes are told in the unit that people know", () => {

@@ -29,7 +29,10 @@ const open = () => watched.filter(({ ended }) => !ended);
 
 test("a topic is asked for twice a second at most", () => {
   probe("nav_msgs/Odometry");
-  assert.deepEqual(watched.map(({ spec }) => spec.throttleMs), [500]);
+  assert.deepEqual(
+    watched.map(({ spec }) => spec.throttleMs),
+    [500],
+  );
 });
 
 test("a picture is asked for only when the person says so, and one at a time", () => {
@@ -51,13 +54,19 @@ test("measuring takes every message for 3 s and no longer", () => {
   watched[0].onState("open");
   odom.measure();
   odom.measure();
-  assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500, 0]);
+  assert.deepEqual(
+    open().map(({ spec }) => spec.throttleMs),
+    [500, 0],
+  );
   for (let i = 0; i < 30; i++) watched[1].onMessage({});
   assert.equal(odom.pace.kind, "measuring");
   clock = 3000;
   mock.timers.tick(3000);
   assert.deepEqual(odom.pace, { kind: "measured", perSecond: 10 });
-  assert.deepEqual(open().map(({ spec }) => spec.throttleMs), [500]);
+  assert.deepEqual(
+    open().map(({ spec }) => spec.throttleMs),
+    [500],
+  );
 });
 
 test("a late timer measures for longer, and no higher rate", () => {

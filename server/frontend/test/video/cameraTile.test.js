@@ -93,7 +93,10 @@ test("a picture that is decoded after the stream has ended counts no more", asyn
   paintings[0].done({ width: 640, height: 480 });
   await shown;
   assert.equal(tile.at, null);
-  assert.deepEqual(streams.map(({ started }) => started), [false, true]);
+  assert.deepEqual(
+    streams.map(({ started }) => started),
+    [false, true],
+  );
 });
 
 test("a small tile asks for less as soon as the camera's size is known, and once", async () => {
@@ -122,18 +125,31 @@ test("before the first picture the reason is told in words", async () => {
 // A canvas that writes down what is drawn, in place of a browser's.
 function recordingCanvas() {
   const calls = [];
-  const note = (name) => (...values) => calls.push([name, ...values.map((value) => (typeof value === "number" ? Math.round(value * 100) / 100 : value))]);
+  const note =
+    (name) =>
+    (...values) =>
+      calls.push([name, ...values.map((value) => (typeof value === "number" ? Math.round(value * 100) / 100 : value))]);
   const context = { setTransform: note("at"), rotate: note("rotate"), drawImage: (_, x, y) => note("draw")(x, y) };
   return { calls, width: 0, height: 0, getContext: () => context };
 }
 
-const image = { width: 64, height: 48, close() { this.closed = true; } };
+const image = {
+  width: 64,
+  height: 48,
+  close() {
+    this.closed = true;
+  },
+};
 
 test("a picture is drawn at its own size and given back", async () => {
   const canvas = recordingCanvas();
   const size = await new Painter(canvas, { decode: async () => image }).show(new Uint8Array());
   assert.deepEqual([canvas.width, canvas.height, size], [64, 48, { width: 64, height: 48 }]);
-  assert.deepEqual(canvas.calls, [["at", 1, 0, 0, 1, 32, 24], ["rotate", 0], ["draw", -32, -24]]);
+  assert.deepEqual(canvas.calls, [
+    ["at", 1, 0, 0, 1, 32, 24],
+    ["rotate", 0],
+    ["draw", -32, -24],
+  ]);
   assert.equal(image.closed, true);
 });
 
@@ -148,7 +164,11 @@ test("a camera on its side is drawn upright", async () => {
 
 test("what is no picture is told and not drawn", async () => {
   const canvas = recordingCanvas();
-  const painter = new Painter(canvas, { decode: async () => { throw new Error("broken"); } });
+  const painter = new Painter(canvas, {
+    decode: async () => {
+      throw new Error("broken");
+    },
+  });
   await assert.rejects(painter.show(new Uint8Array()));
   assert.deepEqual(canvas.calls, []);
 });
