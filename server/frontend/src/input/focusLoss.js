@@ -7,8 +7,8 @@ import { TYPING, matches } from "../pages/page.js";
 const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange"];
 
 export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
-  const on = (target, names, unsure = () => true) => {
-    for (const name of names) target.addEventListener(name, (event) => unsure(event) && letGo());
+  const on = (target, names, applies = () => true) => {
+    for (const name of names) target.addEventListener(name, (event) => applies(event) && letGo());
   };
   on(window, ALWAYS);
   on(document, ["visibilitychange", "freeze", "resume"]);
