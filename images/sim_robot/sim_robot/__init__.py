@@ -2,5 +2,3 @@
 
 Started as `python -m sim_robot` by images/sim_robot/entrypoint. Nothing here is for a real robot.
 """
-
-__version__ = "0.1.0"

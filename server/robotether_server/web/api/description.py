@@ -11,6 +11,7 @@ from typing import Any
 
 from flask import Response
 
+from robotether_server import __version__
 from robotether_server.web.api.blueprint import blueprint
 
 FOLDER = Path(__file__).parent / "openapi"
@@ -25,7 +26,7 @@ def openapi() -> Response:
 @cache
 def _text() -> str:
     files = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))]
-    return json.dumps(joined(files))
+    return json.dumps(joined([*files, {"info": {"version": __version__}}]))
 
 
 def joined(files: list[dict[str, Any]]) -> dict[str, Any]:
