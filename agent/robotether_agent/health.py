@@ -128,7 +128,8 @@ class Health:
     async def _connect_rosbridge(
         self, http: aiohttp.ClientSession
     ) -> aiohttp.ClientWebSocketResponse:
-        return await http.ws_connect(
+        # aiohttp's types differ before Python 3.11.
+        return await http.ws_connect(  # type: ignore[return-value, unused-ignore]
             self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MESSAGE_LIMIT
         )
 

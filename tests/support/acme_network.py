@@ -12,7 +12,7 @@ import ssl
 import subprocess
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import TracebackType
@@ -195,8 +195,9 @@ class AcmeNetwork:
                 raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
             time.sleep(0.2)
 
-    def _run(self, built: str, name: str, **options: object) -> Container:
-        aliases = options.pop("aliases", [])
+    def _run(
+        self, built: str, name: str, aliases: Sequence[str] = (), **options: object
+    ) -> Container:
         container = self._engine.containers.create(
             image(built),
             name=f"{self._name}-{name}",
@@ -204,7 +205,7 @@ class AcmeNetwork:
             read_only=True,
             network=self._name,
             networking_config={
-                self._name: self._engine.api.create_endpoint_config(aliases=aliases)
+                self._name: self._engine.api.create_endpoint_config(aliases=list(aliases))
             },
             **options,  # type: ignore[arg-type] # the SDK's own names
         )

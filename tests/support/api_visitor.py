@@ -36,6 +36,7 @@ class Program:
         """Status and code of a refusal, which must be a problem in JSON."""
         answer = self.ask(method, path, body)
         assert answer.content_type == "application/problem+json", answer.text
+        assert answer.json is not None, answer.text
         return answer.status_code, answer.json["code"]
 
 

@@ -296,7 +296,7 @@ class FakeRobot:
             if self.mode == "floods":
                 await self._flood(client)
             elif self.mode == "slow_reader":
-                request.transport.pause_reading()  # type: ignore[attr-defined]  # it can read
+                request.transport.pause_reading()
                 await asyncio.Event().wait()
             elif self.mode == "drops_mid_message":
                 # A header that announces 100 bytes, and three of them.

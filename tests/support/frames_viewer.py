@@ -52,7 +52,9 @@ class FramesViewer:
             while True:
                 message = await self.socket.receive()
                 if message.type is WSMsgType.BINARY:
-                    seen = Seen(*HEADER.unpack_from(message.data), message.data[HEADER.size :])
+                    codec, flags, quality, sequence, timestamp_ms = HEADER.unpack_from(message.data)
+                    jpeg = message.data[HEADER.size :]
+                    seen = Seen(codec, flags, quality, sequence, timestamp_ms, jpeg)
                     self.taken = seen.sequence
                     return seen
                 assert message.type is WSMsgType.TEXT, message

@@ -113,8 +113,10 @@ class Insider:
 @contextmanager
 def insider(stack: Stack) -> Iterator[Insider]:
     """Start the container, and remove it at the end."""
+    image = stack.container("relay").image
+    assert image is not None
     container = stack.engine.containers.run(
-        stack.container("relay").image,
+        image,
         ["infinity"],
         entrypoint="sleep",
         network=f"{PROJECT}_tunnel",

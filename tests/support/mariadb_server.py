@@ -111,7 +111,7 @@ def start(
     volumes = {str(folder): {"bind": "/run/secrets", "mode": "ro"}}
     if volume:
         volumes[volume] = {"bind": "/var/lib/mysql", "mode": "rw"}
-    return docker_engine.containers.run(
+    return docker_engine.containers.run(  # type: ignore[call-overload] # no port: a free one
         image(suite),
         name=f"robotether-test-mysql-{os.getpid()}-{secrets.token_hex(4)}",
         detach=True,

@@ -14,8 +14,8 @@ class RobotSigner:
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / "key"
-        command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "robot", "-f", self._file]
-        subprocess.run(command, check=True)
+        command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "robot", "-f"]
+        subprocess.run([*command, str(self._file)], check=True)
         self.line = self._file.with_suffix(".pub").read_text().strip()
 
     @property
@@ -25,6 +25,6 @@ class RobotSigner:
 
     def sign(self, namespace: str, message: str) -> str:
         """The armoured signature over a message."""
-        command = ["ssh-keygen", "-q", "-Y", "sign", "-f", self._file, "-n", namespace]
+        command = ["ssh-keygen", "-q", "-Y", "sign", "-f", str(self._file), "-n", namespace]
         done = subprocess.run(command, input=message, check=True, capture_output=True, text=True)
         return done.stdout

@@ -39,7 +39,9 @@ def _cell(grey: Image.Image, row: int, column: int) -> float:
     left, top = width * column / COLUMNS, height * (1 - (ROWS - row) * ROW_PART)
     across, down = width / COLUMNS, height * ROW_PART
     inner = (left + across / 4, top + down / 4, left + across * 3 / 4, top + down * 3 / 4)
-    return grey.resize((1, 1), Image.Resampling.BOX, box=inner).getpixel((0, 0))
+    brightness = grey.resize((1, 1), Image.Resampling.BOX, box=inner).getpixel((0, 0))
+    assert isinstance(brightness, int | float)
+    return brightness
 
 
 # A function of the element: Unix time in ms of what it shows, or null.
