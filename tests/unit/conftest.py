@@ -10,6 +10,7 @@ import mariadb_server
 import pytest
 from hypothesis import HealthCheck, settings
 from mariadb_server import MariaDb
+from outside import marks_of
 from robotether_server.migrate import migrate
 from robotether_server.settings import MigrateSettings
 from robotether_server.store import Database, ports
@@ -46,6 +47,13 @@ TABLES = (
     "port_pairs",
     "shell_ports",
 )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that start processes or wait, so that `make check` can leave them out."""
+    for item in items:
+        for mark in marks_of(item):
+            item.add_marker(mark)
 
 
 @pytest.fixture(scope="session")
