@@ -6,7 +6,9 @@ PYTEST := $(VENV)/bin/pytest
 # Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
 BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check bench experiments enrol-times screenshots venv frontend-test clean
+comma := ,
+
+.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check mutants bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -45,6 +47,9 @@ test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@tools/lint quick
 	@$(PYTEST) -q -n 2 --timeout 60 -m "not daemon and not waits and not alone" tests/unit
+
+mutants: venv ## how many faults in the rules that keep robots safe the unit tests notice (up to an hour; ONLY=guard,leases,...)
+	@$(VENV)/bin/python tools/mutants.py $(subst $(comma), ,$(ONLY))
 
 frontend-test: ## the browser modules' own tests, in the image's Node.js
 	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mariadb_server
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from mariadb_server import MariaDb
 from outside import marks_of
 from robotether_server.migrate import migrate
@@ -16,11 +16,15 @@ from robotether_server.settings import MigrateSettings
 from robotether_server.store import Database, ports
 
 # The first and the last judge the speed of the machine that tests, and not what is tested. Continuous integration plays
-# the same examples each time, so that a failure is the change's; elsewhere new ones are looked for.
+# the same examples each time, so that a failure is the change's; elsewhere new ones are looked for. For a mutant
+# (tools/mutants.py) the first failure is enough.
 settings.register_profile(
     "any machine",
     deadline=None,
     derandomize="CI" in os.environ,
+    phases=tuple(set(Phase) - {Phase.shrink})
+    if "MUTANT_UNDER_TEST" in os.environ
+    else tuple(Phase),
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("any machine")
