@@ -132,6 +132,17 @@ async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
     assert world.helm.refusals["old"] == 9
 
 
+async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
+    """It is refused when it comes, so that what waits for rosbridge still goes out."""
+    world.line.full = True
+    await world.drive(0.3)
+    await world.drive(0.9, age_ms=600)
+    world.line.full = False
+    await world.helm.step()
+    assert world.line.speeds == [0.3]
+    assert world.source.kinds == ["old"]
+
+
 async def test_a_command_that_waits_too_long_is_dropped(world: World) -> None:
     """Its age counts from when it was given, not from when it came."""
     world.line.full = True

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
 from robotether_server.problems import OriginRefused, TicketExpired, TicketUsed
 from robotether_server.relay.auth.access import Access, Request, UsedTickets
 from robotether_server.relay.auth.credentials import Credentials
-from robotether_server.store.fleet import Snapshot
-from robotether_server.tickets import TicketSigner
+from robotether_server.store.fleet import Robot, Snapshot
+from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)
 
@@ -65,6 +65,32 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
     else:
         with pytest.raises(OriginRefused):
             access.check_origin(request)
+
+
+@pytest.mark.parametrize(
+    ("granted", "mode", "level", "may_drive"),
+    [
+        ("observe", "observe", "observe", False),
+        ("drive", "observe", "observe", True),
+        ("manage", "observe", "observe", True),
+        ("drive", "drive", "drive", True),
+        ("manage", "drive", "manage", True),
+    ],
+)
+def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
+    """Only a connection that drives has what its user was granted."""
+    signer, robot = TicketSigner("key", 30), Robot(7, "sim1", "active", 20000, 20001)
+    access = Access(
+        signer=signer,
+        credentials=Credentials(MemoryDatabase()),
+        snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
+        allowed_origins=[],
+        clock=lambda: datetime.now(UTC),
+    )
+    ticket = signer.sign(Ticket(new_id(), 3, "ann", 7, "sim1", mode, "login", "0f" * 32))
+    request = Request("robots.example", origin=None, ticket=ticket, login=None, authorization=None)
+    permit = access.for_rosbridge(request, "sim1")
+    assert (permit.use, permit.level, permit.may_drive) == (mode, level, may_drive)
 
 
 def test_a_ticket_is_used_once_as_long_as_it_is_good():

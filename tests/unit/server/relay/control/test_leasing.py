@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from types import SimpleNamespace
 
 import pytest
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import until
-from robotether_server.problems import RecordMissing, RecordRefused
+from robotether_server.problems import NobodyAsks, RecordMissing, RecordRefused
+from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.store.control import DriveEntry, LeaseEnd
-from robotether_server.store.fleet import User
+from robotether_server.store.fleet import AuditEntry, User
 
 ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
 
@@ -292,3 +296,165 @@ async def test_a_page_that_waits_for_an_offline_robot_uses_no_number(
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4503
     assert memory_database.fences == {}
+
+
+class Bare:
+    """Leasing alone: its robot, its event writer, and what robot, drivers and watchers are told."""
+
+    def __init__(self, sim1, memory_database) -> None:
+        self.robot = sim1
+        self.written: list[AuditEntry | LeaseEnd] = []
+        self.lines: list[dict[str, object]] = []
+        self.changed: list[int] = []
+        self.codes: list[int] = []
+        link = SimpleNamespace(send=lambda line: self.lines.append(json.loads(line)))
+        self.leasing = leasing.Leasing(
+            database=memory_database,
+            event_writer=SimpleNamespace(add=self.written.append),
+            registry=SimpleNamespace(session_of={sim1.id: link}.get),
+            stopped=lambda _robot: None,
+            changed=self.changed.append,
+        )
+
+    async def drives(self, user: User) -> Connection:
+        connection = Connection(
+            user.id,
+            user.name,
+            self.robot,
+            "drive",
+            lambda close_reason: self.codes.append(close_reason.code),
+        )
+        await self.leasing.begin(connection)
+        return connection
+
+    def audit(self) -> list[tuple[str, str, object]]:
+        lines = [one for one in self.written if isinstance(one, AuditEntry)]
+        return [(line.kind, line.actor, dict(line.details)) for line in lines]
+
+    def ended(self) -> list[tuple[int, int]]:
+        ends = [one for one in self.written if isinstance(one, LeaseEnd)]
+        return [(end.robot_id, end.fence) for end in ends]
+
+
+@pytest.fixture
+def bare(sim1, memory_database):
+    made = Bare(sim1, memory_database)
+    yield made
+    made.leasing.close()
+
+
+async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
+    """Who did it, who drove or gets it, and the number that is over."""
+    acts = bare.leasing
+    await bare.drives(ANN)
+    acts.ask(sim1, asker(BEN))
+    acts.refuse(sim1, asker(ANN))
+    acts.ask(sim1, asker(BEN))
+    acts.hand_over(sim1, asker(ANN), "ben")
+    await bare.drives(BEN)
+    acts.take(sim1, asker(CARL))
+    assert bare.audit() == [
+        ("lease_asked", "ben", {}),
+        ("lease_refused", "ann", {"to": "ben"}),
+        ("lease_asked", "ben", {}),
+        ("lease_handed_over", "ann", {"to": "ben"}),
+        ("lease_taken", "carl", {"driver": "ben"}),
+    ]
+    assert bare.ended() == [(sim1.id, 1), (sim1.id, 2)]
+    assert bare.codes == [4010, 4010]
+    assert bare.lines[-1] == {"type": "lease", "fence": 2, "held": False}
+    assert set(bare.changed) == {sim1.id}
+
+
+async def test_the_control_is_handed_only_to_who_the_driver_saw_asking(bare, sim1):
+    """Another one may ask by the time that the answer comes."""
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    with pytest.raises(NobodyAsks):
+        bare.leasing.hand_over(sim1, asker(ANN), "carl")
+    assert bare.leasing.of(sim1.id).driver is not None
+
+
+async def test_who_takes_the_question_back_gets_nothing(bare, sim1):
+    """Nobody waits then, and the control stays where it is."""
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    told = len(bare.lines)
+    bare.leasing.withdraw(sim1, asker(BEN))
+    assert bare.leasing.of(sim1.id).waiting is None
+    assert len(bare.lines) == told + 1
+
+
+async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monkeypatch):
+    """And the driver's connection is over, and its number."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    await until(lambda: bare.codes == [4010], "the control passes on")
+    assert bare.audit()[-1] == ("lease_passed", "ben", {"driver": "ann"})
+    assert bare.ended() == [(sim1.id, 1)]
+
+
+async def test_commands_put_off_that_the_control_passes_on(bare, sim1, monkeypatch):
+    """Of this robot alone."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 60.0)
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    lease = bare.leasing.of(sim1.id)
+    before = lease.passes_at().s
+    later = leasing.now().later(5)
+    monkeypatch.setattr(leasing, "now", lambda: later)
+    bare.leasing.on_command(sim1.id + 1)
+    assert lease.passes_at().s == before
+    bare.leasing.on_command(sim1.id)
+    assert lease.passes_at().s > before
+
+
+async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, sim1):
+    """Who may drive waits on; who may not does not."""
+    asked: list[tuple[int, int]] = []
+
+    def may_drive(user_id: int, robot_id: int) -> bool:
+        asked.append((user_id, robot_id))
+        return len(asked) == 1
+
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    told = len(bare.lines)
+    bare.leasing.keep_only(may_drive)
+    assert bare.leasing.of(sim1.id).waiting is not None
+    assert len(bare.lines) == told
+    bare.leasing.keep_only(may_drive)
+    assert bare.leasing.of(sim1.id).waiting is None
+    assert len(bare.lines) == told + 1
+    assert asked == [(BEN.id, sim1.id)] * 2
+
+
+async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(bare, sim1, memory_database, monkeypatch):
+    """A manager takes the control while the driver's newer connection waits for its number."""
+    await bare.drives(ANN)
+    next_fence = memory_database.next_fence
+
+    async def taken_meanwhile(lease):
+        bare.leasing.take(sim1, asker(CARL))
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", taken_meanwhile)
+    with pytest.raises(ConnectionClosedError) as lost:
+        await bare.drives(ANN)
+    assert lost.value.close_reason.code == 4009
+    assert lost.value.close_reason.reason == "the control of sim1 is kept for carl; wait a moment"
+    assert bare.leasing.of(sim1.id).driver is None
+
+
+async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
+    """With their timers: nothing passes on at a robot that is not there any more."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    bare.leasing.forget_all_but([sim1.id])
+    assert bare.leasing.count() == 1
+    bare.leasing.forget_all_but([sim1.id + 1])
+    assert bare.leasing.count() == 0
+    await asyncio.sleep(0.1)
+    assert bare.codes == []
