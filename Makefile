@@ -8,7 +8,7 @@ BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 
 comma := ,
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check mutants bench experiments enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -47,6 +47,10 @@ test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@tools/lint quick
 	@$(PYTEST) -q -n 2 --timeout 60 -m "not daemon and not waits and not alone" tests/unit
+
+coverage: venv ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
+	@tools/ensure_test_hosts
+	@$(VENV)/bin/python tools/coverage.py
 
 mutants: venv ## how many faults in the rules that keep robots safe the unit tests notice (up to an hour; ONLY=guard,leases,...)
 	@$(VENV)/bin/python tools/mutants.py $(subst $(comma), ,$(ONLY))
