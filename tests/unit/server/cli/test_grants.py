@@ -58,20 +58,6 @@ def test_users_may_be_called_like_a_command(run: Run, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [
-        (("grant", "nobody", "sim1", "drive"), "cannot find user nobody"),
-        (("grant", "ann", "ghost", "drive"), "cannot find robot ghost"),
-    ],
-)
-def test_unknown_names_are_said(run: Run, arguments: tuple[str, ...], says: str) -> None:
-    """In one sentence with what to do."""
-    done = run(*arguments)
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert says in done.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
     [(("ann", "sim1", "fly"), "'observe', 'drive', 'manage'"), (("ann",), "Missing argument")],
 )
 def test_mistake_in_the_arguments(run: Run, arguments: tuple[str, ...], says: str) -> None:

@@ -29,11 +29,3 @@ def test_group_is_added_filled_listed_and_removed(run: Run, database: Database) 
         "group_member_removed",
         "group_removed",
     ]
-
-
-def test_unknown_names_are_said(run: Run) -> None:
-    """In one sentence."""
-    assert "cannot find group ghost" in run("group", "remove", "ghost", "--yes").err
-    run("group", "add", "crew")
-    assert "cannot find user ghost" in run("group", "join", "crew", "ghost").err
-    assert "cannot use name" in run("group", "add", "The Crew").err

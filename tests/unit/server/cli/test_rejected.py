@@ -24,10 +24,3 @@ def test_rejected_key_may_ask_again(run: Run, database: Database) -> None:
     assert run("rejected", "forgive", one["id"]).out == "key SHA256:abc may ask again\n"
     assert json.loads(run("rejected", "list", "--json").out) == []
     assert kinds(database)[-1] == "key_forgiven"
-
-
-def test_number_that_is_none_is_said(run: Run) -> None:
-    """In one sentence."""
-    done = run("rejected", "forgive", "7")
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot find rejected key 7" in done.err

@@ -52,25 +52,6 @@ def test_added_robot_is_listed(run: Run, database: Database) -> None:
     assert events(database) == [("cli", "robot_added", "sim1")]
 
 
-@pytest.mark.parametrize(
-    ("name", "mac", "says"),
-    [
-        ("sim1", "00:1b:44:00:51:02", "another robot has the name sim1"),
-        ("sim2", "00:1b:44:00:51:01", "another robot has the MAC 00:1b:44:00:51:01"),
-        ("sim2", "rubbish", "is no MAC address"),
-        ("sim2", "02:00:00:00:51:02", "--allow-local-mac"),
-        ("sim2", "ff:ff:ff:ff:ff:ff", "broadcast"),
-        ("Sim 2", "00:1b:44:00:51:02", "a name has a-z, 0-9 and -"),
-    ],
-)
-def test_robot_that_cannot_be_is_refused(run: Run, name: str, mac: str, says: str) -> None:
-    """In one sentence, exit status 1."""
-    assert run("robot", "add", "sim1", "--mac", "00-1B-44-00-51-01").status == 0
-    done = run("robot", "add", name, "--mac", mac)
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert says in done.err
-
-
 def test_show_tells_all_of_one_robot(
     run: Run, database: Database, admin_database: Database
 ) -> None:

@@ -24,9 +24,3 @@ def test_site_is_added_filled_listed_and_removed(run: Run, database: Database) -
     assert "say --yes" in run("site", "remove", "lab").err
     assert run("site", "remove", "lab", "--yes").out == "removed site lab\n"
     assert kinds(database)[1:] == ["site_added", "robot_site_set", "robot_site_set", "site_removed"]
-
-
-def test_unknown_names_are_said(run: Run) -> None:
-    """In one sentence."""
-    assert "cannot find site ghost" in run("site", "remove", "ghost", "--yes").err
-    assert "cannot find robot ghost" in run("site", "place", "ghost").err

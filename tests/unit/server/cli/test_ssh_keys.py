@@ -37,14 +37,6 @@ def test_key_is_added_listed_and_deleted(run: Run, database: Database, tmp_path:
     assert kinds(database)[1:] == ["ssh_key_added", "ssh_key_added", "ssh_key_deleted"]
 
 
-@pytest.mark.parametrize("text", ["", "rubbish", "-----BEGIN OPENSSH PRIVATE KEY-----"])
-def test_what_is_no_public_key_is_refused(run: Run, text: str) -> None:
-    """In one sentence."""
-    done = run("ssh-key", "add", *ANN, stdin=text)
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot use public_key" in done.err
-
-
 def test_ssh_config_has_the_shells_that_the_user_manages(
     run: Run, database: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:

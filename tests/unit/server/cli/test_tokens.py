@@ -49,10 +49,3 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
         assert tokens.find_user(tx, text) is None
     assert "cannot delete token ci" in run("token", "delete", *CI).err
     assert run("token", "create", *CI).status == 0
-
-
-def test_token_of_nobody_is_refused(run: Run) -> None:
-    """The sentence says how to add the user."""
-    done = run("token", "create", "--user", "nobody", "--name", "ci")
-    assert (done.status, done.out) == (1, "")
-    assert "user add nobody" in done.err

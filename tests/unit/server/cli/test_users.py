@@ -112,20 +112,3 @@ def test_users_are_listed_for_programs(run: Run) -> None:
     run("user", "add", "ann")
     [one] = json.loads(run("user", "list", "--json").out)
     assert one == {"name": "ann", "role": "user", "disabled": False}
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("password", "nobody"),
-        ("disable", "nobody"),
-        ("logout", "nobody"),
-        ("remove", "nobody"),
-        ("role", "nobody", "admin"),
-    ],
-)
-def test_unknown_user_is_said(run: Run, arguments: tuple[str, ...]) -> None:
-    """In one sentence with what to do."""
-    done = run("user", *arguments)
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot find user nobody" in done.err
