@@ -17,11 +17,11 @@ from robotether_server.problems import FieldInvalid
 
 Kind = Literal["publish", "call"]
 
-MOST_BUTTONS = 24
-LONGEST_NAME = 40
+MAX_BUTTONS = 24
+MAX_NAME_LENGTH = 40
 # Of the JSON text of what a button sends, in bytes.
-LONGEST_FIELDS = 2048
-DEEPEST_FIELDS = 16
+MAX_FIELDS_BYTES = 2048
+MAX_FIELDS_DEPTH = 16
 WHOLE_64_BIT = (-(2**63), 2**64 - 1)
 # In either ROS's spelling: std_msgs/Bool, std_msgs/msg/Bool.
 ROS_TYPE = re.compile(
@@ -57,7 +57,7 @@ class Button:
 
 def parse(given: object) -> tuple[Button, ...]:
     """Return the buttons of a JSON list; raise FieldInvalid, which names the member: buttons.1 is the first."""
-    each = setting_values.listed(given, "buttons", MOST_BUTTONS, "buttons")
+    each = setting_values.listed(given, "buttons", MAX_BUTTONS, "buttons")
     buttons = tuple(parse_one(one, f"buttons.{place}") for place, one in enumerate(each, 1))
     names = [button.name for button in buttons]
     for name in names:
@@ -72,7 +72,7 @@ def parse_one(given: object, path: str = "button") -> Button:
     target, sent = MEMBERS[kind]
     present = setting_values.members(given, path, ("name", "kind", target, "type", sent, "confirm"))
     return Button(
-        name=setting_values.label(present.get("name"), f"{path}.name", LONGEST_NAME),
+        name=setting_values.label(present.get("name"), f"{path}.name", MAX_NAME_LENGTH),
         kind=kind,
         target=setting_values.ros_name(present.get(target), f"{path}.{target}"),
         type=_type(present.get("type", ""), f"{path}.type", may_be_empty=kind == "call"),
@@ -105,15 +105,15 @@ def _fields(given: object, path: str) -> str:
         size = len(text.encode())
     except UnicodeEncodeError:
         raise FieldInvalid(f"cannot use {path}: it holds half of a character") from None
-    if size > LONGEST_FIELDS:
-        raise FieldInvalid(f"cannot use {path}: it has over {LONGEST_FIELDS} bytes as JSON")
+    if size > MAX_FIELDS_BYTES:
+        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON")
     return text
 
 
 def _check(value: Any, path: str, depth: int) -> None:
     """Refuse what the relay would not pass on (relay/rosbridge/json_text.py), or no robot reads."""
-    if depth > DEEPEST_FIELDS:
-        raise FieldInvalid(f"cannot use {path}: it is nested more than {DEEPEST_FIELDS} deep")
+    if depth > MAX_FIELDS_DEPTH:
+        raise FieldInvalid(f"cannot use {path}: it is nested more than {MAX_FIELDS_DEPTH} deep")
     if isinstance(value, dict):
         for inner in value.values():
             _check(inner, path, depth + 1)

@@ -10,14 +10,14 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-LONGEST_GLOB = 256
+MAX_GLOB_LENGTH = 256
 # What a name is made of, and `*`. Anything else could never match.
 _GLOB = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 
 def is_glob(text: str) -> bool:
     """Whether the text can match any name at all: a full name begins with `/`."""
-    return len(text) <= LONGEST_GLOB and _GLOB.fullmatch(text) is not None and "//" not in text
+    return len(text) <= MAX_GLOB_LENGTH and _GLOB.fullmatch(text) is not None and "//" not in text
 
 
 @dataclass(frozen=True)

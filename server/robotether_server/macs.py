@@ -8,7 +8,7 @@ import re
 
 from robotether_server.problems import FieldInvalid
 
-LONGEST_TEXT = 40
+MAX_TEXT_LENGTH = 40
 ZERO = "00:00:00:00:00:00"
 # Bits of the first byte: for many machines at once, and given by a machine to itself (IEEE 802).
 MULTICAST = 0x01
@@ -27,13 +27,13 @@ def normalise(text: str, *, allow_local: bool = True) -> str:
     lower = text.strip(" ").lower()
     if not _SPELLINGS.fullmatch(lower):
         raise FieldInvalid(
-            f"cannot use mac {text[:LONGEST_TEXT]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7"
+            f"cannot use mac {text[:MAX_TEXT_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7"
         )
     digits = "".join(part.zfill(2) for part in re.split("[:.-]", lower))
     mac = ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
     if mac == ZERO or _first_byte(mac) & MULTICAST:
         raise FieldInvalid(
-            f"cannot use mac {text[:LONGEST_TEXT]!r}: it is all zero, broadcast or multicast, which no single "
+            f"cannot use mac {text[:MAX_TEXT_LENGTH]!r}: it is all zero, broadcast or multicast, which no single "
             "robot has; give that of its network card"
         )
     if not allow_local:

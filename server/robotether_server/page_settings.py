@@ -20,11 +20,11 @@ Turn = Literal[0, 90, 180, 270]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 TURNS: tuple[Turn, ...] = get_args(Turn)
-MOST_CAMERAS = 8
-LONGEST_LABEL = 40
+MAX_CAMERAS = 8
+MAX_LABEL_LENGTH = 40
 # A topic, or the name of a camera that only the agent knows (docs/media.md).
 CAMERA_TOPIC = re.compile(r"/?[A-Za-z0-9_.-]+(?:/[A-Za-z0-9_.-]+)*")
-LONGEST_CAMERA_TOPIC = 255
+MAX_CAMERA_TOPIC_LENGTH = 255
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _number(name: str, value: object, path: str) -> float:
 
 
 def _cameras(given: object) -> tuple[Camera, ...]:
-    each = setting_values.listed(given, "page.cameras", MOST_CAMERAS, "cameras")
+    each = setting_values.listed(given, "page.cameras", MAX_CAMERAS, "cameras")
     cameras = tuple(_camera(one, f"page.cameras.{place}") for place, one in enumerate(each, 1))
     topics = [camera.topic for camera in cameras]
     for topic in topics:
@@ -143,14 +143,14 @@ def _camera(given: object, path: str) -> Camera:
         raise FieldInvalid(f"cannot use {path}.turned_deg: it must be 0, 90, 180 or 270")
     return Camera(
         _camera_topic(present.get("topic"), f"{path}.topic"),
-        setting_values.label(present.get("name"), f"{path}.name", LONGEST_LABEL),
+        setting_values.label(present.get("name"), f"{path}.name", MAX_LABEL_LENGTH),
         # 90.0 is 90.
         TURNS[TURNS.index(turned)],
     )
 
 
 def _camera_topic(given: object, path: str) -> str:
-    fits = isinstance(given, str) and len(given) <= LONGEST_CAMERA_TOPIC
+    fits = isinstance(given, str) and len(given) <= MAX_CAMERA_TOPIC_LENGTH
     if not isinstance(given, str) or not fits or not CAMERA_TOPIC.fullmatch(given):
         raise FieldInvalid(
             f"cannot use {path}: it must be a topic such as /camera/image_raw, or the name of a camera of the agent's"

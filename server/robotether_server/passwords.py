@@ -14,8 +14,8 @@ from argon2.exceptions import InvalidHashError, VerificationError
 
 from robotether_server.problems import FieldInvalid
 
-SHORTEST = 12
-LONGEST = 1024
+MIN_LENGTH = 12
+MAX_LENGTH = 1024
 MEMORY_KIB = 32 * 1024
 TIME_COST = 3
 SALT_BYTES, HASH_BYTES = 16, 32
@@ -37,7 +37,7 @@ test tester testing the this thursday trustno tuesday turtle turtlebot turtlesim
 users vm wednesday welcome whatever winter word world x yes you your zaq zaqwsx
 """
 COMMON_WORDS = tuple(_COMMON.split())
-LOOKS_LIKE = str.maketrans("013457@$!", "oleastasi")
+LOOKALIKES = str.maketrans("013457@$!", "oleastasi")
 _LETTERS = string.ascii_lowercase
 _KEYS = ("1234567890", "qwertyuiop", "asdfghjkl", "zxcvbnm")
 _COLUMNS = (
@@ -84,10 +84,10 @@ def new_password() -> str:
 
 def hash_password(password: str) -> str:
     """Return the text for users.password_hash; raise FieldInvalid when it is too short or long."""
-    if not SHORTEST <= len(password) <= LONGEST:
+    if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
         raise FieldInvalid(
             f"cannot use this password: it has {len(password)} characters; "
-            f"allowed are {SHORTEST} to {LONGEST}"
+            f"allowed are {MIN_LENGTH} to {MAX_LENGTH}"
         )
     if is_common(password):
         raise FieldInvalid(
@@ -104,7 +104,7 @@ def is_common(password: str) -> bool:
     if text.isdigit() or len(set(text)) <= FEW_CHARACTERS or any(text in row for row in ROWS):
         return True
     # P@ssw0rd2024! is read as password, and so is password-2024-password.
-    spelt = text.strip(string.digits + string.punctuation + " ").translate(LOOKS_LIKE)
+    spelt = text.strip(string.digits + string.punctuation + " ").translate(LOOKALIKES)
     return any(_is_of_words(_NO_LETTER.sub("", one)) for one in (text, spelt))
 
 
@@ -123,7 +123,7 @@ def matches(password: str, password_hash: str | None) -> bool:
     """Tell whether the password is right; None: there is no such user, which takes as long."""
     try:
         with _turn:
-            _hasher.verify(password_hash or _NOBODY, password[:LONGEST])
+            _hasher.verify(password_hash or _NOBODY, password[:MAX_LENGTH])
     except (VerificationError, InvalidHashError):
         return False
     return password_hash is not None

@@ -46,7 +46,7 @@ Problem                       status  code
 ├── Throttled                 429     throttled
 ├── TooManyPending            429     too_many_pending
 ├── TooManyConnections        429     too_many_connections
-├── FrontUnavailable          503     front_unavailable
+├── SiteCertificateUnavailable          503     front_unavailable
 ├── RobotOffline              503     robot_offline
 ├── GuardSilent               504     guard_silent
 ├── VideoDown                 502     video_down
@@ -353,7 +353,7 @@ class TooManyConnections(Problem):
     status = HTTPStatus.TOO_MANY_REQUESTS
 
 
-class FrontUnavailable(Problem):
+class SiteCertificateUnavailable(Problem):
     """The certificate that this site shows cannot be learnt now."""
 
     code = "front_unavailable"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 Settings = dict[str, object]
 
 
-def look_up(settings: Mapping[str, object], path: str) -> object:
+def get_path(settings: Mapping[str, object], path: str) -> object:
     """Return what stands at a path; None where nothing does."""
     found: object = settings
     for step in path.split("."):
@@ -20,23 +20,23 @@ def look_up(settings: Mapping[str, object], path: str) -> object:
 def is_in(settings: Mapping[str, object], path: str) -> bool:
     """Tell whether something stands there, be it null."""
     folder, dot, last = path.rpartition(".")
-    found = look_up(settings, folder) if dot else settings
+    found = get_path(settings, folder) if dot else settings
     return isinstance(found, Mapping) and last in found
 
 
-def put(settings: Mapping[str, object], path: str, value: object) -> Settings:
+def put_path(settings: Mapping[str, object], path: str, value: object) -> Settings:
     """Return settings in which the value stands there, in place of what stood there or in its way."""
     first, dot, rest = path.partition(".")
-    return {**settings, first: put(_inner(settings, first), rest, value) if dot else value}
+    return {**settings, first: put_path(_inner(settings, first), rest, value) if dot else value}
 
 
-def take_out(settings: Mapping[str, object], path: str) -> Settings:
+def remove_path(settings: Mapping[str, object], path: str) -> Settings:
     """Return settings in which nothing stands there."""
     first, dot, rest = path.partition(".")
     if not is_in(settings, path):
         return dict(settings)
     if dot:
-        return {**settings, first: take_out(_inner(settings, first), rest)}
+        return {**settings, first: remove_path(_inner(settings, first), rest)}
     return {name: value for name, value in settings.items() if name != first}
 
 

@@ -10,13 +10,13 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
-from robotether_server.globs import LONGEST_GLOB, Globs, is_glob
+from robotether_server.globs import MAX_GLOB_LENGTH, Globs, is_glob
 from robotether_server.problems import FieldInvalid
 
 T = TypeVar("T", bound=str)
 
-MOST_GLOBS = 64
-LONGEST_ROS_NAME = 255
+MAX_GLOBS = 64
+MAX_ROS_NAME_LENGTH = 255
 # As the relay takes names in messages (relay/rosbridge/fields.py), with their first `/`.
 ROS_NAME = re.compile(r"(?:/[A-Za-z0-9_]+)+")
 
@@ -50,11 +50,11 @@ def listed(given: object, path: str, most: int, of: str) -> Sequence[object]:
 def globs(given: object, path: str) -> Globs:
     """Return patterns for names."""
     patterns: list[str] = []
-    for pattern in listed(given, path, MOST_GLOBS, "names"):
+    for pattern in listed(given, path, MAX_GLOBS, "names"):
         if not isinstance(pattern, str) or not is_glob(pattern):
             raise FieldInvalid(
                 f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
-                f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {LONGEST_GLOB} characters"
+                f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters"
             )
         patterns.append(pattern)
     return Globs(dict.fromkeys(patterns))
@@ -107,10 +107,14 @@ def label(given: object, path: str, longest: int) -> str:
 
 def ros_name(given: object, path: str) -> str:
     """Return the full name of a topic or service."""
-    if not isinstance(given, str) or len(given) > LONGEST_ROS_NAME or not ROS_NAME.fullmatch(given):
+    if (
+        not isinstance(given, str)
+        or len(given) > MAX_ROS_NAME_LENGTH
+        or not ROS_NAME.fullmatch(given)
+    ):
         raise FieldInvalid(
             f"cannot use {path}: it must be a full name such as /arm/move_1, of a-z, A-Z, 0-9, _ and /, and at "
-            f"most {LONGEST_ROS_NAME} characters"
+            f"most {MAX_ROS_NAME_LENGTH} characters"
         )
     return given
 

@@ -47,7 +47,7 @@ class JoinSettings:
 
 
 @dataclass(frozen=True)
-class FrontSettings:
+class SiteAddressSettings:
     """How this site looks from outside. `public_host` None: the host that each request went to."""
 
     public_host: str | None
@@ -62,7 +62,7 @@ class WebSettings:
     database: DatabaseSettings
     tickets: TicketSettings
     join: JoinSettings
-    front: FrontSettings
+    site_address: SiteAddressSettings
     agent_files_dir: Path
     secret_key: str = field(repr=False)
     login_ttl_h: int
@@ -130,9 +130,9 @@ def load_join(environ: Mapping[str, str]) -> JoinSettings:
     )
 
 
-def load_front(environ: Mapping[str, str]) -> FrontSettings:
+def load_site_address(environ: Mapping[str, str]) -> SiteAddressSettings:
     """Read what the line that installs a robot needs."""
-    return FrontSettings(
+    return SiteAddressSettings(
         public_host=v.PUBLIC_HOST.read(environ) or None,
         public_port=v.PUBLIC_PORT.read(environ),
         tls_front=v.TLS_FRONT.read(environ),
@@ -145,7 +145,7 @@ def load_web(environ: Mapping[str, str]) -> WebSettings:
         database=load_database(environ),
         tickets=load_tickets(environ),
         join=load_join(environ),
-        front=load_front(environ),
+        site_address=load_site_address(environ),
         agent_files_dir=v.AGENT_FILES_DIR.read(environ),
         secret_key=v.WEB_SECRET_KEY.read(environ),
         login_ttl_h=v.LOGIN_TTL_H.read(environ),

@@ -13,7 +13,7 @@ from robotether_server.ssh_keys import PublicKey
 
 logger = logging.getLogger(__name__)
 
-LONGEST_SIGNATURE = 4096
+MAX_SIGNATURE_LENGTH = 4096
 SIGNER = "robot"
 TIMEOUT_S = 5
 

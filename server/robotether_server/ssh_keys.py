@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from robotether_server.problems import FieldInvalid
 
-LONGEST_LINE = 2048
+MAX_LINE_LENGTH = 2048
 SMALLEST_RSA_BITS = 2048
 ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
 ED25519 = "ssh-ed25519"
@@ -49,7 +49,7 @@ def comment(text: str) -> str:
 
 def _parse(text: str, types: tuple[str, ...]) -> PublicKey:
     words = text.strip().split(" ")
-    if len(text) > LONGEST_LINE or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
+    if len(text) > MAX_LINE_LENGTH or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
         raise _invalid("it must be one line: type, key and perhaps a comment")
     kind, encoded = words[:2]
     if kind not in types:

@@ -9,11 +9,11 @@ from typing import overload
 
 from robotether_server.problems import FieldInvalid
 
-LONGEST_TEXT = 40
-LONGEST_WAIT = dt.timedelta(days=3660)
+MAX_TEXT_LENGTH = 40
+MAX_WAIT = dt.timedelta(days=3660)
 
 # RFC 3339, which always has an offset; Python's own reader takes much more.
-_MOMENT = re.compile(
+_TIMESTAMP = re.compile(
     r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?([Zz]|[+-]\d\d:\d\d)", re.ASCII
 )
 _DAY = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
@@ -22,24 +22,24 @@ _FIRST_OF_DAY = dt.time(0, 0, 0, tzinfo=dt.UTC)
 
 
 @overload
-def rfc3339(moment: dt.datetime) -> str: ...
+def rfc3339(timestamp: dt.datetime) -> str: ...
 
 
 @overload
-def rfc3339(moment: dt.datetime | None) -> str | None: ...
+def rfc3339(timestamp: dt.datetime | None) -> str | None: ...
 
 
-def rfc3339(moment: dt.datetime | None) -> str | None:
+def rfc3339(timestamp: dt.datetime | None) -> str | None:
     """Write a moment as the contract does: UTC, whole seconds, such as 2026-01-31T12:00:00Z; None stays None."""
-    if moment is None:
+    if timestamp is None:
         return None
-    return moment.astimezone(dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def moment(field: str, text: str) -> dt.datetime:
+def timestamp(field: str, text: str) -> dt.datetime:
     """Return a moment of RFC 3339, such as 2026-01-31T12:00:00Z, in UTC; raise FieldInvalid."""
     try:
-        if _MOMENT.fullmatch(text):
+        if _TIMESTAMP.fullmatch(text):
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)
     except (ValueError, OverflowError):
         pass
@@ -48,13 +48,13 @@ def moment(field: str, text: str) -> dt.datetime:
     )
 
 
-def day_or_moment(field: str, text: str, *, is_end: bool) -> dt.datetime:
+def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
     """Return a moment as `moment` does, or the begin of a day in UTC such as 2026-01-31, or its last second."""
     try:
         if _DAY.fullmatch(text):
             clock = _LAST_OF_DAY if is_end else _FIRST_OF_DAY
             return dt.datetime.combine(dt.date.fromisoformat(text), clock)
-        return moment(field, text)
+        return timestamp(field, text)
     except (ValueError, FieldInvalid) as error:
         raise FieldInvalid(
             f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or a moment with its offset, "
@@ -67,7 +67,7 @@ def check_end(field: str, ends_at: dt.datetime) -> None:
     wait = ends_at - dt.datetime.now(dt.UTC)
     if wait <= dt.timedelta():
         raise FieldInvalid(f"cannot use {field}: it has passed; give a moment in the future")
-    if wait > LONGEST_WAIT:
+    if wait > MAX_WAIT:
         raise FieldInvalid(
             f"cannot use {field}: it is more than ten years away; leave it out for no end"
         )

@@ -16,7 +16,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 HIGHEST_PORT = 65535
 LOWEST_FREE_PORT = 1024
-SHORTEST_KEY = 32
+MIN_KEY_LENGTH = 32
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ def parse_origins(text: str) -> tuple[str, ...]:
 
 
 _HOST = r"[A-Za-z0-9.:-]+"
-_KEY = matching(rf"\S{{{SHORTEST_KEY},}}")
-_KEY_ALLOWED = f"at least {SHORTEST_KEY} characters without spaces"
+_KEY = matching(rf"\S{{{MIN_KEY_LENGTH},}}")
+_KEY_ALLOWED = f"at least {MIN_KEY_LENGTH} characters without spaces"
 _PORTS_ALLOWED = f"{LOWEST_FREE_PORT} to {HIGHEST_PORT}"
 
 DB_HOST = Variable("DB_HOST", "host of the database", "a host name", matching(_HOST), "mysql")

@@ -57,7 +57,7 @@ def names(database: Database) -> list[str]:
 def audited(database: Database, kind: str) -> list[tuple[str, dict[str, object]]]:
     """Who made such changes, and their details; the newest first."""
     with database.transaction() as tx:
-        found = audit.find(tx, audit.Search(kind=kind))
+        found = audit.find(tx, audit.AuditSearch(kind=kind))
     return [(one.actor, dict(one.details)) for one in found]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotether_server.administration.enrolment import Shown
+from robotether_server.administration.enrolment import PresentedKey
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store import Database, Transaction, robots, tokens, users
@@ -42,7 +42,9 @@ class Site:
         previous: PreviousKey | None = None,
     ) -> Answer:
         """One join, from its first look to its commit."""
-        request = joining.Request(Shown(mac, key, report), token, name, mac_present, previous)
+        request = joining.JoinRequest(
+            PresentedKey(mac, key, report), token, name, mac_present, previous
+        )
         with self.database.transaction() as tx:
             answer = joining.is_in(tx, request)
         if answer is None:
@@ -55,7 +57,7 @@ class Site:
         """What is set."""
         return JoinSettings(self.policy, self.limit, None, (2222,), Path(), self.local)
 
-    def stranger(self, number: int, address: str = "192.0.2.1") -> Answer:
+    def unknown_robot(self, number: int, address: str = "192.0.2.1") -> Answer:
         """An unknown robot's join."""
         report = Report("turtle", "0.1.0", address)
         return self.ask(f"00:1b:44:01:00:{number:02x}", key(number), report=report)

@@ -75,9 +75,9 @@ class Admin:
         settings = self.ask("GET", f"/robots/{robot}")["settings"]
         for path, value in changes.items():
             if value is None:
-                settings = setting_paths.take_out(settings, path)
+                settings = setting_paths.remove_path(settings, path)
             else:
-                settings = setting_paths.put(settings, path, value)
+                settings = setting_paths.put_path(settings, path, value)
         self.ask("PATCH", f"/robots/{robot}", {"settings": settings})
 
     def _try_to(self, method: str, path: str, body: dict[str, Any] | None) -> tuple[int, Any]:

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 from robotether_server import buttons as button_settings
 from robotether_server import robot_settings
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.buttons import Button
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.robot_settings import RobotSettings
-from robotether_server.setting_paths import Settings, put
+from robotether_server.setting_paths import Settings, put_path
 from robotether_server.store import Transaction, audit, locks, robots
 from robotether_server.store.audit import Event, Source
 
@@ -49,9 +49,9 @@ def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
         if path is None:
             return present
         names = getattr(settings.policy.drive, button.kind)
-        return put(present, path, [*names, button.target])
+        return put_path(present, path, [*names, button.target])
 
-    deeds.change_settings(tx, source, name, change)
+    robot_service.change_settings(tx, source, name, change)
 
 
 def placed(buttons: list[Button], place: int, name: str) -> int:

@@ -1,8 +1,8 @@
 """How a key becomes a robot's own: what joins and playbooks share. Its callers hold the enrolment lock.
 
-A MAC only names a robot, and showing a public key proves nothing. So without somebody who vouches a key only
-waits, and nothing that waits may keep a robot out that somebody vouches for. The key of an active robot is
-never replaced here.
+A MAC only names a robot, and showing a public key proves nothing. So without a credential
+(enrolment_credentials.py) a key only waits, and nothing that waits may keep a robot out that comes with one. The
+key of an active robot is never replaced here.
 """
 
 import re
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain, count
 
 from robotether_server import macs, ssh_keys
-from robotether_server.administration.vouching import Vouch
+from robotether_server.administration.enrolment_credentials import EnrolmentCredential
 from robotether_server.problems import (
     KeyInUse,
     KeyRejected,
@@ -27,12 +27,12 @@ from robotether_server.store.claims import Claim
 from robotether_server.store.robots import Report, Robot
 
 ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
-SHORTEST_SUFFIX = 6
+MIN_SUFFIX_LENGTH = 6
 MAC_DIGITS = 12
 
 
 @dataclass(frozen=True)
-class Shown:
+class PresentedKey:
     """What a robot shows and tells: its MAC (normalised), its key, and about itself."""
 
     mac: str
@@ -42,12 +42,12 @@ class Shown:
 
 @dataclass(frozen=True)
 class Registration:
-    """What PUT /api/v1/robots/NAME says. `vouch` is who may, from vouching.py."""
+    """What PUT /api/v1/robots/NAME says. `credential` is of who may."""
 
     name: str
     mac: str
     public_key: str
-    vouch: Vouch
+    credential: EnrolmentCredential
     hostname: str | None = None
     agent_version: str | None = None
     allow_local_mac: bool = False
@@ -55,25 +55,25 @@ class Registration:
 
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
     """Make the robot active with this key, or find it so; tell whether its row was made for it."""
-    shown = Shown(
+    presented = PresentedKey(
         mac=macs.normalise(registration.mac),
         key=ssh_keys.parse(registration.public_key),
         report=Report(
             registration.hostname or "", registration.agent_version or "", source.address or ""
         ),
     )
-    check_not_rejected(tx, shown.key)
-    found = robots.find_by_mac(tx, shown.mac)
+    check_not_rejected(tx, presented.key)
+    found = robots.find_by_mac(tx, presented.mac)
     if found is not None:
-        _check_may_register(found, shown)
+        _check_may_register(found, presented)
         found = _named(tx, source, found, registration.name)
-        if found.state == "active" and found.fingerprint == shown.key.fingerprint:
+        if found.state == "active" and found.fingerprint == presented.key.fingerprint:
             return found, False
     elif not registration.allow_local_mac:
-        macs.check_universal(shown.mac)
-    check_key_is_free(tx, source, shown, vouched=True)
-    row = found or _add(tx, shown.mac, registration.name)
-    return let_in(tx, source, row, shown, registration.vouch), found is None
+        macs.check_universal(presented.mac)
+    check_key_is_free(tx, source, presented, is_authorized=True)
+    row = found or _add(tx, presented.mac, registration.name)
+    return let_in(tx, source, row, presented, registration.credential), found is None
 
 
 def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
@@ -86,61 +86,71 @@ def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
         )
 
 
-def check_key_is_free(tx: Transaction, source: Source, shown: Shown, *, vouched: bool) -> None:
-    """Raise KeyInUse when the key stands at another MAC; where it only waits there, a vouched robot gets it."""
-    holder = robots.find_by_key(tx, shown.key.fingerprint)
-    claim = claims.find(tx, shown.key.fingerprint)
-    waits_elsewhere = holder is not None and holder.mac != shown.mac
-    claimed_elsewhere = claim is not None and claim.mac != shown.mac
+def check_key_is_free(
+    tx: Transaction, source: Source, presented: PresentedKey, *, is_authorized: bool
+) -> None:
+    """Raise KeyInUse when the key stands at another MAC; where it only waits there, an authorized robot gets it."""
+    holder = robots.find_by_key(tx, presented.key.fingerprint)
+    claim = claims.find(tx, presented.key.fingerprint)
+    waits_elsewhere = holder is not None and holder.mac != presented.mac
+    claimed_elsewhere = claim is not None and claim.mac != presented.mac
     if not waits_elsewhere and not claimed_elsewhere:
         return
-    if not vouched or (waits_elsewhere and holder is not None and holder.state != "pending"):
+    if not is_authorized or (waits_elsewhere and holder is not None and holder.state != "pending"):
         raise KeyInUse(
-            f"cannot join with MAC {shown.mac}: the key belongs to a robot with another MAC; "
+            f"cannot join with MAC {presented.mac}: the key belongs to a robot with another MAC; "
             "make a new key on this one"
         )
     _release(tx, source, holder, claim)
 
 
 def let_in(
-    tx: Transaction, source: Source, robot: Robot, shown: Shown, vouch: Vouch | None
+    tx: Transaction,
+    source: Source,
+    robot: Robot,
+    presented: PresentedKey,
+    credential: EnrolmentCredential | None,
 ) -> Robot:
-    """Make the key the robot's own, and the robot active; None: JOIN_POLICY vouches for first keys.
+    """Make the key the robot's own, and the robot active; None: JOIN_POLICY lets first keys in.
 
     Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
     """
-    if vouch is not None and vouch.token is not None:
-        _count_use(tx, vouch.token, shown.key)
-    take_key(tx, robot, shown)
+    if credential is not None and credential.token is not None:
+        _count_use(tx, credential.token, presented.key)
+    adopt_key(tx, robot, presented)
     robots.set_state(tx, robot.id, "active")
     details: dict[str, object] = {
         "was": robot.state,
-        "mac": shown.mac,
-        "fingerprint": shown.key.fingerprint,
-        "hostname": shown.report.hostname,
-        **(vouch.details if vouch else {"by": "first key"}),
+        "mac": presented.mac,
+        "fingerprint": presented.key.fingerprint,
+        "hostname": presented.report.hostname,
+        **(credential.details if credential else {"by": "first key"}),
     }
     audit.record(tx, source, Event("robot_approved", robot.name, details))
     return robots.get(tx, robot.name)
 
 
-def take_key(tx: Transaction, robot: Robot, shown: Shown) -> None:
+def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
     """Write the key into the row, unless it stands there: a known key changes nothing. Raises KeyInUse."""
-    claim = claims.find(tx, shown.key.fingerprint)
+    claim = claims.find(tx, presented.key.fingerprint)
     if claim is not None:
         claims.remove(tx, claim.id)
-    if robot.fingerprint == shown.key.fingerprint:
+    if robot.fingerprint == presented.key.fingerprint:
         return
     try:
-        robots.set_key(tx, robot.id, shown.key, shown.report)
+        robots.set_key(tx, robot.id, presented.key, presented.report)
     except RecordExists as error:
         # Only SQL written by hand comes in between: joins and admins hold the lock.
-        raise KeyInUse(f"cannot join with MAC {shown.mac}: another robot has the key") from error
+        raise KeyInUse(
+            f"cannot join with MAC {presented.mac}: another robot has the key"
+        ) from error
 
 
-def is_spent(tx: Transaction, vouch: Vouch, key: PublicKey) -> bool:
+def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
     """Tell whether the join token let this key in before, which an admin has undone since."""
-    return vouch.token is not None and join_tokens.has_let_in(tx, vouch.token.id, key.fingerprint)
+    return credential.token is not None and join_tokens.has_let_in(
+        tx, credential.token.id, key.fingerprint
+    )
 
 
 def free_name(tx: Transaction, mac: str, wish: str | None = None) -> str:
@@ -153,7 +163,7 @@ def free_name(tx: Transaction, mac: str, wish: str | None = None) -> str:
 def usual_names(mac: str) -> Iterator[str]:
     """Return names for an unknown robot, the shortest first; there is always another."""
     digits = mac.replace(":", "")
-    for length in range(SHORTEST_SUFFIX, MAC_DIGITS + 1):
+    for length in range(MIN_SUFFIX_LENGTH, MAC_DIGITS + 1):
         yield f"robot-{digits[-length:]}"
     for number in count(2):
         yield f"robot-{digits}-{number}"
@@ -164,25 +174,25 @@ def _add(tx: Transaction, mac: str, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def _check_may_register(found: Robot, shown: Shown) -> None:
+def _check_may_register(found: Robot, presented: PresentedKey) -> None:
     if found.state == "disabled":
         raise RobotDisabled(
             f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
             f"robotether robot enable {found.name}"
         )
-    is_other = found.fingerprint not in (None, shown.key.fingerprint)
+    is_other = found.fingerprint not in (None, presented.key.fingerprint)
     if found.state == "active" and is_other:
         raise MacInUse(
-            f"cannot enrol MAC {shown.mac}: robot {found.name} has it, with another key; if this is that robot "
+            f"cannot enrol MAC {presented.mac}: robot {found.name} has it, with another key; if this is that robot "
             f"with a new disk, an admin forgets the old key with: robotether robot rekey {found.name}"
         )
 
 
 def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
-    """Return the robot under the name that the playbook gives; only a stranger is renamed for it."""
+    """Return the robot under the name that the playbook gives; only an unknown robot is renamed for it."""
     if found.name == name:
         return found
-    if not found.is_stranger:
+    if not found.is_unknown:
         raise RecordExists(
             f"cannot enrol robot {name}: MAC {found.mac} belongs to robot {found.name}; use that name, or "
             f"rename it first"
@@ -210,7 +220,7 @@ def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim
         claims.remove(tx, claim.id)
     if holder is None:
         return
-    if holder.is_stranger:
+    if holder.is_unknown:
         robots.remove(tx, holder.id)
     else:
         robots.forget_key(tx, holder.id)

@@ -107,5 +107,5 @@ def _about(given: Grant) -> dict[str, object]:
     return about
 
 
-def _text(moment: dt.datetime | None) -> str | None:
-    return moment.isoformat(timespec="seconds") if moment else None
+def _text(timestamp: dt.datetime | None) -> str | None:
+    return timestamp.isoformat(timespec="seconds") if timestamp else None

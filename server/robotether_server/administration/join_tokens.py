@@ -8,19 +8,19 @@ from robotether_server.store import Transaction, audit, join_tokens
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.join_tokens import JoinToken
 
-MOST_USES = 10000
-LONGEST_LIFETIME = dt.timedelta(hours=8760)
+MAX_USES = 10000
+MAX_LIFETIME = dt.timedelta(hours=8760)
 
 
 def create(tx: Transaction, source: Source, name: str, uses: int, expires_at: dt.datetime) -> str:
     """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
     check_name("name", name)
-    if not 1 <= uses <= MOST_USES:
-        raise FieldInvalid(f"cannot use uses: it must be 1 to {MOST_USES}")
+    if not 1 <= uses <= MAX_USES:
+        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
     lifetime = expires_at - dt.datetime.now(dt.UTC)
-    if not dt.timedelta() < lifetime <= LONGEST_LIFETIME:
+    if not dt.timedelta() < lifetime <= MAX_LIFETIME:
         raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
-    text = join_tokens.create(tx, name, uses, expires_at, source.actor[: audit.LONGEST_ACTOR])
+    text = join_tokens.create(tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH])
     details: dict[str, object] = {
         "token": name,
         "uses": uses,

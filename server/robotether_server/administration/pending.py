@@ -13,7 +13,7 @@ Reason = Literal["approval_pending", "mac_in_use"]
 
 
 @dataclass(frozen=True)
-class Waiting:
+class PendingKey:
     """A key that waits; with `mac_in_use` the robot goes on with another key meanwhile."""
 
     robot: str
@@ -40,7 +40,7 @@ class RejectedKey:
     rejected_by: str
 
 
-def waiting(tx: Transaction) -> list[Waiting]:
+def waiting(tx: Transaction) -> list[PendingKey]:
     """Return every key that waits, the oldest first."""
     own = [_of_robot(robot) for robot in robots.list_waiting(tx)]
     claimed = [_of_claim(claim) for claim in claims.waiting(tx)]
@@ -61,9 +61,9 @@ def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
     return _rejected(claim)
 
 
-def _of_robot(robot: Robot) -> Waiting:
+def _of_robot(robot: Robot) -> PendingKey:
     report = robot.report
-    return Waiting(
+    return PendingKey(
         robot=robot.name,
         mac=robot.mac,
         hostname=report.hostname if report else "",
@@ -76,8 +76,8 @@ def _of_robot(robot: Robot) -> Waiting:
     )
 
 
-def _of_claim(claim: Claim) -> Waiting:
-    return Waiting(
+def _of_claim(claim: Claim) -> PendingKey:
+    return PendingKey(
         robot=claim.robot,
         mac=claim.mac,
         hostname=claim.report.hostname,

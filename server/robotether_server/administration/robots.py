@@ -1,6 +1,6 @@
 """Robots' rows: added, approved, kept out, moved and removed by admins.
 
-Every deed takes the enrolment lock first: joins and other deeds wait for the end of its transaction.
+Every action takes the enrolment lock first: joins and other actions wait for the end of its transaction.
 """
 
 import json
@@ -22,12 +22,12 @@ def add(
 ) -> Robot:
     """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
 
-    A stranger that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
+    An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
     """
     locks.enrolment(tx)
     normal = macs.normalise(mac, allow_local=allow_local_mac)
     found = robots.find_by_mac(tx, normal)
-    if found is not None and found.is_stranger:
+    if found is not None and found.is_unknown:
         robots.rename(tx, found.id, name)
         robots.announce(tx, found.id)
     else:
@@ -119,13 +119,13 @@ def set_mac(
 ) -> Robot:
     """Give a robot another MAC; raise FieldInvalid or RecordExists.
 
-    A stranger that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
+    An unknown robot that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
     """
     found = _get(tx, name)
     normal = macs.normalise(mac, allow_local=allow_local_mac)
     if normal != found.mac:
         waiting = robots.find_by_mac(tx, normal)
-        if waiting is not None and waiting.is_stranger:
+        if waiting is not None and waiting.is_unknown:
             robots.remove(tx, waiting.id)
             released: dict[str, object] = {"mac": normal, "fingerprint": waiting.fingerprint}
             audit.record(tx, source, Event("key_released", waiting.name, released))
@@ -267,7 +267,7 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
             f"cannot reject key {fingerprint}: robot {found.name} is {found.state} with it; forget the key "
             f"with: robotether robot rekey {found.name}"
         )
-    if found.is_stranger:
+    if found.is_unknown:
         robots.remove(tx, found.id)
     else:
         robots.forget_key(tx, found.id)

@@ -35,7 +35,7 @@ def place(tx: Transaction, source: Source, robot: str, site: str | None) -> Robo
     return robots.get(tx, robot)
 
 
-def take_out(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
+def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
     """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
     if robots.get(tx, robot).site != site:
         raise NotPossible(f"cannot take robot {robot} out of site {site}: it is not there")

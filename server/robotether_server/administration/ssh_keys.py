@@ -1,24 +1,24 @@
 """People's SSH public keys, for shells on the robots that they manage."""
 
 from robotether_server import ssh_keys
-from robotether_server.administration.names import LONGEST_NAME, check_name
+from robotether_server.administration.names import MAX_NAME_LENGTH, check_name
 from robotether_server.problems import NotPossible
 from robotether_server.store import Transaction, audit, user_keys
 from robotether_server.store.audit import Event, Source
 from robotether_server.store.user_keys import SshKey
 from robotether_server.store.users import User
 
-MOST_KEYS = 20
+MAX_KEYS = 20
 
 
 def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
     """Add a key; without a name it gets its comment's. Raises FieldInvalid, RecordExists or NotPossible."""
     key = ssh_keys.parse_persons(line)
-    chosen = name or ssh_keys.comment(line)[:LONGEST_NAME].strip() or key.fingerprint
+    chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
     check_name("name", chosen)
-    if len(user_keys.list_of(tx, user)) >= MOST_KEYS:
+    if len(user_keys.list_of(tx, user)) >= MAX_KEYS:
         raise NotPossible(
-            f"cannot add SSH key {chosen}: user {user.name} has {MOST_KEYS}; delete one that is not used"
+            f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
     added = user_keys.add(tx, user, chosen, key)
     audit.record(tx, source, Event("ssh_key_added", details=_details(user, added)))

@@ -10,7 +10,7 @@ from robotether_server.store.tokens import Token
 from robotether_server.store.users import User
 
 # So that no user fills the table, nor the lists of admins.
-MOST_TOKENS = 1000
+MAX_TOKENS = 1000
 
 
 def create(
@@ -21,9 +21,9 @@ def create(
     Raises FieldInvalid, RecordExists or NotPossible.
     """
     check_name("name", name)
-    if len(tokens.list_of(tx, user)) >= MOST_TOKENS:
+    if len(tokens.list_of(tx, user)) >= MAX_TOKENS:
         raise NotPossible(
-            f"cannot create token {name}: user {user.name} has {MOST_TOKENS}; delete those that are not used"
+            f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
     text = tokens.create(tx, user, name, expires_at)
     details: dict[str, object] = {

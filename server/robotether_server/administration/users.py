@@ -83,9 +83,9 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
     return found
 
 
-def _check_not_last(tx: Transaction, name: str, deed: str) -> None:
+def _check_not_last(tx: Transaction, name: str, action: str) -> None:
     # Locked, so that two admins who remove each other at once are not both heard.
     if users.enabled_admins(tx) == [name]:
         raise LastAdmin(
-            f"{deed}: nobody else is an admin who is enabled; make another user an admin first"
+            f"{action}: nobody else is an admin who is enabled; make another user an admin first"
         )

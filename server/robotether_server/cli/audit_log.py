@@ -6,15 +6,15 @@ import click
 
 from robotether_server.cli.common import (
     JSON,
-    moment,
     open_database,
     print_json,
     print_table,
+    timestamp,
 )
 from robotether_server.store import audit
 from robotether_server.store.audit import AuditEvent
 
-MOST_EVENTS = 10000
+MAX_EVENTS = 10000
 
 
 @click.command("audit")
@@ -22,7 +22,7 @@ MOST_EVENTS = 10000
 @click.option("--actor", help="Only what this user did, or `cli`.")
 @click.option("--kind", help="Only events of this kind, such as robot_approved.")
 @click.option(
-    "--limit", type=click.IntRange(1, MOST_EVENTS), default=50, show_default=True, help="How many."
+    "--limit", type=click.IntRange(1, MAX_EVENTS), default=50, show_default=True, help="How many."
 )
 @JSON
 def audit_log(
@@ -35,7 +35,7 @@ def audit_log(
 ) -> None:
     """Show the audit log, the newest events last."""
     with open_database().transaction() as tx:
-        found = audit.find(tx, audit.Search(robot, actor, kind), limit=limit)[::-1]
+        found = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
     if as_json:
         print_json([vars(one) for one in found])
         return
@@ -45,7 +45,7 @@ def audit_log(
 def _as_row(one: AuditEvent) -> tuple[str, ...]:
     details = " ".join(f"{name}={json.dumps(value)}" for name, value in one.details.items())
     return (
-        moment(one.at, ""),
+        timestamp(one.at, ""),
         one.actor,
         one.address or "-",
         one.kind,

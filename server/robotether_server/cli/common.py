@@ -34,12 +34,12 @@ def open_database() -> Database:
     return Database(settings.load_database(os.environ))
 
 
-def agree(deed: str, question: str, without_terminal: str) -> None:
+def agree(action: str, question: str, without_terminal: str) -> None:
     """Ask the person at the terminal; raise NotDone for a no, or when there is nobody to ask."""
     if not sys.stdin.isatty():
-        raise NotDone(f"cannot {deed}: there is no terminal to ask on; {without_terminal}")
+        raise NotDone(f"cannot {action}: there is no terminal to ask on; {without_terminal}")
     if not click.confirm(question):
-        raise NotDone(f"did not {deed}: the answer was no")
+        raise NotDone(f"did not {action}: the answer was no")
 
 
 def harmless(text: str) -> str:
@@ -75,7 +75,7 @@ def print_json(value: object) -> None:
     click.echo(json.dumps(value, indent=2, default=_as_text))
 
 
-def moment(at: dt.datetime | None, otherwise: str) -> str:
+def timestamp(at: dt.datetime | None, otherwise: str) -> str:
     """Return a moment as people read it, in UTC."""
     return f"{at:%Y-%m-%d %H:%M:%S}" if at else otherwise
 

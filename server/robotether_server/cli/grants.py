@@ -10,10 +10,10 @@ from robotether_server.administration.grants import ALL, Holder, Scope
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    moment,
     open_database,
     print_json,
     print_table,
+    timestamp,
 )
 from robotether_server.store.grants import LEVELS, Grant, Level
 
@@ -70,10 +70,10 @@ def give(
     holder, scope, rest = _pair(words, group, site, everything)
     level = _level(_next(rest, "LEVEL"))
     _check_end(rest)
-    ends_at = times.day_or_moment("--until", until, is_end=True) if until else None
+    ends_at = times.day_or_timestamp("--until", until, is_end=True) if until else None
     with open_database().transaction() as tx:
         given, _ = grants.give(tx, SOURCE, holder, scope, level, ends_at=ends_at)
-    end = f" until {moment(given.ends_at, '')} UTC" if given.ends_at else ""
+    end = f" until {timestamp(given.ends_at, '')} UTC" if given.ends_at else ""
     click.echo(f"{given.holder_words} may {level} {given.scope_words}{end}")
 
 
@@ -138,5 +138,5 @@ def _level(word: str) -> Level:
 
 
 def _as_row(one: Grant) -> tuple[str, str, str, str]:
-    end = moment(one.ends_at, "-") + (" (ended)" if one.has_ended else "")
+    end = timestamp(one.ends_at, "-") + (" (ended)" if one.has_ended else "")
     return one.holder_words, one.scope_words, one.level, end

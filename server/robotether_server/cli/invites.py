@@ -12,28 +12,28 @@ from robotether_server.cli.common import (
     JSON,
     SOURCE,
     NotDone,
-    moment,
     open_database,
     print_json,
     print_table,
+    timestamp,
 )
-from robotether_server.front import Front
-from robotether_server.install_line import HTTPS_PORT, Site, install_line, parse_site
+from robotether_server.install_line import HTTPS_PORT, SiteAddress, install_line, parse_site_address
+from robotether_server.site_certificate import SiteCertificates
 
-MOST_HOURS = 8760
+MAX_HOURS = 8760
 
 
 @click.command()
 @click.option(
     "--uses",
-    type=click.IntRange(1, join_tokens.MOST_USES),
+    type=click.IntRange(1, join_tokens.MAX_USES),
     default=1,
     show_default=True,
     help="How many robots it lets in.",
 )
 @click.option(
     "--hours",
-    type=click.IntRange(1, MOST_HOURS),
+    type=click.IntRange(1, MAX_HOURS),
     default=24,
     show_default=True,
     help="How long it is good for.",
@@ -51,13 +51,15 @@ def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
     now = dt.datetime.now(dt.UTC)
     called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
     ends = now + dt.timedelta(hours=hours)
-    front, asked = _site(host)
+    certificates, asked = _site(host)
     with open_database().transaction() as tx:
         token = join_tokens.create(tx, SOURCE, called, uses, ends)
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
-        line = install_line(front, asked, token)
+        line = install_line(certificates, asked, token)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
-    click.echo(f"join token {called}, for {robots} until {moment(ends, '')} UTC; run on the robot:")
+    click.echo(
+        f"join token {called}, for {robots} until {timestamp(ends, '')} UTC; run on the robot:"
+    )
     click.echo(line)
 
 
@@ -82,9 +84,9 @@ def list_tokens(as_json: bool) -> None:
         (
             one.name,
             f"{one.used} of {one.uses}",
-            moment(one.created_at, ""),
+            timestamp(one.created_at, ""),
             one.created_by,
-            moment(one.expires_at, ""),
+            timestamp(one.expires_at, ""),
         )
         for one in found
     ]
@@ -103,16 +105,16 @@ def delete(name: str) -> None:
     click.echo(f"deleted join token {name}")
 
 
-def _site(host: str | None) -> tuple[Front, str]:
+def _site(host: str | None) -> tuple[SiteCertificates, str]:
     """Return what knows the certificate, and where robots reach it; --host goes before PUBLIC_HOST."""
-    loaded = settings.load_front(os.environ)
+    loaded = settings.load_site_address(os.environ)
     if host is None:
         if loaded.public_host is None:
             raise NotDone(
                 "cannot write the line: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
             )
-        return Front(loaded), loaded.public_host
-    site = parse_site(host)
+        return SiteCertificates(loaded), loaded.public_host
+    site = parse_site_address(host)
     if site.port == HTTPS_PORT and not host.endswith(f":{HTTPS_PORT}"):
-        site = Site(site.host, loaded.public_port)
-    return Front(replace(loaded, public_host=None)), site.authority
+        site = SiteAddress(site.host, loaded.public_port)
+    return SiteCertificates(replace(loaded, public_host=None)), site.authority

@@ -6,10 +6,10 @@ from robotether_server.administration import pending
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    moment,
     open_database,
     print_json,
     print_table,
+    timestamp,
 )
 
 HEADS = ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY")
@@ -36,7 +36,7 @@ def list_rejected(as_json: bool) -> None:
             one.mac,
             one.hostname,
             one.address,
-            moment(one.rejected_at, ""),
+            timestamp(one.rejected_at, ""),
             one.rejected_by,
             one.fingerprint,
         )

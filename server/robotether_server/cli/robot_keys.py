@@ -7,7 +7,7 @@ nothing when another has come in its place.
 import click
 
 from robotether_server.administration import pending, robots
-from robotether_server.administration.pending import Waiting
+from robotether_server.administration.pending import PendingKey
 from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
     JSON,
@@ -21,7 +21,7 @@ from robotether_server.cli.common import (
     wait_for,
 )
 from robotether_server.store import Database
-from robotether_server.store import robots as records
+from robotether_server.store import robots as db_robots
 from robotether_server.store.robots import Robot
 
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
@@ -96,7 +96,7 @@ def rekey(name: str) -> None:
     """
     database = open_database()
     with database.transaction() as tx:
-        had = records.get(tx, name).fingerprint
+        had = db_robots.get(tx, name).fingerprint
         robots.rekey(tx, SOURCE, name)
     click.echo(f"robot {name} has no key any more; it had {had or 'none'}")
 
@@ -113,9 +113,9 @@ def rotate_key(name: str) -> None:
     click.echo(f"robot {name} makes a new key as soon as it is online")
 
 
-def _look(database: Database, name: str) -> tuple[Robot, list[Waiting]]:
+def _look(database: Database, name: str) -> tuple[Robot, list[PendingKey]]:
     with database.transaction() as tx:
-        robot = records.get(tx, name)
+        robot = db_robots.get(tx, name)
         return robot, [one for one in pending.waiting(tx) if one.robot == name]
 
 
@@ -149,13 +149,15 @@ def _check_can_be_approved(robot: Robot) -> None:
         )
 
 
-def _only(waiting: list[Waiting], robot: Robot, deed: str) -> Waiting:
+def _only(waiting: list[PendingKey], robot: Robot, action: str) -> PendingKey:
     if not waiting:
         joined = "no key waits there" if robot.fingerprint else "it has not joined yet"
-        raise NotDone(f"cannot {deed} robot {robot.name}: {joined}, so there is no key to {deed}")
+        raise NotDone(
+            f"cannot {action} robot {robot.name}: {joined}, so there is no key to {action}"
+        )
     if len(waiting) > 1:
         keys = ", ".join(f"{one.fingerprint} from {one.address}" for one in waiting)
         raise NotDone(
-            f"cannot tell which key to {deed} for robot {robot.name}: {keys} wait; say --fingerprint"
+            f"cannot tell which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
         )
     return waiting[0]

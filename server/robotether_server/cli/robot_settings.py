@@ -12,8 +12,8 @@ from robotether_server import robot_settings
 from robotether_server.administration import robots
 from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_paths import Settings, is_in, look_up, put, take_out
-from robotether_server.store import robots as records
+from robotether_server.setting_paths import Settings, get_path, is_in, put_path, remove_path
+from robotether_server.store import robots as db_robots
 
 # What is missing in the settings in force when there is none.
 SHELL_USER = "shell_user"
@@ -32,7 +32,7 @@ def show_settings(name: str) -> None:
     All of them as JSON, the defaults included. To change them: set.
     """
     with open_database().transaction() as tx:
-        present = records.get_seen(tx, name).robot.settings
+        present = db_robots.get_seen(tx, name).robot.settings
     try:
         in_force = robot_settings.parse(present).as_dict()
     except FieldInvalid as problem:
@@ -73,7 +73,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
     with open_database().transaction() as tx:
         changed = robots.change_settings(tx, SOURCE, name, lambda present: _changed(present, asked))
     in_force = robot_settings.parse(changed.settings).as_dict()
-    now = " ".join(f"{path}={json.dumps(look_up(in_force, path))}" for path, _ in asked)
+    now = " ".join(f"{path}={json.dumps(get_path(in_force, path))}" for path, _ in asked)
     click.echo(f"robot {name} has {now}")
 
 
@@ -106,9 +106,9 @@ def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
     for path, value in asked:
         if value is None and path not in MEANT_NULLS:
             _check_known(present, path)
-            settings = take_out(settings, path)
+            settings = remove_path(settings, path)
         else:
-            settings = put(settings, path, value)
+            settings = put_path(settings, path, value)
     return settings
 
 

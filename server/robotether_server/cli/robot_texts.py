@@ -3,8 +3,8 @@
 import json
 from collections.abc import Mapping
 
-from robotether_server.administration.pending import Waiting
-from robotether_server.cli.common import moment
+from robotether_server.administration.pending import PendingKey
+from robotether_server.cli.common import timestamp
 from robotether_server.store.robots import Robot, SeenRobot
 from robotether_server.store.sessions import Session
 
@@ -25,19 +25,19 @@ def identity(robot: Robot) -> Fields:
         ("MAC", robot.mac),
         ("host name", report.hostname if report else NOT_JOINED),
         ("address", report.address if report else NOT_JOINED),
-        ("joined", f"{moment(robot.joined_at, NOT_JOINED)}{' UTC' if robot.joined_at else ''}"),
+        ("joined", f"{timestamp(robot.joined_at, NOT_JOINED)}{' UTC' if robot.joined_at else ''}"),
         ("key", robot.fingerprint or "none yet"),
     ]
 
 
-def waiting_identity(one: Waiting, robot: Robot) -> Fields:
+def waiting_identity(one: PendingKey, robot: Robot) -> Fields:
     """Return what tells a person whose key waits; the last line is what is to be compared."""
     fields = [
         ("robot", f"{robot.name} ({robot.state})"),
         ("MAC", one.mac),
         ("host name", one.hostname),
         ("address", one.address),
-        ("joined", f"{moment(one.joined_at, NOT_JOINED)} UTC"),
+        ("joined", f"{timestamp(one.joined_at, NOT_JOINED)} UTC"),
     ]
     if one.reason == "mac_in_use":
         kept = f"it has another key, {robot.fingerprint}, and goes on with it; this one would replace it"
@@ -51,7 +51,7 @@ def everything(seen: SeenRobot) -> Fields:
     online = "yes, since" if seen.online else "no, since"
     return [
         *identity(robot),
-        ("online", f"{online} {moment(seen.since, '')} UTC" if seen.since else "never seen"),
+        ("online", f"{online} {timestamp(seen.since, '')} UTC" if seen.since else "never seen"),
         ("last address", seen.address or "none yet"),
         ("agent", seen.agent_version or "unknown"),
         ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
@@ -70,7 +70,7 @@ def as_row(seen: SeenRobot) -> tuple[str, ...]:
         robot.name,
         robot.state,
         "yes" if seen.online else "no",
-        moment(seen.since, "never"),
+        timestamp(seen.since, "never"),
         robot.mac,
         str(robot.ros_port),
         str(robot.video_port),
@@ -79,18 +79,18 @@ def as_row(seen: SeenRobot) -> tuple[str, ...]:
     )
 
 
-def as_waiting_row(one: Waiting) -> tuple[str, ...]:
+def as_waiting_row(one: PendingKey) -> tuple[str, ...]:
     """Return a row under WAITING_HEADS."""
     why = "MAC is in use" if one.reason == "mac_in_use" else "is new"
-    joined = moment(one.joined_at, "")
+    joined = timestamp(one.joined_at, "")
     return (one.robot, one.mac, one.hostname, one.address, joined, why, one.fingerprint)
 
 
 def as_session_row(one: Session) -> tuple[str, ...]:
     """Return a row under SESSION_HEADS."""
-    ended = moment(one.ended_at, "goes on")
+    ended = timestamp(one.ended_at, "goes on")
     return (
-        moment(one.started_at, ""),
+        timestamp(one.started_at, ""),
         ended,
         one.end_code or "-",
         one.address,

@@ -33,7 +33,7 @@ from robotether_server.cli.robot_keys import (
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
 from robotether_server.store import Database, sessions
-from robotether_server.store import robots as records
+from robotether_server.store import robots as db_robots
 
 SESSIONS_SHOWN = 5
 
@@ -66,7 +66,7 @@ def add(name: str, mac: str, allow_local_mac: bool) -> None:
 def list_robots(as_json: bool) -> None:
     """List the robots."""
     with open_database().transaction() as tx:
-        found = records.list_all(tx)
+        found = db_robots.list_all(tx)
     if as_json:
         print_json([robot_texts.as_dict(seen) for seen in found])
         return
@@ -82,7 +82,7 @@ def show(name: str, as_json: bool) -> None:
     Its record, the keys that wait there, and its last sessions.
     """
     with open_database().transaction() as tx:
-        seen = records.get_seen(tx, name)
+        seen = db_robots.get_seen(tx, name)
         waiting = [one for one in pending.waiting(tx) if one.robot == name]
         last = sessions.of_robot(tx, seen.robot.id, SESSIONS_SHOWN)
     if as_json:
@@ -112,7 +112,7 @@ def remove(name: str, yes: bool) -> None:
     """
     database = open_database()
     with database.transaction() as tx:
-        found = records.get(tx, name)
+        found = db_robots.get(tx, name)
     if not yes:
         print_fields(robot_texts.identity(found))
         agree(f"remove robot {name}", "Remove it, with its grants?", "say --yes to remove it")
@@ -134,7 +134,7 @@ def wait_online(name: str, timeout: float) -> None:
 
 def _online(database: Database, name: str) -> bool | None:
     with database.transaction() as tx:
-        return records.get_seen(tx, name).online or None
+        return db_robots.get_seen(tx, name).online or None
 
 
 for command in (

@@ -15,7 +15,7 @@ from robotether_server.cli.common import (
 )
 from robotether_server.store import users
 
-LONGEST_DAYS = 3650
+MAX_DAYS = 3650
 
 USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
 NAME = click.option("--name", required=True, help="What it is for; unique for this user.")
@@ -29,7 +29,7 @@ def token() -> None:
 @token.command()
 @USER
 @NAME
-@click.option("--days", type=click.IntRange(1, LONGEST_DAYS), help="Ends after so many days.")
+@click.option("--days", type=click.IntRange(1, MAX_DAYS), help="Ends after so many days.")
 def create(user_name: str, name: str, days: int | None) -> None:
     """Create a token and print it, this one time, as the last word."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None

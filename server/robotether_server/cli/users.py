@@ -14,11 +14,11 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.install_line import Site
+from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import WebSettings
 from robotether_server.store import Database
-from robotether_server.store import users as records
+from robotether_server.store import users as db_users
 from robotether_server.store.users import ROLES, Role
 
 PASSWORD_STDIN = click.option(
@@ -38,7 +38,9 @@ def ensure_first_admin(loaded: WebSettings) -> None:
     """Make the user admin on a server that has no user, and print the password if it was made here."""
     password = loaded.admin_password or passwords.new_password()
     shown = "the one in the file admin_password" if loaded.admin_password else password
-    site = Site(loaded.front.public_host or "localhost", loaded.front.public_port)
+    site = SiteAddress(
+        loaded.site_address.public_host or "localhost", loaded.site_address.public_port
+    )
     text = FIRST_ADMIN.format(site=site.authority, name=users.FIRST_ADMIN, password=shown)
     try:
         with Database(loaded.database).transaction() as tx:
@@ -83,7 +85,7 @@ def password(name: str, password_stdin: bool) -> None:
 def list_users(as_json: bool) -> None:
     """List the users."""
     with open_database().transaction() as tx:
-        found = records.list_all(tx)
+        found = db_users.list_all(tx)
     if as_json:
         print_json(
             [{"name": one.name, "role": one.role, "disabled": one.disabled} for one in found]
@@ -137,7 +139,7 @@ def remove(name: str, yes: bool) -> None:
     """Remove a user with logins, tokens, SSH keys and grants. This cannot be undone."""
     database = open_database()
     with database.transaction() as tx:
-        found = records.get(tx, name)
+        found = db_users.get(tx, name)
     if not yes:
         agree(
             f"remove user {name}",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from robotether_server.networks import Network
 from robotether_server.store.database import Transaction
 
-LONGEST_ACTOR = 63
+MAX_ACTOR_LENGTH = 63
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class AuditEvent:
 
 
 @dataclass(frozen=True)
-class Search:
+class AuditSearch:
     """What is looked for: events that fit all that is given."""
 
     robot: str | None = None
@@ -70,7 +70,7 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
         "INSERT INTO audit_events (actor, kind, robot, address, details) "
         "VALUES (%s, %s, %s, %s, %s)",
         (
-            source.actor[:LONGEST_ACTOR],
+            source.actor[:MAX_ACTOR_LENGTH],
             event.kind,
             event.robot,
             source.address,
@@ -81,7 +81,7 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
 
 def find(
     tx: Transaction,
-    search: Search = Search(),
+    search: AuditSearch = AuditSearch(),
     *,
     before: int | None = None,
     limit: int = 100,

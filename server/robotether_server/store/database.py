@@ -54,8 +54,8 @@ _CLIENT_ERRORS = range(2000, 3000)  # the client library's: the connection itsel
 
 
 def _utc(text: str) -> Any:
-    moment = convert_datetime(text)
-    return moment.replace(tzinfo=dt.UTC) if isinstance(moment, dt.datetime) else moment
+    timestamp = convert_datetime(text)
+    return timestamp.replace(tzinfo=dt.UTC) if isinstance(timestamp, dt.datetime) else timestamp
 
 
 _CONVERSIONS: dict[Any, Any] = {

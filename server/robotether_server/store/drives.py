@@ -51,7 +51,7 @@ class Drive:
     viewed_s: float | None
 
     @property
-    def pictures_per_s(self) -> float | None:
+    def frames_per_s(self) -> float | None:
         """How many pictures came while a video was open; None: none was."""
         if not self.pictures or not self.viewed_s:
             return None
@@ -59,7 +59,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Search:
+class DriveSearch:
     """What is looked for: drives that fit all that is given, by the moment at which they began.
 
     Those that never moved the robot are found by their `fence` alone.
@@ -81,7 +81,12 @@ def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
 
 
 def find(
-    tx: Transaction, viewer: User, search: Search, *, before: int | None = None, limit: int = 100
+    tx: Transaction,
+    viewer: User,
+    search: DriveSearch,
+    *,
+    before: int | None = None,
+    limit: int = 100,
 ) -> list[Drive]:
     """Return the drives that fit and that the viewer may know of, the newest first.
 

@@ -55,7 +55,7 @@ class Robot:
     """One robot's record.
 
     No fingerprint: it has not shown a key yet; `report` and `joined_at` tell of the join that did.
-    `is_stranger`: no admin announced it or has dealt with it. `had_key`: this or another key stood here once.
+    `is_unknown`: no admin announced it or has dealt with it. `had_key`: this or another key stood here once.
     """
 
     id: int
@@ -69,7 +69,7 @@ class Robot:
     report: Report | None = None
     joined_at: dt.datetime | None = None
     public_key: str | None = None
-    is_stranger: bool = False
+    is_unknown: bool = False
     had_key: bool = False
     shell: bool = False
     shell_port: int | None = None
@@ -114,7 +114,7 @@ def _robot(row: Row) -> Robot:
         report=_report(row),
         joined_at=row["joined_at"],
         public_key=row["public_key"],
-        is_stranger=bool(row["stranger"]),
+        is_unknown=bool(row["stranger"]),
         had_key=bool(row["had_key"]),
         shell=bool(row["shell"]),
         shell_port=row["shell_port"],
@@ -219,14 +219,14 @@ def name_is_taken(tx: Transaction, name: str) -> bool:
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None
 
 
-def strangers(tx: Transaction) -> list[str]:
-    """Return where the joins of the strangers came from: robots that nobody announced or approved."""
+def unknown_addresses(tx: Transaction) -> list[str]:
+    """Return where the joins of unknown robots came from: robots that nobody announced or approved."""
     rows = tx.rows("SELECT join_address FROM robots WHERE state = 'pending' AND stranger")
     return [row["join_address"] or "" for row in rows]
 
 
-def remove_strangers(tx: Transaction, before: dt.datetime) -> None:
-    """Remove the strangers that joined before that moment, but for those that somebody has a grant for."""
+def remove_unknown(tx: Transaction, before: dt.datetime) -> None:
+    """Remove the unknown robots that joined before that moment, but for those that somebody has a grant for."""
     # Asked first without locks: mostly there is none, and a join must not wait for all other joins.
     expired = tx.rows(
         "SELECT id FROM robots WHERE state = 'pending' AND stranger AND joined_at < %s "
@@ -240,11 +240,11 @@ def remove_strangers(tx: Transaction, before: dt.datetime) -> None:
         )
 
 
-def add(tx: Transaction, mac: str, name: str, *, stranger: bool = False) -> int:
+def add(tx: Transaction, mac: str, name: str, *, unknown: bool = False) -> int:
     """Add a robot; the database allots its ports. Raises RecordExists or RecordRefused."""
     try:
         return tx.insert(
-            "INSERT INTO robots (mac, name, stranger) VALUES (%s, %s, %s)", (mac, name, stranger)
+            "INSERT INTO robots (mac, name, stranger) VALUES (%s, %s, %s)", (mac, name, unknown)
         )
     except RecordExists as error:
         taken = f"MAC {mac}" if error.key == "mac" else f"name {name}"
@@ -254,7 +254,7 @@ def add(tx: Transaction, mac: str, name: str, *, stranger: bool = False) -> int:
 
 
 def set_state(tx: Transaction, robot_id: int, state: State) -> None:
-    """Approve, disable or enable a robot. Whoever an admin has dealt with is no stranger any more."""
+    """Approve, disable or enable a robot. Whoever an admin has dealt with is not unknown any more."""
     tx.change(
         "UPDATE robots SET state = %(state)s, stranger = stranger AND %(state)s = 'pending' "
         "WHERE id = %(id)s",

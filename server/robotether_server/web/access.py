@@ -6,13 +6,13 @@ Used by every handler that needs a user. Reveals nothing about logins and tokens
 from flask import Request
 from werkzeug.wrappers import Response
 
-from robotether_server.administration import vouching
-from robotether_server.administration.vouching import Vouch
+from robotether_server.administration import enrolment_credentials
+from robotether_server.administration.enrolment_credentials import EnrolmentCredential
 from robotether_server.problems import LoginMissing, TokenInvalid
 from robotether_server.store import Transaction, digests, logins, tokens
 from robotether_server.store.users import User
 from robotether_server.tickets import CredentialKind
-from robotether_server.web.parts import csrf, parts
+from robotether_server.web.context import context, csrf
 
 COOKIE = "__Host-robotether_login"
 SCHEME = "bearer "
@@ -28,10 +28,10 @@ def page_user(tx: Transaction, request: Request) -> User | None:
 
 
 def _renew(tx: Transaction, text: str) -> None:
-    ends_at = logins.renewal(tx, text, parts().login_lifetime)
+    ends_at = logins.renewal(tx, text, context().login_lifetime)
     if ends_at is not None:
         # On its own: what the request does may fail, or keep its transaction open for long.
-        with parts().database.transaction() as own:
+        with context().database.transaction() as own:
             logins.renew(own, text, ends_at)
 
 
@@ -52,15 +52,15 @@ def api_user(tx: Transaction, request: Request) -> User:
     return user
 
 
-def voucher(tx: Transaction, request: Request) -> Vouch:
-    """Return who vouches for a robot: a join token, or an admin by API token or login.
+def enrolment_credential(tx: Transaction, request: Request) -> EnrolmentCredential:
+    """Return what lets a robot in: a join token, or an API token or login of an admin.
 
     Raises LoginMissing, TokenInvalid, TokenExpired or GrantMissing.
     """
     header = request.headers.get("Authorization")
     if header is not None:
-        return vouching.find(tx, _bearer(header))
-    return vouching.of_admin(api_user(tx, request))
+        return enrolment_credentials.find(tx, _bearer(header))
+    return enrolment_credentials.of_admin(api_user(tx, request))
 
 
 def credential_of(request: Request) -> tuple[CredentialKind, str]:
@@ -87,7 +87,7 @@ def _bearer(header: str) -> str:
 
 def set_login(response: Response, text: str) -> None:
     """Give the browser its login."""
-    lifetime = parts().login_lifetime.total
+    lifetime = context().login_lifetime.total
     response.set_cookie(COOKIE, text, max_age=lifetime, secure=True, httponly=True, samesite="Lax")
 
 

@@ -5,8 +5,8 @@ import datetime as dt
 from flask import Flask
 from werkzeug.middleware.proxy_fix import ProxyFix
 
-from robotether_server.front import Front
 from robotether_server.settings import WebSettings
+from robotether_server.site_certificate import SiteCertificates
 from robotether_server.store import Database
 from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
@@ -14,6 +14,7 @@ from robotether_server.web import (
     admin,
     api,
     cors,
+    current_user,
     drive_settings,
     drives_page,
     errors,
@@ -22,11 +23,10 @@ from robotether_server.web import (
     page_texts,
     pages,
     profile,
-    visitors,
 )
-from robotether_server.web.parts import Parts, csrf
+from robotether_server.web.context import AppContext, csrf
 
-LARGEST_REQUEST_BYTES = 64 * 1024
+MAX_REQUEST_BYTES = 64 * 1024
 
 
 def create_app(settings: WebSettings) -> Flask:
@@ -34,7 +34,7 @@ def create_app(settings: WebSettings) -> Flask:
     app = Flask("robotether_server.web")
     app.config.update(
         SECRET_KEY=settings.secret_key,
-        MAX_CONTENT_LENGTH=LARGEST_REQUEST_BYTES,
+        MAX_CONTENT_LENGTH=MAX_REQUEST_BYTES,
         SESSION_COOKIE_NAME="__Host-robotether_forms",
         SESSION_COOKIE_SECURE=True,
         SESSION_COOKIE_HTTPONLY=True,
@@ -47,11 +47,11 @@ def create_app(settings: WebSettings) -> Flask:
     # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no
     # X-Forwarded-Host, so believing one would let clients choose it.
     app.wsgi_app = ProxyFix(app.wsgi_app, x_for=1, x_proto=1, x_host=0)  # type: ignore[method-assign] # Flask's documented way
-    app.extensions["robotether"] = Parts(
+    app.extensions["robotether"] = AppContext(
         database=Database(settings.database),
         signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
         join=settings.join,
-        front=Front(settings.front),
+        site_certificates=SiteCertificates(settings.site_address),
         agent_files_dir=settings.agent_files_dir,
         login_lifetime=Lifetime(
             dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
@@ -63,7 +63,7 @@ def create_app(settings: WebSettings) -> Flask:
     headers.register(app)
     cors.register(app, settings.allowed_origins)
     page_texts.register(app)
-    visitors.register(app)
+    current_user.register(app)
     app.register_blueprint(pages.blueprint)
     app.register_blueprint(api.blueprint)
     app.register_blueprint(installer.blueprint)

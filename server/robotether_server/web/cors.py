@@ -13,10 +13,10 @@ from robotether_server.problems import OriginRefused
 PATHS = frozenset(("/api/v1/tickets", "/api/v1/robots"))
 METHODS = "GET, POST"
 HEADERS = "Authorization, Content-Type"
-KEPT_S = 600
+PREFLIGHT_CACHE_S = 600
 # The same for everybody, and no secret: any page may load it. Kept so shortly that an upgrade reaches all pages.
 CLIENT = "/static/dist/robotether-client.js"
-CLIENT_KEPT_S = 300
+CLIENT_CACHE_S = 300
 
 
 def register(app: Flask, allowed_origins: Collection[str]) -> None:
@@ -33,7 +33,7 @@ def register(app: Flask, allowed_origins: Collection[str]) -> None:
             _mark(response, allowed)
         elif request.path == CLIENT:
             response.headers["Access-Control-Allow-Origin"] = "*"
-            response.headers["Cache-Control"] = f"public, max-age={CLIENT_KEPT_S}"
+            response.headers["Cache-Control"] = f"public, max-age={CLIENT_CACHE_S}"
         return response
 
 
@@ -51,7 +51,7 @@ def _preflight(allowed: frozenset[str]) -> Response:
     response = Response(status=204)
     response.headers["Access-Control-Allow-Methods"] = METHODS
     response.headers["Access-Control-Allow-Headers"] = HEADERS
-    response.headers["Access-Control-Max-Age"] = str(KEPT_S)
+    response.headers["Access-Control-Max-Age"] = str(PREFLIGHT_CACHE_S)
     return response
 
 

@@ -6,14 +6,14 @@ from flask import Blueprint, Response, render_template
 
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import drives
-from robotether_server.store.drives import Drive, Search
-from robotether_server.web import filters, visitors
+from robotether_server.store.drives import Drive, DriveSearch
+from robotether_server.web import current_user, filters
 from robotether_server.web.api.drives import download
+from robotether_server.web.context import context
 from robotether_server.web.filters import Asked
-from robotether_server.web.parts import parts
 
 blueprint = Blueprint("drives", __name__, url_prefix="/drives")
-blueprint.before_request(visitors.need_user)
+blueprint.before_request(current_user.require_user)
 
 PATH = "/drives"
 FILTERS = ("robot", "user", "since", "until")
@@ -27,9 +27,9 @@ def show() -> str | tuple[str, int]:
         search = _search(asked)
     except FieldInvalid as problem:
         return _page([], asked, problem=problem), HTTPStatus.UNPROCESSABLE_ENTITY
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = drives.find(
-            tx, visitors.visitor(), search, before=filters.before(), limit=filters.WANTED
+            tx, current_user.get(), search, before=filters.before(), limit=filters.WANTED
         )
     page = filters.page(PATH, asked, found)
     return _page(page.shown, asked, older=page.older, newest=page.newest)
@@ -39,7 +39,7 @@ def show() -> str | tuple[str, int]:
 def save() -> Response:
     """Give all drives that fit as a file."""
     kind = filters.file_kind()
-    return download(visitors.visitor(), _search(filters.asked(FILTERS)), kind)
+    return download(current_user.get(), _search(filters.asked(FILTERS)), kind)
 
 
 def _page(shown: list[Drive], asked: Asked, **more: object) -> str:
@@ -47,8 +47,8 @@ def _page(shown: list[Drive], asked: Asked, **more: object) -> str:
     return render_template("drives.html", drives=shown, asked=asked, files=files, **more)
 
 
-def _search(asked: Asked) -> Search:
-    return Search(
+def _search(asked: Asked) -> DriveSearch:
+    return DriveSearch(
         robot=asked["robot"] or None,
         user=asked["user"] or None,
         since=filters.since(asked),

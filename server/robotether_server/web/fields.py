@@ -114,10 +114,10 @@ def number_in_query(given: Fields, name: str, lowest: int, highest: int) -> int 
     return number({name: read}, name, lowest, highest)
 
 
-def optional_moment(body: Fields, name: str) -> dt.datetime | None:
+def optional_timestamp(body: Fields, name: str) -> dt.datetime | None:
     """Return a moment of RFC 3339, or None when it is missing or null."""
-    value = optional_text(body, name, times.LONGEST_TEXT)
-    return None if value is None else times.moment(name, value)
+    value = optional_text(body, name, times.MAX_TEXT_LENGTH)
+    return None if value is None else times.timestamp(name, value)
 
 
 def flag(body: Fields, name: str) -> bool:

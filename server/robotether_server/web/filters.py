@@ -36,7 +36,7 @@ def asked(names: tuple[str, ...]) -> Asked:
 def since(given: Asked) -> dt.datetime | None:
     """Return the begin: of a day in UTC, or a moment; raise FieldInvalid."""
     text = given["since"]
-    return times.day_or_moment("From", text, is_end=False) if text else None
+    return times.day_or_timestamp("From", text, is_end=False) if text else None
 
 
 def until(given: Asked) -> dt.datetime | None:
@@ -44,7 +44,7 @@ def until(given: Asked) -> dt.datetime | None:
     text = given["until"]
     if not text:
         return None
-    found = times.day_or_moment("To", text, is_end=True)
+    found = times.day_or_timestamp("To", text, is_end=True)
     try:
         return found + dt.timedelta(seconds=1) if len(text) == LENGTH_OF_DAY_TEXT else found
     except OverflowError as error:

@@ -10,7 +10,7 @@ from http import HTTPStatus
 from flask import Blueprint, Response, request
 
 from robotether_server.problems import HttpProblem
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 blueprint = Blueprint("installer", __name__)
 
@@ -50,7 +50,7 @@ def listed(text: str) -> dict[str, str]:
 
 def _read(name: str) -> bytes:
     try:
-        return (parts().agent_files_dir / name).read_bytes()
+        return (context().agent_files_dir / name).read_bytes()
     except FileNotFoundError as error:
         raise HttpProblem(
             HTTPStatus.NOT_FOUND,

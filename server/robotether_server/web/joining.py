@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server import macs
-from robotether_server.administration import enrolment, vouching
-from robotether_server.administration.enrolment import Shown
-from robotether_server.administration.vouching import Vouch
+from robotether_server.administration import enrolment, enrolment_credentials
+from robotether_server.administration.enrolment import PresentedKey
+from robotether_server.administration.enrolment_credentials import EnrolmentCredential
 from robotether_server.networks import network_of
 from robotether_server.problems import (
     MacElsewhere,
@@ -28,17 +28,17 @@ from robotether_server.store.robots import Robot
 from robotether_server.web.rotation import PreviousKey, rotate
 
 # What nobody announced: how much one network may leave waiting, and for how long.
-STRANGERS_PER_NETWORK = 10
-STRANGER_LIFETIME = dt.timedelta(hours=24)
+MAX_UNKNOWN_PER_NETWORK = 10
+UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
 # A join proves nothing, so it may not fill the audit log either.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
 
 
 @dataclass(frozen=True)
-class Request:
+class JoinRequest:
     """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has."""
 
-    shown: Shown
+    presented: PresentedKey
     token: str | None = None
     name: str | None = None
     mac_present: bool = True
@@ -54,38 +54,40 @@ class Answer:
     detail: str = ""
 
 
-def is_in(tx: Transaction, request: Request) -> Answer | None:
+def is_in(tx: Transaction, request: JoinRequest) -> Answer | None:
     """Answer a robot that is active with this key; every robot asks so at every start, all at once.
 
     Takes no lock and changes nothing; None: `join` decides. The token is not looked at.
     """
-    robot = robots.peek_by_mac(tx, request.shown.mac)
+    robot = robots.peek_by_mac(tx, request.presented.mac)
     if robot is None or robot.state != "active" or not request.mac_present:
         return None
-    return _active(robot) if robot.fingerprint == request.shown.key.fingerprint else None
+    return _active(robot) if robot.fingerprint == request.presented.key.fingerprint else None
 
 
-def join(tx: Transaction, request: Request, rules: JoinSettings) -> Answer:
-    """Answer a robot after writing down what is new; must be the first deed in its transaction.
+def join(tx: Transaction, request: JoinRequest, rules: JoinSettings) -> Answer:
+    """Answer a robot after writing down what is new; must be the first action in its transaction.
 
     Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
     KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
     """
     locks.enrolment(tx)
     _forget_old(tx)
-    shown = request.shown
-    enrolment.check_not_rejected(tx, shown.key)
-    robot = robots.find_by_mac(tx, shown.mac)
+    presented = request.presented
+    enrolment.check_not_rejected(tx, presented.key)
+    robot = robots.find_by_mac(tx, presented.mac)
     if robot is not None:
-        is_known = robot.fingerprint == shown.key.fingerprint
-        _check_not_disabled(robot, shown, is_known=is_known)
+        is_known = robot.fingerprint == presented.key.fingerprint
+        _check_not_disabled(robot, presented, is_known=is_known)
         if is_known and robot.state == "active":
             return _still_active(tx, request, robot)
-        if request.previous is not None and rotate(tx, robot, shown, request.previous):
+        if request.previous is not None and rotate(tx, robot, presented, request.previous):
             return _active(robot)
-    vouch = _vouch(tx, request, rules)
-    source = Source(vouch.actor if vouch else vouching.ROBOT, shown.report.address)
-    return _Joining(tx, source, request, rules, vouch).decide(robot)
+    credential = _credential(tx, request, rules)
+    source = Source(
+        credential.actor if credential else enrolment_credentials.ROBOT, presented.report.address
+    )
+    return _Joining(tx, source, request, rules, credential).decide(robot)
 
 
 @dataclass(frozen=True)
@@ -94,48 +96,52 @@ class _Joining:
 
     tx: Transaction
     source: Source
-    request: Request
+    request: JoinRequest
     rules: JoinSettings
-    vouch: Vouch | None
+    credential: EnrolmentCredential | None
 
     def decide(self, robot: Robot | None) -> Answer:
         """Let the key in, let it wait, or note that it claims another key's place."""
         enrolment.check_key_is_free(
-            self.tx, self.source, self.request.shown, vouched=self.vouch is not None
+            self.tx, self.source, self.request.presented, is_authorized=self.credential is not None
         )
         if robot is None:
             robot = self._add()
-        holds_other = robot.fingerprint not in (None, self.request.shown.key.fingerprint)
-        if holds_other and (robot.state == "active" or self.vouch is None):
+        holds_other = robot.fingerprint not in (None, self.request.presented.key.fingerprint)
+        if holds_other and (robot.state == "active" or self.credential is None):
             return self._claim(robot)
-        if self.vouch is not None or self._is_first_key(robot):
+        if self.credential is not None or self._is_first_key(robot):
             return _active(
-                enrolment.let_in(self.tx, self.source, robot, self.request.shown, self.vouch)
+                enrolment.let_in(
+                    self.tx, self.source, robot, self.request.presented, self.credential
+                )
             )
         return self._wait(robot)
 
     def _add(self) -> Robot:
         """Add a row for a MAC that nobody knows."""
-        mac = self.request.shown.mac
+        mac = self.request.presented.mac
         if not self.rules.allow_local_macs:
             macs.check_universal(mac)
-        if self.vouch is None:
+        if self.credential is None:
             self._check_room()
-        name = enrolment.free_name(self.tx, mac, self.request.name if self.vouch else None)
-        robots.add(self.tx, mac, name, stranger=self.vouch is None)
+        name = enrolment.free_name(self.tx, mac, self.request.name if self.credential else None)
+        robots.add(self.tx, mac, name, unknown=self.credential is None)
         return robots.get(self.tx, name)
 
     def _is_first_key(self, robot: Robot) -> bool:
-        is_open = not robot.is_stranger and not robot.had_key
+        is_open = not robot.is_unknown and not robot.had_key
         return self.rules.policy == "first-key" and is_open
 
     def _wait(self, robot: Robot) -> Answer:
-        shown = self.request.shown
-        if robot.fingerprint != shown.key.fingerprint:
-            enrolment.take_key(self.tx, robot, shown)
+        presented = self.request.presented
+        if robot.fingerprint != presented.key.fingerprint:
+            enrolment.adopt_key(self.tx, robot, presented)
             # The key is new, so it waits even in a row that was active without one.
             robots.set_state(self.tx, robot.id, "pending")
-            audit.record(self.tx, self.source, Event("robot_pending", robot.name, _details(shown)))
+            audit.record(
+                self.tx, self.source, Event("robot_pending", robot.name, _details(presented))
+            )
         return Answer(
             robot.name,
             "approval_pending",
@@ -145,25 +151,27 @@ class _Joining:
 
     def _claim(self, robot: Robot) -> Answer:
         """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
-        shown = self.request.shown
-        if claims.find(self.tx, shown.key.fingerprint) is None:
+        presented = self.request.presented
+        if claims.find(self.tx, presented.key.fingerprint) is None:
             self._check_room()
-            claims.add(self.tx, robot, shown.key, shown.report)
-            audit.record(self.tx, self.source, Event("key_claimed", robot.name, _details(shown)))
+            claims.add(self.tx, robot, presented.key, presented.report)
+            audit.record(
+                self.tx, self.source, Event("key_claimed", robot.name, _details(presented))
+            )
         return Answer(
-            next(enrolment.usual_names(shown.mac)),
+            next(enrolment.usual_names(presented.mac)),
             "mac_in_use",
-            f"a robot with MAC {shown.mac} and another key is known and goes on with that one; an admin "
-            f"decides about this key, {shown.key.fingerprint}, in the page of waiting robots",
+            f"a robot with MAC {presented.mac} and another key is known and goes on with that one; an admin "
+            f"decides about this key, {presented.key.fingerprint}, in the page of waiting robots",
         )
 
     def _check_room(self) -> None:
         """Raise TooManyPending when all, or one network, have as much waiting as may."""
-        waiting = robots.strangers(self.tx)
+        waiting = robots.unknown_addresses(self.tx)
         waiting += [claim.report.address for claim in claims.waiting(self.tx)]
-        network = network_of(self.request.shown.report.address)
+        network = network_of(self.request.presented.report.address)
         from_there = sum(network_of(other) == network for other in waiting)
-        is_crowded = from_there >= STRANGERS_PER_NETWORK
+        is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
         whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
         if is_crowded or len(waiting) >= self.rules.max_pending:
             raise TooManyPending(
@@ -173,17 +181,17 @@ class _Joining:
 
 
 def _forget_old(tx: Transaction) -> None:
-    before = dt.datetime.now(dt.UTC) - STRANGER_LIFETIME
-    robots.remove_strangers(tx, before)
+    before = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
+    robots.remove_unknown(tx, before)
     claims.remove_old(tx, before)
 
 
-def _check_not_disabled(robot: Robot, shown: Shown, *, is_known: bool) -> None:
+def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
     if robot.state != "disabled":
         return
     if not is_known:
         raise RobotDisabled(
-            f"cannot join with MAC {shown.mac}: its robot is disabled; ask an admin"
+            f"cannot join with MAC {presented.mac}: its robot is disabled; ask an admin"
         )
     raise RobotDisabled(
         f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
@@ -191,34 +199,36 @@ def _check_not_disabled(robot: Robot, shown: Shown, *, is_known: bool) -> None:
     )
 
 
-def _still_active(tx: Transaction, request: Request, robot: Robot) -> Answer:
+def _still_active(tx: Transaction, request: JoinRequest, robot: Robot) -> Answer:
     if not request.mac_present:
         _check_moved(tx, request, robot)
     return _active(robot)
 
 
-def _check_moved(tx: Transaction, request: Request, robot: Robot) -> None:
+def _check_moved(tx: Transaction, request: JoinRequest, robot: Robot) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
     if sessions.is_online(tx, robot.id):
         raise MacElsewhere(
             f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
             "copy of that robot's disk, and must join with its own MAC and a new key"
         )
-    last = audit.find(tx, audit.Search(robot.name, kind="mac_changed"), limit=1)
+    last = audit.find(tx, audit.AuditSearch(robot.name, kind="mac_changed"), limit=1)
     if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
         return
-    source = Source(vouching.ROBOT, request.shown.report.address)
-    audit.record(tx, source, Event("mac_changed", robot.name, _details(request.shown)))
+    source = Source(enrolment_credentials.ROBOT, request.presented.report.address)
+    audit.record(tx, source, Event("mac_changed", robot.name, _details(request.presented)))
 
 
-def _vouch(tx: Transaction, request: Request, rules: JoinSettings) -> Vouch | None:
-    """Return who vouches for a robot that is not in yet; None: nobody, so it may only wait."""
-    vouch = vouching.find(tx, request.token) if request.token else None
-    if vouch is not None and not enrolment.is_spent(tx, vouch, request.shown.key):
-        return vouch
+def _credential(
+    tx: Transaction, request: JoinRequest, rules: JoinSettings
+) -> EnrolmentCredential | None:
+    """Return the credential of a robot that is not in yet; None: it has none, so it may only wait."""
+    credential = enrolment_credentials.find(tx, request.token) if request.token else None
+    if credential is not None and not enrolment.is_spent(tx, credential, request.presented.key):
+        return credential
     if rules.policy != "token-only":
         return None
-    if vouch is not None:
+    if credential is not None:
         raise TokenUsedUp(
             "cannot join with this token: it has let this key in before, and an admin has undone that; "
             "get another token"
@@ -233,9 +243,9 @@ def _active(robot: Robot) -> Answer:
     return Answer(robot.name, "active")
 
 
-def _details(shown: Shown) -> dict[str, object]:
+def _details(presented: PresentedKey) -> dict[str, object]:
     return {
-        "mac": shown.mac,
-        "fingerprint": shown.key.fingerprint,
-        "hostname": shown.report.hostname,
+        "mac": presented.mac,
+        "fingerprint": presented.key.fingerprint,
+        "hostname": presented.report.hostname,
     }

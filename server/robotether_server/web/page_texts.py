@@ -6,7 +6,7 @@ from flask import Flask
 
 from robotether_server.store.robots import Robot
 from robotether_server.times import rfc3339
-from robotether_server.web import audit_texts, ending_texts, refusal_texts
+from robotether_server.web import audit_texts, close_reason_texts, refusal_texts
 
 KEY_GROUP = 4
 UNITS = ("B", "kB", "MB", "GB")
@@ -15,25 +15,25 @@ KILO = 1000
 
 def register(app: Flask) -> None:
     """Give the templates their filters."""
-    app.add_template_filter(moment_words, "moment")
+    app.add_template_filter(timestamp_words, "timestamp")
     app.add_template_filter(end_text, "end_text")
     app.add_template_filter(audit_texts.sentence, "sentence")
-    app.add_template_filter(ending_texts.drive_end, "drive_end")
-    app.add_template_filter(ending_texts.session_end, "session_end")
+    app.add_template_filter(close_reason_texts.drive_end, "drive_end")
+    app.add_template_filter(close_reason_texts.session_end, "session_end")
     app.add_template_filter(refusal_texts.refusal)
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
     app.add_template_filter(size_words, "size")
 
 
-def moment_words(moment: dt.datetime) -> str:
+def timestamp_words(timestamp: dt.datetime) -> str:
     """Return a moment as people read it: 2026-01-01 12:03 UTC."""
-    return moment.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def end_text(moment: dt.datetime | None) -> str:
+def end_text(timestamp: dt.datetime | None) -> str:
     """Return an end as its form takes it: 2026-01-31 for the last second of a day, else 2026-01-31T12:00:00Z."""
-    return (rfc3339(moment) or "").replace("T23:59:59Z", "")
+    return (rfc3339(timestamp) or "").replace("T23:59:59Z", "")
 
 
 def key_groups(fingerprint: str) -> list[str]:

@@ -20,11 +20,11 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
 from robotether_server.store import robots
-from robotether_server.store.audit import LONGEST_ACTOR, Source
+from robotether_server.store.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.store.robots import SeenRobot
 from robotether_server.times import rfc3339
-from robotether_server.web import access, logging_in, visitors
-from robotether_server.web.parts import parts
+from robotether_server.web import access, current_user, logging_in
+from robotether_server.web.context import context
 
 blueprint = Blueprint("pages", __name__)
 
@@ -44,7 +44,7 @@ def favicon() -> Response:
 @blueprint.get("/login")
 def show_login() -> AnyResponse:
     """Show the form, or go on when the visitor has a login."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
     if user is not None:
         return redirect(_next_page())
@@ -54,12 +54,12 @@ def show_login() -> AnyResponse:
 @blueprint.post("/login")
 def log_in() -> AnyResponse:
     """Log in and go on to the page that was asked for."""
-    name = request.form.get("name", "").strip()[:LONGEST_ACTOR]
+    name = request.form.get("name", "").strip()[:MAX_ACTOR_LENGTH]
     source = Source(name, request.remote_addr)
     password = request.form.get("password", "")
     try:
-        unused = parts().login_lifetime.unused
-        text = logging_in.log_in(parts().database, source, password, unused)
+        unused = context().login_lifetime.unused
+        text = logging_in.log_in(context().database, source, password, unused)
     except (LoginFailed, Throttled) as problem:
         response = make_response(render_template("login.html", error=problem.detail))
         response.status_code = problem.status
@@ -77,10 +77,10 @@ def log_in() -> AnyResponse:
 def log_out() -> AnyResponse:
     """End the login, here and in the database."""
     text = request.cookies.get(access.COOKIE, "")
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
     if user is not None:
-        logging_in.log_out(parts().database, Source(user.name, request.remote_addr), text)
+        logging_in.log_out(context().database, Source(user.name, request.remote_addr), text)
     session.clear()
     onward = redirect("/login", HTTPStatus.SEE_OTHER)
     access.clear_login(onward)
@@ -90,12 +90,12 @@ def log_out() -> AnyResponse:
 @blueprint.get("/")
 def show_fleet() -> AnyResponse:
     """Show the robots that the user may see; the page goes on with /api/v1/events."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
-            return visitors.to_login()
+            return current_user.to_login()
         seen = robots.list_seen(tx, user)
-        visitors.remember(tx, user)
+        current_user.remember(tx, user)
     page = render_template("fleet.html", user=user, robots=[_card(robot) for robot in seen])
     return make_response(page)
 
@@ -103,10 +103,10 @@ def show_fleet() -> AnyResponse:
 @blueprint.get("/robots/<name>")
 def show_robot(name: str) -> AnyResponse:
     """Show the page from which one robot is driven or watched."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
-            return visitors.to_login()
+            return current_user.to_login()
         seen = robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")

@@ -41,6 +41,6 @@ def free_at(failures: Failures) -> dt.datetime | None:
     return max((end for end in ends if end is not None), default=None)
 
 
-def _free_at(moments: Sequence[dt.datetime], limit: int) -> dt.datetime | None:
+def _free_at(timestamps: Sequence[dt.datetime], limit: int) -> dt.datetime | None:
     # Fewer than `limit` are left in the window once the one at this place has gone out of it.
-    return moments[-limit] + WINDOW if len(moments) >= limit else None
+    return timestamps[-limit] + WINDOW if len(timestamps) >= limit else None

@@ -6,7 +6,12 @@ from pathlib import Path
 
 import pytest
 from mariadb_server import MariaDb
-from robotether_server.settings import FrontSettings, JoinSettings, TicketSettings, WebSettings
+from robotether_server.settings import (
+    JoinSettings,
+    SiteAddressSettings,
+    TicketSettings,
+    WebSettings,
+)
 
 TICKET_KEY = "t" * 32
 SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
@@ -22,7 +27,7 @@ def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
         database=mariadb.settings("web"),
         tickets=TicketSettings(TICKET_KEY, 30),
         join=JoinSettings("approve", 3, None, (2222, 443), host_keys, allow_local_macs=True),
-        front=FrontSettings(None, 443, ("127.0.0.1", 1)),
+        site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
         agent_files_dir=tmp_path / "agent",
         secret_key="w" * 32,
         login_ttl_h=12,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drive_settings
 import pytest
 from drive_settings import LIGHTS
-from robotether_server.buttons import LONGEST_FIELDS, MOST_BUTTONS, parse, parse_one
+from robotether_server.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, parse, parse_one
 from robotether_server.problems import FieldInvalid
 
 DOCK = {**drive_settings.DOCK, "type": ""}
@@ -60,7 +60,7 @@ def test_types_are_those_of_either_ros(ros_type):
         (LIGHTS, "msg", {"a": float("inf")}),
         (LIGHTS, "msg", {"a": 2**64}),
         (LIGHTS, "msg", {"a": "\ud800"}),
-        (LIGHTS, "msg", {"a": "x" * LONGEST_FIELDS}),
+        (LIGHTS, "msg", {"a": "x" * MAX_FIELDS_BYTES}),
         (LIGHTS, "confirm", None),
         (DOCK, "service", ""),
         (DOCK, "type", "Trigger"),
@@ -77,7 +77,7 @@ def test_a_wrong_value_is_named(button, member, value):
     ("given", "why"),
     [
         ({}, "buttons: it must be a list"),
-        ([LIGHTS] * (MOST_BUTTONS + 1), "buttons: it must be a list of at most"),
+        ([LIGHTS] * (MAX_BUTTONS + 1), "buttons: it must be a list of at most"),
         ([LIGHTS, {**DOCK, "name": "Lights on"}], "buttons: there are two of the name 'Lights on'"),
         ([LIGHTS, "Dock"], "buttons.2: it must be an object"),
         ([{**LIGHTS, "service": "/dock"}], "buttons.1: 'service' is no setting"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from robotether_server.page_settings import DEFAULTS, MOST_CAMERAS, Camera, parse
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Camera, parse
 from robotether_server.problems import FieldInvalid
 
 # As docs/protocols.md shows them.
@@ -86,7 +86,7 @@ def test_a_camera_need_not_say_how_it_is_turned():
         ("hold_after_ms", False),
         ("scan_topic", ""),
         ("cameras", None),
-        ("cameras", [FRONT] * (MOST_CAMERAS + 1)),
+        ("cameras", [FRONT] * (MAX_CAMERAS + 1)),
         ("cameras", [FRONT, FRONT]),
         ("cameras.1", "/camera"),
         ("cameras.1.topic", None),

@@ -44,7 +44,7 @@ def test_new_passwords_are_allowed_and_differ() -> None:
     """What is generated passes its own rule."""
     made = {passwords.new_password() for _ in range(20)}
     assert len(made) == 20
-    assert all(len(password) >= passwords.SHORTEST for password in made)
+    assert all(len(password) >= passwords.MIN_LENGTH for password in made)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotether_server.globs import Globs
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import DEFAULTS, parse
-from robotether_server.setting_values import MOST_GLOBS
+from robotether_server.setting_values import MAX_GLOBS
 
 # As docs/protocols.md shows them.
 DOCUMENTED_POLICY = """
@@ -101,7 +101,7 @@ def test_only_drivers_have_the_drive_topics():
         ("guard.drive_topics", None),
         ("guard.drive_topics", "/cmd_vel"),
         ("guard.drive_topics", ["cmd_vel"]),
-        ("guard.drive_topics", ["/a"] * (MOST_GLOBS + 1)),
+        ("guard.drive_topics", ["/a"] * (MAX_GLOBS + 1)),
         ("policy.observe.subscribe", [7]),
         ("policy.observe.subscribe", ["/" + "a" * 256]),
         ("policy.manage.serve", {"a": 1}),

@@ -51,7 +51,7 @@ def test_patterns_are_kept_once():
         *((FLAG, value) for value in (0, 1, "true", None)),
         *((LABEL, value) for value in ("", "   ", "a\nb", "a\u200bb", "a" * 7, 5, None)),
         *((ROS_NAME, value) for value in ("a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", None)),
-        (ROS_NAME, "/" + "a" * setting_values.LONGEST_ROS_NAME),
+        (ROS_NAME, "/" + "a" * setting_values.MAX_ROS_NAME_LENGTH),
         *((GLOBS, value) for value in ("/a", ["a"], [5], None)),
         *((MEMBERS, value) for value in ([], None, {"b": 1}, {5: 1})),
     ],

@@ -29,8 +29,8 @@ def test_defaults_are_the_documented_ones() -> None:
     assert web.join.ssh_ports == (2222, 443)
     assert web.join.allow_local_macs is False
     assert web.join.ssh_host_keys_dir == Path("/ssh_host_keys")
-    assert (web.front.public_host, web.front.public_port) == (None, 443)
-    assert web.front.tls_front == ("nginx", 8443)
+    assert (web.site_address.public_host, web.site_address.public_port) == (None, 443)
+    assert web.site_address.tls_front == ("nginx", 8443)
     assert web.agent_files_dir == Path("/usr/share/robotether/agent")
     assert web.allowed_origins == ()
     relay = settings.load_relay(RELAY)

@@ -23,7 +23,7 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 )
 def test_moment_is_taken_with_its_offset(text: str) -> None:
     """And comes out in UTC."""
-    found = times.moment("until", text)
+    found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
 
 
@@ -45,22 +45,22 @@ def test_moment_is_taken_with_its_offset(text: str) -> None:
 def test_what_is_no_moment_is_refused_with_its_field(text: str) -> None:
     """The sentence shows how to write one."""
     with pytest.raises(FieldInvalid, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
-        times.moment("until", text)
+        times.timestamp("until", text)
 
 
 def test_day_begins_and_ends_in_utc() -> None:
     """Its last second is still in it."""
-    first = times.day_or_moment("d", "2026-01-31", is_end=False)
-    last = times.day_or_moment("d", "2026-01-31", is_end=True)
+    first = times.day_or_timestamp("d", "2026-01-31", is_end=False)
+    last = times.day_or_timestamp("d", "2026-01-31", is_end=True)
     assert (first, last) == (NOON.replace(hour=0), NOON.replace(hour=23, minute=59, second=59))
-    assert times.day_or_moment("d", "2026-01-31T12:00:00Z", is_end=True) == NOON
+    assert times.day_or_timestamp("d", "2026-01-31T12:00:00Z", is_end=True) == NOON
 
 
 @pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
 def test_what_is_no_day_is_refused(text: str) -> None:
     """The sentence shows both ways."""
     with pytest.raises(FieldInvalid, match=r"a day in UTC, such as 2026-01-31, or a moment"):
-        times.day_or_moment("Until", text, is_end=True)
+        times.day_or_timestamp("Until", text, is_end=True)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("moment", "written"),
+    ("timestamp", "written"),
     [
         (None, None),
         (dt.datetime(2026, 1, 1, 12, 3, 0, 999_999, dt.UTC), "2026-01-01T12:03:00Z"),
@@ -88,7 +88,7 @@ def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> No
     ],
 )
 def test_moments_are_written_in_utc_and_whole_seconds(
-    moment: dt.datetime | None, written: str | None
+    timestamp: dt.datetime | None, written: str | None
 ) -> None:
     """As the contract writes them, whatever zone they come in."""
-    assert times.rfc3339(moment) == written
+    assert times.rfc3339(timestamp) == written

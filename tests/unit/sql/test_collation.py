@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from robotether_server.problems import RecordMissing, RobotUnknown
 from robotether_server.store import Database, Transaction, groups, robots, sites, users
-from robotether_server.store.audit import Event, Search, Source, find, record
+from robotether_server.store.audit import AuditSearch, Event, Source, find, record
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
     users.get,
@@ -51,5 +51,5 @@ def test_audit_log_tells_names_with_blanks_apart(database: Database) -> None:
     """What somebody claimed to be called is not what an admin is called."""
     with database.transaction() as tx:
         record(tx, Source("root "), Event("login_failed"))
-        assert find(tx, Search(actor="root")) == []
-        assert len(find(tx, Search(actor="root "))) == 1
+        assert find(tx, AuditSearch(actor="root")) == []
+        assert len(find(tx, AuditSearch(actor="root "))) == 1

@@ -8,11 +8,11 @@ import click
 
 from robotether_server.cli.common import JSON, print_json, print_table
 from robotether_server.cli.fleet import inventory, outcomes, remote, ssh_settings
-from robotether_server.cli.fleet.mission import Mission, Order, kept, to_terminal
+from robotether_server.cli.fleet.fleet_run import Command, FleetRun, captured, to_terminal
 from robotether_server.cli.fleet.outcomes import Outcome
 
 INTERRUPTED = 130  # what a shell says of a command that Ctrl-C ended
-MOST_PARALLEL = 200
+MAX_PARALLEL = 200
 
 ON = click.option(
     "--on",
@@ -67,7 +67,7 @@ def list_robots(patterns: tuple[str, ...], config: Path | None, as_json: bool) -
 @SSH_CONFIG
 @click.option(
     "--parallel",
-    type=click.IntRange(1, MOST_PARALLEL),
+    type=click.IntRange(1, MAX_PARALLEL),
     default=20,
     show_default=True,
     help="On how many robots at a time.",
@@ -113,20 +113,22 @@ def run(
         click.prompt("sudo password", hide_input=True, err=True) if ask_sudo_password else None
     )
     sudo = sudo or ask_sudo_password
-    order = Order(
-        command=remote.on_lifeline(command, sudo=sudo, password=password is not None),
+    remote_command = Command(
+        line=remote.on_lifeline(command, sudo=sudo, password=password is not None),
         timeout_s=timeout_s,
         config=config,
         password=password,
         accept_new=accept_new,
     )
-    mission = Mission(order, chosen, parallel, kept if as_json else to_terminal(chosen))
-    found = mission.run()
+    fleet_run = FleetRun(
+        remote_command, chosen, parallel, captured if as_json else to_terminal(chosen)
+    )
+    found = fleet_run.run()
     if as_json:
         print_json([outcomes.as_dict(one) for one in sorted(found, key=lambda one: one.robot)])
     else:
         print_summary(found)
-    if mission.interrupted:
+    if fleet_run.interrupted:
         sys.exit(INTERRUPTED)
     sys.exit(0 if all(one.ok for one in found) else 1)
 

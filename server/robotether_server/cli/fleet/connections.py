@@ -32,7 +32,7 @@ class Jump:
     problem: FleetProblem | None = None
 
 
-class Connections:
+class SshConnections:
     """All connections of one run. Safe to use from many threads."""
 
     def __init__(self, *, accept_new: bool) -> None:

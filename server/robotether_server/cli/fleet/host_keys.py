@@ -34,7 +34,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
     def __init__(self, target: Target, *, accept_new: bool) -> None:
         self._target = target
         self._accept_new = accept_new
-        self._known = known_hosts.look_up(target.known_hosts, target.known_as)
+        self._known = known_hosts.find(target.known_hosts, target.known_as)
 
     def unwanted_algorithms(self) -> list[str]:
         """Return what the host must not prove itself with: of several keys it shall show the one that is known."""

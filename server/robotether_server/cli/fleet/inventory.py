@@ -13,7 +13,7 @@ from robotether_server.cli.fleet.problems import ConfigUnusable, RobotsUnknown
 
 USER_CONFIG = Path("~/.ssh/config")
 ALIAS = "robotether-"
-DEEPEST_INCLUDE = 16  # OpenSSH's own bound
+MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
 
 
 def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
@@ -51,8 +51,8 @@ def is_plain(name: str) -> bool:
 
 def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
     """Yield each keyword in small letters with its arguments; included files stand where they are included."""
-    if depth > DEEPEST_INCLUDE:
-        raise ConfigUnusable(f"cannot read {path}: it is included over {DEEPEST_INCLUDE} deep")
+    if depth > MAX_INCLUDE_DEPTH:
+        raise ConfigUnusable(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -34,7 +34,7 @@ class Known:
     revoked: frozenset[HostKey]
 
 
-def look_up(files: Iterable[Path], name: str) -> Known:
+def find(files: Iterable[Path], name: str) -> Known:
     """Return the keys that stand in the files for a name; a file that is not there has none."""
     trusted, revoked = set(), set()
     for marker, hosts, key in (entry for path in files for entry in _entries(path)):

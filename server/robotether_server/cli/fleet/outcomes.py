@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robotether_server.cli.fleet.output import Kept
+from robotether_server.cli.fleet.output import Captured
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,8 @@ class Outcome:
     status: int | None
     seconds: float
     problem: str | None = None
-    out: Kept | None = None
-    err: Kept | None = None
+    out: Captured | None = None
+    err: Captured | None = None
 
     @property
     def ok(self) -> bool:
@@ -32,7 +32,7 @@ class Outcome:
 
 def as_dict(outcome: Outcome) -> dict[str, object]:
     """Return what --json prints of it."""
-    out, err = outcome.out or Kept(), outcome.err or Kept()
+    out, err = outcome.out or Captured(), outcome.err or Captured()
     return {
         "robot": outcome.robot,
         "ok": outcome.ok,

@@ -6,8 +6,8 @@ Control characters are shown, not sent: a robot must not steer the terminal of t
 from threading import Lock
 from typing import Protocol, TextIO
 
-LONGEST_LINE = 16 * 1024
-LONGEST_KEPT = 1024 * 1024
+MAX_LINE_LENGTH = 16 * 1024
+MAX_CAPTURED_LENGTH = 1024 * 1024
 
 _SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
 
@@ -32,11 +32,11 @@ class Lines:
         self._rest = ""
 
     def write(self, text: str) -> None:
-        """Pass on the lines that are whole now; one without an end is cut at LONGEST_LINE."""
+        """Pass on the lines that are whole now; one without an end is cut at MAX_LINE_LENGTH."""
         *lines, rest = (self._rest + text).split("\n")
-        while len(rest) > LONGEST_LINE:
-            lines.append(rest[:LONGEST_LINE])
-            rest = rest[LONGEST_LINE:]
+        while len(rest) > MAX_LINE_LENGTH:
+            lines.append(rest[:MAX_LINE_LENGTH])
+            rest = rest[MAX_LINE_LENGTH:]
         self._rest = rest
         self._pass_on(lines)
 
@@ -53,8 +53,8 @@ class Lines:
             self._to.flush()
 
 
-class Kept:
-    """The first LONGEST_KEPT characters of an output, for --json."""
+class Captured:
+    """The first MAX_CAPTURED_LENGTH characters of an output, for --json."""
 
     def __init__(self) -> None:
         self.text = ""
@@ -62,7 +62,7 @@ class Kept:
 
     def write(self, text: str) -> None:
         """Keep what has room."""
-        room = LONGEST_KEPT - len(self.text)
+        room = MAX_CAPTURED_LENGTH - len(self.text)
         self.text += text[:room]
         self.cut = self.cut or len(text) > room
 

@@ -7,35 +7,35 @@ takes a POST also answers a GET, so that a login that ended in between leads bac
 from flask import Blueprint, redirect
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.web import visitors
+from robotether_server.web import current_user
 from robotether_server.web.admin import (
     audit_log,
     grants,
     groups,
     join_tokens,
     pending,
+    robot_actions,
     robot_changes,
-    robot_deeds,
     robot_list,
     robot_page,
     robot_settings,
     sites,
     tokens,
-    user_deeds,
+    user_actions,
     users,
 )
 
 blueprint = Blueprint("admin", __name__, url_prefix="/admin")
-blueprint.before_request(visitors.need_admin)
+blueprint.before_request(current_user.require_admin)
 for part in (
     robot_list,
     robot_page,
-    robot_deeds,
+    robot_actions,
     robot_changes,
     robot_settings,
     pending,
     users,
-    user_deeds,
+    user_actions,
     groups,
     sites,
     grants,

@@ -6,11 +6,11 @@ from flask import Blueprint, Response, render_template
 
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import audit
-from robotether_server.store.audit import AuditEvent, Search
+from robotether_server.store.audit import AuditEvent, AuditSearch
 from robotether_server.web import filters
 from robotether_server.web.api.audit import download
+from robotether_server.web.context import context
 from robotether_server.web.filters import Asked
-from robotether_server.web.parts import parts
 
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")
 
@@ -26,7 +26,7 @@ def show() -> str | tuple[str, int]:
         search = _search(asked)
     except FieldInvalid as problem:
         return _page([], asked, problem=problem), HTTPStatus.UNPROCESSABLE_ENTITY
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = audit.find(tx, search, before=filters.before(), limit=filters.WANTED)
     page = filters.page(PATH, asked, found)
     return _page(page.shown, asked, older=page.older, newest=page.newest)
@@ -44,8 +44,8 @@ def _page(events: list[AuditEvent], asked: Asked, **more: object) -> str:
     return render_template("admin/audit.html", events=events, asked=asked, files=files, **more)
 
 
-def _search(asked: Asked) -> Search:
-    return Search(
+def _search(asked: Asked) -> AuditSearch:
+    return AuditSearch(
         robot=asked["robot"] or None,
         actor=asked["actor"] or None,
         kind=asked["kind"] or None,

@@ -9,17 +9,17 @@ from robotether_server import times
 from robotether_server.administration import grants
 from robotether_server.administration.grants import ALL, Holder, Scope
 from robotether_server.problems import FieldInvalid, Problem
-from robotether_server.store import grants as records
+from robotether_server.store import grants as db_grants
 from robotether_server.store.grants import LEVELS, Grant
-from robotether_server.web import deeds, forms, visitors
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import groups, robot_page, sites, users
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.page_texts import moment_words
-from robotether_server.web.parts import parts
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
+from robotether_server.web.page_texts import timestamp_words
 
 blueprint = Blueprint("grants", __name__)
 
-LONGEST_CHOICE = 80
+MAX_CHOICE_LENGTH = 80
 PageAnswer = AnyResponse | str | tuple[str, int]
 
 
@@ -50,10 +50,10 @@ def of_site(name: str) -> PageAnswer:
 @blueprint.route("/grants/<int:grant_id>/take", methods=METHODS)
 def take(grant_id: int) -> AnyResponse:
     """Take a grant away."""
-    with parts().database.transaction() as tx:
-        found = records.get(tx, grant_id)
+    with context().database.transaction() as tx:
+        found = db_grants.get(tx, grant_id)
     who, what = found.holder_words, found.scope_words
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Take the grant of {who} for {what} away?",
         effects=_what_is_lost(found),
         undo=_way_back(found),
@@ -61,7 +61,7 @@ def take(grant_id: int) -> AnyResponse:
         done=f"The {who} has no grant for {what} any more.",
         back=_page_of(found, request.args.get("from", "")),
     )
-    return deeds.run(deed, lambda tx, source: grants.take(tx, source, grant_id))
+    return confirmation.run(action, lambda tx, source: grants.take(tx, source, grant_id))
 
 
 def _give(render: Callable[[str, Problem | None], str], name: str, back: str) -> PageAnswer:
@@ -71,18 +71,18 @@ def _give(render: Callable[[str, Problem | None], str], name: str, back: str) ->
     try:
         holder, scope = _holder(), _scope()
         level = forms.choice("level", "May", LEVELS)
-        text = forms.optional_text("ends_at", "Until", times.LONGEST_TEXT)
-        ends_at = times.day_or_moment("Until", text, is_end=True) if text else None
-        with parts().database.transaction() as tx:
-            given, _ = grants.give(tx, visitors.source(), holder, scope, level, ends_at=ends_at)
+        text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
+        ends_at = times.day_or_timestamp("Until", text, is_end=True) if text else None
+        with context().database.transaction() as tx:
+            given, _ = grants.give(tx, current_user.source(), holder, scope, level, ends_at=ends_at)
     except Problem as problem:
         return render(name, problem), problem.status
     words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
-    return deeds.go_on(back, words[0].upper() + words[1:])
+    return confirmation.go_on(back, words[0].upper() + words[1:])
 
 
 def _holder() -> Holder:
-    kind, _, name = forms.text("holder", "Who", LONGEST_CHOICE).partition(":")
+    kind, _, name = forms.text("holder", "Who", MAX_CHOICE_LENGTH).partition(":")
     if kind == "user" and name:
         return Holder("user", name)
     if kind == "group" and name:
@@ -91,7 +91,7 @@ def _holder() -> Holder:
 
 
 def _scope() -> Scope:
-    kind, _, name = forms.text("scope", "What", LONGEST_CHOICE).partition(":")
+    kind, _, name = forms.text("scope", "What", MAX_CHOICE_LENGTH).partition(":")
     if kind == "all" and not name:
         return ALL
     if kind == "robot" and name:
@@ -121,7 +121,7 @@ def _way_back(grant: Grant) -> str:
 
 
 def _end_words(grant: Grant) -> str:
-    return f" until {moment_words(grant.ends_at)}" if grant.ends_at else ""
+    return f" until {timestamp_words(grant.ends_at)}" if grant.ends_at else ""
 
 
 def _page_of(found: Grant, about: str) -> str:

@@ -3,15 +3,15 @@
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import groups as deeds_on_groups
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import groups as group_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
 from robotether_server.store import groups, users
 from robotether_server.store.grants import LEVELS
-from robotether_server.web import deeds, forms, visitors
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("groups", __name__, url_prefix="/groups")
 
@@ -28,12 +28,14 @@ def show_all() -> str:
 def add() -> PageAnswer:
     """Add a group."""
     try:
-        name = forms.text("name", "Name", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            deeds_on_groups.add(tx, visitors.source(), name)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            group_service.add(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
-    return deeds.go_on(page_of(name), f"Group {name} is added. Put users in, and give it grants.")
+    return confirmation.go_on(
+        page_of(name), f"Group {name} is added. Put users in, and give it grants."
+    )
 
 
 @blueprint.get("/<name>")
@@ -48,18 +50,18 @@ def add_member(name: str) -> PageAnswer:
     if request.method == "GET":
         return render(name)
     try:
-        user = forms.text("user", "User", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            deeds_on_groups.add_member(tx, visitors.source(), name, user)
+        user = forms.text("user", "User", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            group_service.add_member(tx, current_user.source(), name, user)
     except Problem as problem:
         return render(name, problem), problem.status
-    return deeds.go_on(page_of(name), f"User {user} is a member of group {name}.")
+    return confirmation.go_on(page_of(name), f"User {user} is a member of group {name}.")
 
 
 @blueprint.route("/<name>/members/<user>/remove", methods=METHODS)
 def remove_member(name: str, user: str) -> AnyResponse:
     """End a membership."""
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Take {user} out of group {name}?",
         effects=(
             f"{user} loses what only the grants of group {name} give; what is open by them is cut within 2 seconds.",
@@ -69,15 +71,17 @@ def remove_member(name: str, user: str) -> AnyResponse:
         done=f"User {user} is no member of group {name} any more.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_groups.remove_member(tx, source, name, user))
+    return confirmation.run(
+        action, lambda tx, source: group_service.remove_member(tx, source, name, user)
+    )
 
 
 @blueprint.route("/<name>/remove", methods=METHODS)
 def remove(name: str) -> AnyResponse:
     """Remove a group."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = groups.get(tx, name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Remove group {name}?",
         effects=(
             "Its grants go with it: what only these give is lost within 2 seconds. "
@@ -90,12 +94,12 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/groups",
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_groups.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: group_service.remove(tx, source, name))
 
 
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a group, with what went wrong in one of its forms; raise RecordMissing."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         group = groups.get(tx, name)
         return render_template(
             "admin/group.html",
@@ -115,6 +119,6 @@ def page_of(name: str) -> str:
 
 
 def _list(problem: Problem | None = None) -> str:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = groups.list_all(tx)
     return render_template("admin/groups.html", groups=found, problem=problem, values=request.form)

@@ -6,18 +6,18 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import join_tokens
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.store.join_tokens import JoinToken
-from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("join_tokens", __name__, url_prefix="/join-tokens")
 
-MOST_USES = 10_000
-MOST_HOURS = 8760
+MAX_USES = 10_000
+MAX_HOURS = 8760
 
 
 @blueprint.get("")
@@ -30,14 +30,14 @@ def show() -> str:
 def create() -> str | tuple[str, int]:
     """Make a token; the answer shows the install line, this one time."""
     try:
-        name = forms.text("name", "Name", LONGEST_NAME)
-        uses = forms.number("uses", "Uses", 1, MOST_USES)
-        hours = forms.number("hours", "Hours", 1, MOST_HOURS)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        uses = forms.number("uses", "Uses", 1, MAX_USES)
+        hours = forms.number("hours", "Hours", 1, MAX_HOURS)
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
-        with parts().database.transaction() as tx:
-            token = join_tokens.create(tx, visitors.source(), name, uses, expires_at)
+        with context().database.transaction() as tx:
+            token = join_tokens.create(tx, current_user.source(), name, uses, expires_at)
             # A site that cannot tell its certificate makes no token either.
-            line = install_line(parts().front, request.host, token)
+            line = install_line(context().site_certificates, request.host, token)
     except Problem as problem:
         return _page(problem), problem.status
     return render_template(
@@ -54,7 +54,7 @@ def create() -> str | tuple[str, int]:
 def delete(token_id: int) -> AnyResponse:
     """Delete a token."""
     token = _get(token_id)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Delete join token {token.name}?",
         effects=(
             f"No robot joins with it any more; {token.uses - token.used} of {token.uses} uses are left.",
@@ -65,11 +65,11 @@ def delete(token_id: int) -> AnyResponse:
         done=f"Join token {token.name} is deleted.",
         back="/admin/join-tokens",
     )
-    return deeds.run(deed, lambda tx, source: join_tokens.delete(tx, source, token_id))
+    return confirmation.run(action, lambda tx, source: join_tokens.delete(tx, source, token_id))
 
 
 def _page(problem: Problem | None = None) -> str:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         tokens = join_tokens.list_all(tx)
     return render_template(
         "admin/join_tokens.html",
@@ -81,7 +81,7 @@ def _page(problem: Problem | None = None) -> str:
 
 
 def _get(token_id: int) -> JoinToken:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         for token in join_tokens.list_all(tx):
             if token.id == token_id:
                 return token

@@ -8,17 +8,17 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import pending, robots
-from robotether_server.administration.names import LONGEST_NAME
-from robotether_server.administration.pending import RejectedKey, Waiting
+from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.administration.pending import PendingKey, RejectedKey
 from robotether_server.problems import Problem, RecordMissing
-from robotether_server.store import robots as robots_store
-from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.store import robots as db_robots
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("pending", __name__, url_prefix="/pending")
 
-LONGEST_FINGERPRINT = 100
+MAX_FINGERPRINT_LENGTH = 100
 PAGE = "/admin/pending"
 
 
@@ -32,16 +32,16 @@ def show() -> str:
 def approve() -> AnyResponse | tuple[str, int]:
     """Approve one key that waits, perhaps under another name."""
     try:
-        name = forms.text("robot", "Robot", LONGEST_NAME)
-        fingerprint = forms.text("fingerprint", "Fingerprint", LONGEST_FINGERPRINT)
-        new_name = forms.text("name", "Name", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            robots.approve(tx, visitors.source(), name, fingerprint)
+        name = forms.text("robot", "Robot", MAX_NAME_LENGTH)
+        fingerprint = forms.text("fingerprint", "Fingerprint", MAX_FINGERPRINT_LENGTH)
+        new_name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            robots.approve(tx, current_user.source(), name, fingerprint)
             if new_name != name:
-                robots.rename(tx, visitors.source(), name, new_name)
+                robots.rename(tx, current_user.source(), name, new_name)
     except Problem as problem:
         return _page(problem), problem.status
-    return deeds.go_on(
+    return confirmation.go_on(
         PAGE, f"Robot {new_name} is approved. It connects by itself within a minute."
     )
 
@@ -50,7 +50,7 @@ def approve() -> AnyResponse | tuple[str, int]:
 def replace(name: str) -> AnyResponse:
     """Approve a key in place of the one that the robot of that MAC has."""
     waiting = _waiting(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Give robot {name} the new key?",
         effects=(
             f"The machine that has the key of {name} now is cut off within 2 seconds, and its key is forgotten.",
@@ -63,14 +63,16 @@ def replace(name: str) -> AnyResponse:
         back=PAGE,
         hidden=(("fingerprint", waiting.fingerprint),),
     )
-    return deeds.run(deed, lambda tx, source: robots.approve(tx, source, name, waiting.fingerprint))
+    return confirmation.run(
+        action, lambda tx, source: robots.approve(tx, source, name, waiting.fingerprint)
+    )
 
 
 @blueprint.route("/reject/<name>", methods=METHODS)
 def reject(name: str) -> AnyResponse:
     """Turn a key away."""
     waiting = _waiting(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Reject the key that waits for robot {name}?",
         effects=(
             f"The machine {waiting.hostname} at {waiting.address} (MAC {waiting.mac}) is refused with this key: "
@@ -83,14 +85,16 @@ def reject(name: str) -> AnyResponse:
         back=PAGE,
         hidden=(("fingerprint", waiting.fingerprint),),
     )
-    return deeds.run(deed, lambda tx, source: robots.reject(tx, source, name, waiting.fingerprint))
+    return confirmation.run(
+        action, lambda tx, source: robots.reject(tx, source, name, waiting.fingerprint)
+    )
 
 
 @blueprint.route("/rejected/<int:key_id>", methods=METHODS)
 def forgive(key_id: int) -> AnyResponse:
     """Let a rejected key ask again."""
     key = _rejected(key_id)
-    deed = Deed(
+    action = ConfirmedAction(
         title="Let this key ask again?",
         effects=(
             f"The machine {key.hostname} (MAC {key.mac}) with key {key.fingerprint} waits for approval when it asks "
@@ -102,27 +106,27 @@ def forgive(key_id: int) -> AnyResponse:
         back=PAGE,
         is_harmless=True,
     )
-    return deeds.run(deed, lambda tx, source: pending.forgive(tx, source, key_id))
+    return confirmation.run(action, lambda tx, source: pending.forgive(tx, source, key_id))
 
 
 def _page(problem: Problem | None = None) -> str:
-    with parts().database.transaction() as tx:
-        seen = robots_store.list_seen(tx, visitors.visitor())
+    with context().database.transaction() as tx:
+        seen = db_robots.list_seen(tx, current_user.get())
         return render_template(
             "admin/pending.html",
             online={one.robot.name for one in seen if one.online},
             waiting=pending.waiting(tx),
             rejected=pending.rejected(tx),
-            policy=parts().join.policy,
+            policy=context().join.policy,
             problem=problem,
             values=request.form,
         )
 
 
-def _waiting(name: str) -> Waiting:
+def _waiting(name: str) -> PendingKey:
     """Return the waiting key that the page showed; another one may have come since."""
     fingerprint = request.values.get("fingerprint", "")
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         for one in pending.waiting(tx):
             if (one.robot, one.fingerprint) == (name, fingerprint):
                 return one
@@ -132,14 +136,14 @@ def _waiting(name: str) -> Waiting:
 
 
 def _rejected(key_id: int) -> RejectedKey:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         for one in pending.rejected(tx):
             if one.id == key_id:
                 return one
     raise RecordMissing("cannot find that rejected key: it may ask again already")
 
 
-def _what_stays(waiting: Waiting) -> str:
+def _what_stays(waiting: PendingKey) -> str:
     if waiting.reason == "mac_in_use":
         return f"Robot {waiting.robot} goes on with the key that it has."
     return (

@@ -4,18 +4,18 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import robots
-from robotether_server.administration.names import LONGEST_NAME
-from robotether_server.setting_paths import Settings, put, take_out
+from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.setting_paths import Settings, put_path, remove_path
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
-from robotether_server.web import deeds, forms
+from robotether_server.web import confirmation, forms
 from robotether_server.web.admin.robot_page import get, page_of
-from robotether_server.web.deeds import METHODS, Deed, Field
+from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
 
 blueprint = Blueprint("robot_changes", __name__, url_prefix="/robots/<name>")
 
-LONGEST_MAC = 17
-LONGEST_USER = 32
+MAX_MAC_LENGTH = 17
+MAX_USER_LENGTH = 32
 LOWEST_PORT, HIGHEST_PORT = 1024, 65535
 
 
@@ -24,7 +24,7 @@ def rename(name: str) -> AnyResponse:
     """Give a robot another name."""
     get(name)
     new = request.form.get("new_name", "").strip()
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Rename robot {name}",
         effects=(
             "Its tunnel stays; who drives it has to open it by its new name.",
@@ -41,16 +41,16 @@ def rename(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        robots.rename(tx, source, name, forms.text("new_name", "New name", LONGEST_NAME))
+        robots.rename(tx, source, name, forms.text("new_name", "New name", MAX_NAME_LENGTH))
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 @blueprint.route("/mac", methods=METHODS)
 def set_mac(name: str) -> AnyResponse:
     """Give a robot another MAC."""
     robot = get(name).robot
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Change the MAC of robot {name}",
         effects=(
             "For a robot that got a new network card. Name, key, ports, grants and tunnel stay.",
@@ -72,10 +72,10 @@ def set_mac(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        mac = forms.text("mac", "MAC address", LONGEST_MAC)
+        mac = forms.text("mac", "MAC address", MAX_MAC_LENGTH)
         robots.set_mac(tx, source, name, mac, allow_local_mac=forms.is_ticked("local_mac"))
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 @blueprint.route("/ports", methods=METHODS)
@@ -83,7 +83,7 @@ def move_ports(name: str) -> AnyResponse:
     """Give a robot another pair of ports."""
     robot = get(name).robot
     hint = "Leave both empty for a free pair."
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Move the ports of robot {name}",
         effects=(
             f"Now: {robot.ros_port} (rosbridge) and {robot.video_port} (video).",
@@ -104,14 +104,14 @@ def move_ports(name: str) -> AnyResponse:
         ros_port = _port("ros_port", "rosbridge port")
         robots.move_ports(tx, source, name, ros_port, _port("video_port", "Video port"))
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 @blueprint.route("/shell-user", methods=METHODS)
 def set_shell_user(name: str) -> AnyResponse:
     """Say which account on the robot a shell logs in to."""
     settings = get(name).robot.settings
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Shell user of robot {name}",
         effects=(
             "The account on the robot that the SSH configuration names, such as pi or ubuntu.",
@@ -126,16 +126,16 @@ def set_shell_user(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        user = forms.optional_text("shell_user", "Shell user", LONGEST_USER)
+        user = forms.optional_text("shell_user", "Shell user", MAX_USER_LENGTH)
 
         def change(present: Settings) -> Settings:
             if user is None:
-                return take_out(present, "shell_user")
-            return put(present, "shell_user", user)
+                return remove_path(present, "shell_user")
+            return put_path(present, "shell_user", user)
 
         robots.change_settings(tx, source, name, change)
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 def _port(name: str, label: str) -> int | None:

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import robots as deeds_on_robots
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import robots as robot_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
 from robotether_server.store import control_states, robots
 from robotether_server.store.control_states import FREE, ControlState
 from robotether_server.store.robots import SeenRobot
-from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.parts import parts
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.context import context
 
 blueprint = Blueprint("robot_list", __name__)
 
-MOST_SHOWN = 200
-LONGEST_MAC = 17
+MAX_SHOWN = 200
+MAX_MAC_LENGTH = 17
 STATES = (
     ("", "All"),
     ("online", "Online"),
@@ -31,7 +31,7 @@ STATES = (
 
 
 @dataclass(frozen=True)
-class Search:
+class RobotSearch:
     """What an admin looks for: words that all must stand somewhere in the row, and a state of STATES."""
 
     words: str = ""
@@ -61,14 +61,14 @@ def _searched(seen: SeenRobot) -> list[str]:
 @blueprint.get("/robots")
 def show() -> str:
     """Show the robots that the search finds."""
-    search = Search(request.args.get("q", "").strip(), request.args.get("state", ""))
-    with parts().database.transaction() as tx:
-        everyone = robots.list_seen(tx, visitors.visitor())
+    search = RobotSearch(request.args.get("q", "").strip(), request.args.get("state", ""))
+    with context().database.transaction() as tx:
+        everyone = robots.list_seen(tx, current_user.get())
         control = control_states.of_all(tx)
     found = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
     return render_template(
         "admin/robots.html",
-        robots=found[:MOST_SHOWN],
+        robots=found[:MAX_SHOWN],
         found=len(found),
         total=len(everyone),
         search=search,
@@ -87,22 +87,22 @@ def show_form() -> str:
 def add() -> AnyResponse | tuple[str, int]:
     """Announce a robot by its MAC and name."""
     try:
-        mac = forms.text("mac", "MAC address", LONGEST_MAC)
-        name = forms.text("name", "Name", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            robot = deeds_on_robots.add(
-                tx, visitors.source(), mac, name, allow_local_mac=forms.is_ticked("local_mac")
+        mac = forms.text("mac", "MAC address", MAX_MAC_LENGTH)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            robot = robot_service.add(
+                tx, current_user.source(), mac, name, allow_local_mac=forms.is_ticked("local_mac")
             )
     except Problem as problem:
         return _form(problem), problem.status
-    return deeds.go_on(
+    return confirmation.go_on(
         f"/admin/robots/{robot.name}",
         f"Robot {robot.name} is announced. It waits for the machine with MAC {robot.mac}.",
     )
 
 
 def _form(problem: Problem | None = None) -> str:
-    policy = parts().join.policy
+    policy = context().join.policy
     return render_template(
         "admin/add_robot.html", problem=problem, values=request.form, policy=policy
     )

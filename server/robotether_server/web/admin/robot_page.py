@@ -6,9 +6,9 @@ from robotether_server.problems import Problem, RobotUnknown
 from robotether_server.store import Transaction, audit, control_states, robots, sessions, sites
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.robots import SeenRobot
-from robotether_server.web import visitors
+from robotether_server.web import current_user
 from robotether_server.web.admin import grant_lists, robot_setting_texts
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 blueprint = Blueprint("robot_page", __name__)
 
@@ -23,14 +23,14 @@ def show(name: str) -> str:
 
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a robot, with what went wrong in one of its forms; raise RobotUnknown."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         seen = find(tx, name)
         return render_template(
             "admin/robot.html",
             seen=seen,
             robot=seen.robot,
             sessions=sessions.of_robot(tx, seen.robot.id, SHOWN),
-            events=audit.find(tx, audit.Search(robot=name), limit=SHOWN),
+            events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
             grants=grant_lists.for_robot(tx, seen.robot),
             choices=grant_lists.holders(tx),
             sites=[site.name for site in sites.list_all(tx)],
@@ -44,13 +44,13 @@ def render(name: str, problem: Problem | None = None) -> str:
 
 def get(name: str) -> SeenRobot:
     """Return the robot that a page is about; raise RobotUnknown."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         return find(tx, name)
 
 
 def find(tx: Transaction, name: str) -> SeenRobot:
     """Return the robot of that name, as an admin sees it; raise RobotUnknown."""
-    seen = robots.find_seen(tx, visitors.visitor(), name)
+    seen = robots.find_seen(tx, current_user.get(), name)
     if seen is None:
         raise RobotUnknown(
             f"cannot show robot {name}: there is none of that name; perhaps it was renamed or removed"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_paths import is_in, look_up
+from robotether_server.setting_paths import get_path, is_in
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
 
 
@@ -16,7 +16,7 @@ def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
         # Somebody wrote by SQL what nobody may set.
         return [("Not valid", error.detail)]
     return [
-        (f"{section.title}: {field.label}", line_of(field, look_up(given, field.path)))
+        (f"{section.title}: {field.label}", line_of(field, get_path(given, field.path)))
         for section in SECTIONS
         for field in section.fields
         if is_in(given, field.path)

@@ -13,19 +13,19 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import robot_settings
 from robotether_server.administration import robots
 from robotether_server.problems import FieldInvalid, Problem
-from robotether_server.setting_paths import Settings, look_up, put
+from robotether_server.setting_paths import Settings, get_path, put_path
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
-from robotether_server.web import deeds, visitors
+from robotether_server.web import confirmation, current_user
 from robotether_server.web.admin import robot_page
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
 from robotether_server.web.admin.robot_setting_texts import line_of, text_of
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/settings")
 
-LONGEST_FIELD = 20_000
+MAX_FIELD_LENGTH = 20_000
 NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
 
 
@@ -45,11 +45,11 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
     if request.method == "GET":
         return _page(name, present)
     try:
-        with parts().database.transaction() as tx:
-            robots.change_settings(tx, visitors.source(), name, _from_form)
+        with context().database.transaction() as tx:
+            robots.change_settings(tx, current_user.source(), name, _from_form)
     except Problem as problem:
         return _page(name, present, problem), problem.status
-    return deeds.go_on(
+    return confirmation.go_on(
         robot_page.page_of(name), f"The policy and the guard of robot {name} are set."
     )
 
@@ -58,7 +58,7 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
 def to_defaults(name: str) -> AnyResponse:
     """Go back to the defaults."""
     robot_page.get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Policy and guard of robot {name} back to the defaults?",
         effects=(
             "No limits of speed and acceleration, 0.5 s until it stops by itself, drive topics /cmd_vel and */cmd_vel.",
@@ -76,7 +76,7 @@ def to_defaults(name: str) -> AnyResponse:
     def do(tx: Transaction, source: Source) -> None:
         robots.change_settings(tx, source, name, _kept)
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 def _page(name: str, present: Mapping[str, object], problem: Problem | None = None) -> str:
@@ -96,8 +96,8 @@ def _page(name: str, present: Mapping[str, object], problem: Problem | None = No
 
 
 def _filled(field: SettingField, in_force: Settings, defaults: Settings) -> Filled:
-    text = text_of(look_up(in_force, field.path))
-    usual = line_of(field, look_up(defaults, field.path))
+    text = text_of(get_path(in_force, field.path))
+    usual = line_of(field, get_path(defaults, field.path))
     return Filled(field, request.form.get(field.path, text), usual)
 
 
@@ -107,9 +107,9 @@ def _from_form(present: Mapping[str, object]) -> Settings:
     for section in SECTIONS:
         for field in section.fields:
             text = request.form.get(field.path)
-            if text is None or len(text) > LONGEST_FIELD:
+            if text is None or len(text) > MAX_FIELD_LENGTH:
                 raise FieldInvalid(f"cannot use {field.path}: it is missing or too long")
-            settings = put(settings, field.path, _value(field, text.strip()))
+            settings = put_path(settings, field.path, _value(field, text.strip()))
     return settings
 
 

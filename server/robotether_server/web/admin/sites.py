@@ -3,15 +3,15 @@
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import sites as deeds_on_sites
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import sites as site_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
 from robotether_server.store import robots, sites
 from robotether_server.store.grants import LEVELS
-from robotether_server.web import deeds, forms, visitors
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_page
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("sites", __name__)
 
@@ -28,12 +28,14 @@ def show_all() -> str:
 def add() -> PageAnswer:
     """Add a site."""
     try:
-        name = forms.text("name", "Name", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            deeds_on_sites.add(tx, visitors.source(), name)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            site_service.add(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
-    return deeds.go_on(page_of(name), f"Site {name} is added. Put robots there, and give grants.")
+    return confirmation.go_on(
+        page_of(name), f"Site {name} is added. Put robots there, and give grants."
+    )
 
 
 @blueprint.get("/sites/<name>")
@@ -48,18 +50,18 @@ def place_here(name: str) -> PageAnswer:
     if request.method == "GET":
         return render(name)
     try:
-        robot = forms.text("robot", "Robot", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            deeds_on_sites.place(tx, visitors.source(), robot, name)
+        robot = forms.text("robot", "Robot", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            site_service.place(tx, current_user.source(), robot, name)
     except Problem as problem:
         return render(name, problem), problem.status
-    return deeds.go_on(page_of(name), f"Robot {robot} is at site {name}.")
+    return confirmation.go_on(page_of(name), f"Robot {robot} is at site {name}.")
 
 
 @blueprint.route("/sites/<name>/robots/<robot>/take-out", methods=METHODS)
-def take_out(name: str, robot: str) -> AnyResponse:
+def remove_robot(name: str, robot: str) -> AnyResponse:
     """Put a robot of this site at no site."""
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Take robot {robot} out of site {name}?",
         effects=(
             f"What only the grants for site {name} give is lost for {robot}; what is open by them is cut within "
@@ -70,7 +72,9 @@ def take_out(name: str, robot: str) -> AnyResponse:
         done=f"Robot {robot} is at no site.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_sites.take_out(tx, source, robot, name))
+    return confirmation.run(
+        action, lambda tx, source: site_service.remove_robot(tx, source, robot, name)
+    )
 
 
 @blueprint.route("/robots/<name>/site", methods=METHODS)
@@ -79,21 +83,21 @@ def place(name: str) -> PageAnswer:
     if request.method == "GET":
         return robot_page.render(name)
     try:
-        site = forms.optional_text("site", "Site", LONGEST_NAME)
-        with parts().database.transaction() as tx:
-            deeds_on_sites.place(tx, visitors.source(), name, site)
+        site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
+        with context().database.transaction() as tx:
+            site_service.place(tx, current_user.source(), name, site)
     except Problem as problem:
         return robot_page.render(name, problem), problem.status
     words = f"at site {site}" if site else "at no site"
-    return deeds.go_on(robot_page.page_of(name), f"Robot {name} is {words}.")
+    return confirmation.go_on(robot_page.page_of(name), f"Robot {name} is {words}.")
 
 
 @blueprint.route("/sites/<name>/remove", methods=METHODS)
 def remove(name: str) -> AnyResponse:
     """Remove a site."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = sites.get(tx, name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Remove site {name}?",
         effects=(
             "The grants for it go with it; what only these opened is cut within 2 seconds.",
@@ -105,12 +109,12 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/sites",
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_sites.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: site_service.remove(tx, source, name))
 
 
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a site, with what went wrong in one of its forms; raise RecordMissing."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         site = sites.get(tx, name)
         elsewhere = [one.robot for one in robots.list_all(tx) if one.robot.site != name]
         return render_template(
@@ -131,6 +135,6 @@ def page_of(name: str) -> str:
 
 
 def _list(problem: Problem | None = None) -> str:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = sites.list_all(tx)
     return render_template("admin/sites.html", sites=found, problem=problem, values=request.form)

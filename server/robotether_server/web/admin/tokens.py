@@ -8,9 +8,9 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server.administration import tokens
 from robotether_server.problems import RecordMissing
 from robotether_server.store.tokens import Token
-from robotether_server.web import deeds
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web import confirmation
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 
 blueprint = Blueprint("tokens", __name__, url_prefix="/tokens")
 
@@ -18,7 +18,7 @@ blueprint = Blueprint("tokens", __name__, url_prefix="/tokens")
 @blueprint.get("")
 def show() -> str:
     """Show every API token."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         found = tokens.list_all(tx)
     return render_template("admin/tokens.html", tokens=found, now=dt.datetime.now(dt.UTC))
 
@@ -27,7 +27,7 @@ def show() -> str:
 def delete(token_id: int) -> AnyResponse:
     """Delete a token."""
     token = _get(token_id)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Delete API token {token.name} of {token.user}?",
         effects=(
             "Programs that use it are refused from now on; what they have open is cut within 2 seconds.",
@@ -37,11 +37,11 @@ def delete(token_id: int) -> AnyResponse:
         done=f"API token {token.name} of {token.user} is deleted.",
         back="/admin/tokens",
     )
-    return deeds.run(deed, lambda tx, source: tokens.delete(tx, source, token_id))
+    return confirmation.run(action, lambda tx, source: tokens.delete(tx, source, token_id))
 
 
 def _get(token_id: int) -> Token:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         for token in tokens.list_all(tx):
             if token.id == token_id:
                 return token

@@ -5,15 +5,15 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.administration import tokens
-from robotether_server.administration import users as deeds_on_users
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import users as user_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
 from robotether_server.store import groups, robots, users
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.users import ROLES
-from robotether_server.web import deeds, forms, visitors
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 blueprint = Blueprint("users", __name__, url_prefix="/users")
 
@@ -30,14 +30,14 @@ def add() -> AnyResponse | str | tuple[str, int]:
     typed = forms.secret("password")
     password = typed or passwords.new_password()
     try:
-        name = forms.text("name", "Name", LONGEST_NAME)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
         role = forms.choice("role", "Role", ROLES)
-        with parts().database.transaction() as tx:
-            deeds_on_users.add(tx, visitors.source(), name, password, role)
+        with context().database.transaction() as tx:
+            user_service.add(tx, current_user.source(), name, password, role)
     except Problem as problem:
         return _list(problem), problem.status
     if typed:
-        return deeds.go_on(page_of(name), f"User {name} is added.")
+        return confirmation.go_on(page_of(name), f"User {name} is added.")
     return show_password(name, password, f"User {name} is added")
 
 
@@ -61,7 +61,7 @@ def show_password(name: str, password: str, title: str) -> str:
 
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a user, with what went wrong in one of its forms; raise RecordMissing."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = users.get(tx, name)
         return render_template(
             "admin/user.html",
@@ -82,14 +82,14 @@ def page_of(name: str) -> str:
 
 
 def _list(problem: Problem | None = None) -> str:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         everyone = users.list_all(tx)
         seen = robots.count_seen(tx)
     return render_template(
         "admin/users.html",
         users=everyone,
         seen=seen,
-        shortest_password=passwords.SHORTEST,
+        shortest_password=passwords.MIN_LENGTH,
         problem=problem,
         values=request.form,
     )

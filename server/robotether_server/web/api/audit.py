@@ -4,20 +4,20 @@ from dataclasses import asdict
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.store import audit
-from robotether_server.store.audit import AuditEvent, Search
+from robotether_server.store.audit import AuditEvent, AuditSearch
 from robotether_server.web import exports, fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import plain
+from robotether_server.web.context import context
 from robotether_server.web.fields import Fields
-from robotether_server.web.parts import parts
 
-LONGEST_KIND = 40
-LARGEST_ID = 2**63 - 1
+MAX_KIND_LENGTH = 40
+MAX_ID = 2**63 - 1
 USUAL_EVENTS = 100
-MOST_EVENTS = 500
+MAX_EVENTS = 500
 FILTERS = ("robot", "actor", "kind", "since", "until", "before", "limit", "format")
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 
@@ -28,8 +28,8 @@ def list_audit_events() -> Response:
     with callers.admin() as caller:
         given = fields.query(request, FILTERS)
         search = _search(given)
-        before = fields.number_in_query(given, "before", 1, LARGEST_ID)
-        limit = fields.number_in_query(given, "limit", 1, MOST_EVENTS)
+        before = fields.number_in_query(given, "before", 1, MAX_ID)
+        limit = fields.number_in_query(given, "limit", 1, MAX_EVENTS)
         if "format" not in given:
             found = audit.find(caller.tx, search, before=before, limit=limit or USUAL_EVENTS)
             return jsonify({"events": [plain(asdict(one)) for one in found]})
@@ -37,10 +37,10 @@ def list_audit_events() -> Response:
 
 
 def download(
-    search: Search, kind: exports.Format, before: int | None = None, limit: int | None = None
+    search: AuditSearch, kind: exports.Format, before: int | None = None, limit: int | None = None
 ) -> Response:
     """Stream all events that fit; the caller has seen to it that an admin asks."""
-    database = parts().database
+    database = context().database
 
     def fetch(last: int | None, wanted: int) -> list[AuditEvent]:
         with database.transaction() as tx:
@@ -50,11 +50,11 @@ def download(
     return exports.answer(found, COLUMNS, kind, "robotether-audit")
 
 
-def _search(given: Fields) -> Search:
-    return Search(
-        robot=fields.optional_text(given, "robot", LONGEST_NAME),
-        actor=fields.optional_text(given, "actor", LONGEST_NAME),
-        kind=fields.optional_text(given, "kind", LONGEST_KIND),
-        since=fields.optional_moment(given, "since"),
-        until=fields.optional_moment(given, "until"),
+def _search(given: Fields) -> AuditSearch:
+    return AuditSearch(
+        robot=fields.optional_text(given, "robot", MAX_NAME_LENGTH),
+        actor=fields.optional_text(given, "actor", MAX_NAME_LENGTH),
+        kind=fields.optional_text(given, "kind", MAX_KIND_LENGTH),
+        since=fields.optional_timestamp(given, "since"),
+        until=fields.optional_timestamp(given, "until"),
     )

@@ -14,7 +14,7 @@ from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.store.users import User
 from robotether_server.web import access
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Caller:
 @contextmanager
 def any_user() -> Iterator[Caller]:
     """Let in whoever has a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.api_user(tx, request)
         yield Caller(tx, user, Source(user.name, request.remote_addr))
 

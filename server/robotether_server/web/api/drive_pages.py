@@ -4,7 +4,7 @@ from flask import Response, jsonify, request
 
 from robotether_server.administration import drive_pages
 from robotether_server.page_settings import NAMES
-from robotether_server.web import fields, managed
+from robotether_server.web import fields, permissions
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 
@@ -13,7 +13,7 @@ from robotether_server.web.api.blueprint import blueprint
 def set_page(robot: str) -> Response:
     """Replace the page's settings; what is missing is as by default."""
     with callers.any_user() as caller:
-        managed.find(caller.tx, caller.user, robot)
+        permissions.find_managed(caller.tx, caller.user, robot)
         body = fields.json_object(request, NAMES)
         settings = drive_pages.set_page(caller.tx, caller.source, robot, body)
     return jsonify(settings.page.as_dict())
@@ -23,7 +23,7 @@ def set_page(robot: str) -> Response:
 def set_buttons(robot: str) -> Response:
     """Replace the buttons."""
     with callers.any_user() as caller:
-        managed.find(caller.tx, caller.user, robot)
+        permissions.find_managed(caller.tx, caller.user, robot)
         body = fields.json_object(request, ("buttons",))
         settings = drive_pages.set_buttons(caller.tx, caller.source, robot, body.get("buttons"))
     return jsonify({"buttons": [button.as_dict() for button in settings.buttons]})

@@ -5,21 +5,21 @@ from dataclasses import fields as members_of
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.store import drives
-from robotether_server.store.drives import Drive, Search
+from robotether_server.store.drives import Drive, DriveSearch
 from robotether_server.store.users import User
 from robotether_server.web import exports, fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import plain
+from robotether_server.web.context import context
 from robotether_server.web.fields import Fields
-from robotether_server.web.parts import parts
 
-LARGEST_ID = 2**63 - 1
+MAX_ID = 2**63 - 1
 USUAL_DRIVES = 100
-MOST_DRIVES = 500
-LARGEST_FENCE = 2**64 - 1
+MAX_DRIVES = 500
+MAX_FENCE = 2**64 - 1
 FILTERS = ("robot", "user", "fence", "since", "until", "before", "limit", "format")
 COLUMNS = tuple(member.name for member in members_of(Drive))
 
@@ -30,8 +30,8 @@ def list_drives() -> Response:
     with callers.any_user() as caller:
         given = fields.query(request, FILTERS)
         search = _search(given)
-        before = fields.number_in_query(given, "before", 1, LARGEST_ID)
-        limit = fields.number_in_query(given, "limit", 1, MOST_DRIVES)
+        before = fields.number_in_query(given, "before", 1, MAX_ID)
+        limit = fields.number_in_query(given, "limit", 1, MAX_DRIVES)
         if "format" not in given:
             found = drives.find(
                 caller.tx, caller.user, search, before=before, limit=limit or USUAL_DRIVES
@@ -46,7 +46,7 @@ def list_drives() -> Response:
 def show_drive(drive_id: int) -> Response:
     """Tell of one drive; browsers that are led here keep it as a file."""
     with callers.any_user() as caller:
-        found = drives.get(caller.tx, caller.user, min(drive_id, LARGEST_ID))
+        found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
     answer = jsonify(plain(asdict(found)))
     name = f"robotether-drive-{found.id}.json"
     answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'
@@ -55,14 +55,14 @@ def show_drive(drive_id: int) -> Response:
 
 def download(
     viewer: User,
-    search: Search,
+    search: DriveSearch,
     kind: exports.Format,
     *,
     before: int | None = None,
     limit: int | None = None,
 ) -> Response:
     """Stream all drives that fit and that this user may know of."""
-    database = parts().database
+    database = context().database
 
     def fetch(last: int | None, wanted: int) -> list[Drive]:
         start = before if last is None else last
@@ -73,11 +73,11 @@ def download(
     return exports.answer(found, COLUMNS, kind, "robotether-drives")
 
 
-def _search(given: Fields) -> Search:
-    return Search(
-        robot=fields.optional_text(given, "robot", LONGEST_NAME),
-        user=fields.optional_text(given, "user", LONGEST_NAME),
-        since=fields.optional_moment(given, "since"),
-        until=fields.optional_moment(given, "until"),
-        fence=fields.number_in_query(given, "fence", 0, LARGEST_FENCE),
+def _search(given: Fields) -> DriveSearch:
+    return DriveSearch(
+        robot=fields.optional_text(given, "robot", MAX_NAME_LENGTH),
+        user=fields.optional_text(given, "user", MAX_NAME_LENGTH),
+        since=fields.optional_timestamp(given, "since"),
+        until=fields.optional_timestamp(given, "until"),
+        fence=fields.number_in_query(given, "fence", 0, MAX_FENCE),
     )

@@ -4,9 +4,9 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import grants as deeds
+from robotether_server.administration import grants as grant_service
 from robotether_server.administration.grants import ALL, Holder, Scope
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
 from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import fields
@@ -23,7 +23,7 @@ REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
 def list_grants() -> Response:
     """List the grants, ended ones too."""
     with callers.admin() as caller:
-        found = deeds.list_all(caller.tx)
+        found = grant_service.list_all(caller.tx)
     return jsonify({"grants": [grant_object(one) for one in found]})
 
 
@@ -40,7 +40,7 @@ def add_grant() -> tuple[Response, int]:
 def delete_grant(grant_id: int) -> tuple[str, int]:
     """Take one grant away."""
     with callers.admin() as caller:
-        deeds.take(caller.tx, caller.source, grant_id)
+        grant_service.take(caller.tx, caller.source, grant_id)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -57,19 +57,19 @@ def give_grant(user: str, robot: str) -> Response:
 def take_grant(user: str, robot: str) -> tuple[str, int]:
     """Take the grant away."""
     with callers.admin() as caller:
-        deeds.revoke(caller.tx, caller.source, user, robot)
+        grant_service.revoke(caller.tx, caller.source, user, robot)
     return "", HTTPStatus.NO_CONTENT
 
 
 def _give(caller: Caller, holder: Holder, scope: Scope, body: Fields) -> tuple[Grant, bool]:
     level = fields.choice(body, "level", LEVELS)
-    ends_at = fields.optional_moment(body, "ends_at")
-    return deeds.give(caller.tx, caller.source, holder, scope, level, ends_at=ends_at)
+    ends_at = fields.optional_timestamp(body, "ends_at")
+    return grant_service.give(caller.tx, caller.source, holder, scope, level, ends_at=ends_at)
 
 
 def _holder(body: Fields) -> Holder:
     kind = _the_one(body, ("user", "group"))
-    name = fields.text(body, kind, LONGEST_NAME)
+    name = fields.text(body, kind, MAX_NAME_LENGTH)
     return Holder("user", name) if kind == "user" else Holder("group", name)
 
 
@@ -79,7 +79,7 @@ def _scope(body: Fields) -> Scope:
         if body["all"] is not True:
             raise FieldInvalid("cannot use all: it must be true, or left out")
         return ALL
-    name = fields.text(body, kind, LONGEST_NAME)
+    name = fields.text(body, kind, MAX_NAME_LENGTH)
     return Scope("robot", name) if kind == "robot" else Scope("site", name)
 
 

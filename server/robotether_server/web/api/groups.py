@@ -4,8 +4,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import groups as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import groups as group_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.store import groups
 from robotether_server.store.groups import Group
 from robotether_server.web import fields
@@ -25,8 +25,8 @@ def list_groups() -> Response:
 def add_group() -> tuple[Response, int]:
     """Add a group without members."""
     with callers.admin() as caller:
-        name = fields.text(fields.json_object(request, ("name",)), "name", LONGEST_NAME)
-        added = deeds.add(caller.tx, caller.source, name)
+        name = fields.text(fields.json_object(request, ("name",)), "name", MAX_NAME_LENGTH)
+        added = group_service.add(caller.tx, caller.source, name)
     return jsonify(_object(added)), HTTPStatus.CREATED
 
 
@@ -42,7 +42,7 @@ def show_group(group: str) -> Response:
 def remove_group(group: str) -> tuple[str, int]:
     """Remove the group with its grants; its members stay users."""
     with callers.admin() as caller:
-        deeds.remove(caller.tx, caller.source, group)
+        group_service.remove(caller.tx, caller.source, group)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -50,7 +50,7 @@ def remove_group(group: str) -> tuple[str, int]:
 def add_member(group: str, user: str) -> Response:
     """Make the user a member."""
     with callers.admin() as caller:
-        changed = deeds.add_member(caller.tx, caller.source, group, user)
+        changed = group_service.add_member(caller.tx, caller.source, group, user)
     return jsonify(_object(changed))
 
 
@@ -58,7 +58,7 @@ def add_member(group: str, user: str) -> Response:
 def remove_member(group: str, user: str) -> tuple[str, int]:
     """End the membership."""
     with callers.admin() as caller:
-        deeds.remove_member(caller.tx, caller.source, group, user)
+        group_service.remove_member(caller.tx, caller.source, group, user)
     return "", HTTPStatus.NO_CONTENT
 
 

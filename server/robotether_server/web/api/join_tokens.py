@@ -6,8 +6,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import join_tokens as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import join_tokens as join_token_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
 from robotether_server.store import Transaction, join_tokens
@@ -15,9 +15,9 @@ from robotether_server.web import fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import Object, plain
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
-MOST_HOURS = 8760
+MAX_HOURS = 8760
 MEMBERS = ("name", "uses", "hours")
 
 
@@ -25,7 +25,7 @@ MEMBERS = ("name", "uses", "hours")
 def list_join_tokens() -> Response:
     """List the join tokens, without their texts."""
     with callers.admin() as caller:
-        found = deeds.list_all(caller.tx)
+        found = join_token_service.list_all(caller.tx)
     return jsonify({"join_tokens": [plain(asdict(one)) for one in found]})
 
 
@@ -34,14 +34,14 @@ def create_join_token() -> tuple[Response, int]:
     """Make a token; its text and the line are told this one time."""
     with callers.admin() as caller:
         body = fields.json_object(request, MEMBERS)
-        name = fields.text(body, "name", LONGEST_NAME)
-        uses = fields.number(body, "uses", 1, deeds.MOST_USES)
-        hours = fields.number(body, "hours", 1, MOST_HOURS)
+        name = fields.text(body, "name", MAX_NAME_LENGTH)
+        uses = fields.number(body, "uses", 1, join_token_service.MAX_USES)
+        hours = fields.number(body, "hours", 1, MAX_HOURS)
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
-        text = deeds.create(caller.tx, caller.source, name, uses, expires_at)
+        text = join_token_service.create(caller.tx, caller.source, name, uses, expires_at)
         made = _token(caller.tx, text)
         # Inside: a token whose line cannot be told is not made.
-        command = install_line(parts().front, request.host, text)
+        command = install_line(context().site_certificates, request.host, text)
     return jsonify(made | {"token": text, "command": command}), HTTPStatus.CREATED
 
 
@@ -49,7 +49,7 @@ def create_join_token() -> tuple[Response, int]:
 def delete_join_token(token_id: int) -> tuple[str, int]:
     """Delete a token."""
     with callers.admin() as caller:
-        deeds.delete(caller.tx, caller.source, token_id)
+        join_token_service.delete(caller.tx, caller.source, token_id)
     return "", HTTPStatus.NO_CONTENT
 
 

@@ -5,7 +5,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.store import Transaction, control_states, robots
 from robotether_server.store.audit import Source
 from robotether_server.store.robots import Robot
@@ -14,39 +14,39 @@ from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import robot_object
 
-LONGEST_FINGERPRINT = 64
+MAX_FINGERPRINT_LENGTH = 64
 
 
 @blueprint.post("/robots/<robot>/approve")
 def approve_key(robot: str) -> Response:
     """Let a waiting key in: the one that is named, whatever came since."""
-    return _done(robot, lambda tx, source: deeds.approve(tx, source, robot, _fingerprint()))
+    return _done(robot, lambda tx, source: robot_service.approve(tx, source, robot, _fingerprint()))
 
 
 @blueprint.post("/robots/<robot>/reject")
 def reject_key(robot: str) -> tuple[str, int]:
     """Turn a waiting key away; a robot that nobody announced goes with it."""
     with callers.admin() as caller:
-        deeds.reject(caller.tx, caller.source, robot, _fingerprint())
+        robot_service.reject(caller.tx, caller.source, robot, _fingerprint())
     return "", HTTPStatus.NO_CONTENT
 
 
 @blueprint.post("/robots/<robot>/rekey")
 def rekey_robot(robot: str) -> Response:
     """Forget the key, and end the connection."""
-    return _done(robot, lambda tx, source: deeds.rekey(tx, source, robot))
+    return _done(robot, lambda tx, source: robot_service.rekey(tx, source, robot))
 
 
 @blueprint.post("/robots/<robot>/rotate-key")
 def rotate_key(robot: str) -> Response:
     """Ask the agent for a new key."""
-    return _done(robot, lambda tx, source: deeds.rotate_key(tx, source, robot))
+    return _done(robot, lambda tx, source: robot_service.rotate_key(tx, source, robot))
 
 
 @blueprint.post("/robots/<robot>/move-ports")
 def move_ports(robot: str) -> Response:
     """Give the robot another free pair of ports."""
-    return _done(robot, lambda tx, source: deeds.move_ports(tx, source, robot))
+    return _done(robot, lambda tx, source: robot_service.move_ports(tx, source, robot))
 
 
 def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
@@ -59,4 +59,4 @@ def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
 
 def _fingerprint() -> str:
     body = fields.json_object(request, ("fingerprint",))
-    return fields.text(body, "fingerprint", LONGEST_FINGERPRINT)
+    return fields.text(body, "fingerprint", MAX_FINGERPRINT_LENGTH)

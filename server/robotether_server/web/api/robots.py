@@ -5,13 +5,13 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import macs
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.administration import sites
 from robotether_server.administration.enrolment import Registration
-from robotether_server.administration.names import LONGEST_NAME
-from robotether_server.administration.vouching import Vouch
+from robotether_server.administration.enrolment_credentials import EnrolmentCredential
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid, RobotUnknown
-from robotether_server.ssh_keys import LONGEST_LINE
+from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store import control_states, robots, sessions
 from robotether_server.store.audit import Source
 from robotether_server.web import access, fields
@@ -19,16 +19,16 @@ from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.callers import Caller
 from robotether_server.web.api.objects import plain, robot_object, ssh_object
+from robotether_server.web.context import context
 from robotether_server.web.fields import Fields
-from robotether_server.web.parts import parts
 
-LONGEST_HOSTNAME = 253
-LONGEST_VERSION = 32
+MAX_HOSTNAME_LENGTH = 253
+MAX_VERSION_LENGTH = 32
 REGISTRATION = ("mac", "public_key", "hostname", "agent_version")
 CHANGES = ("name", "mac", "state", "shell", "settings", "site")
 STATES = ("active", "disabled")
 USUAL_SESSIONS = 100
-MOST_SESSIONS = 500
+MAX_SESSIONS = 500
 
 
 @blueprint.get("/robots")
@@ -61,17 +61,17 @@ def show_robot(robot: str) -> Response:
 @blueprint.put("/robots/<robot>")
 def register_robot(robot: str) -> tuple[Response, int]:
     """Enrol a robot with its key, or find it enrolled."""
-    with parts().database.transaction() as tx:
-        vouch = access.voucher(tx, request)
-        registration = _registration(robot, vouch)
-        ssh = ssh_object(parts().join)
-        source = Source(vouch.actor, request.remote_addr)
-        _, is_new = deeds.register(tx, source, registration)
+    with context().database.transaction() as tx:
+        credential = access.enrolment_credential(tx, request)
+        registration = _registration(robot, credential)
+        ssh = ssh_object(context().join)
+        source = Source(credential.actor, request.remote_addr)
+        _, is_new = robot_service.register(tx, source, registration)
         seen = robots.get_seen(tx, robot)
         # A join token lets robots in; it may not see who drives them.
-        control = control_states.of_robot(tx, seen.robot.id) if vouch.admin else None
-    shown = robot_object(seen, control, for_admin=vouch.admin is not None) | {"ssh": ssh}
-    if vouch.admin is None:
+        control = control_states.of_robot(tx, seen.robot.id) if credential.admin else None
+    shown = robot_object(seen, control, for_admin=credential.admin is not None) | {"ssh": ssh}
+    if credential.admin is None:
         shown["level"] = None
     return jsonify(shown), HTTPStatus.CREATED if is_new else HTTPStatus.OK
 
@@ -93,7 +93,7 @@ def change_robot(robot: str) -> Response:
 def remove_robot(robot: str) -> tuple[str, int]:
     """Remove the robot with its grants and sessions."""
     with callers.admin() as caller:
-        deeds.remove(caller.tx, caller.source, robot)
+        robot_service.remove(caller.tx, caller.source, robot)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -102,21 +102,21 @@ def list_sessions(robot: str) -> Response:
     """List the robot's connections, the newest first."""
     with callers.admin() as caller:
         given = fields.query(request, ("limit",))
-        limit = fields.number_in_query(given, "limit", 1, MOST_SESSIONS) or USUAL_SESSIONS
+        limit = fields.number_in_query(given, "limit", 1, MAX_SESSIONS) or USUAL_SESSIONS
         found = sessions.of_robot(caller.tx, robots.get_seen(caller.tx, robot).robot.id, limit)
     return jsonify({"sessions": [plain(one._asdict()) for one in found]})
 
 
-def _registration(robot: str, vouch: Vouch) -> Registration:
+def _registration(robot: str, credential: EnrolmentCredential) -> Registration:
     body = fields.json_object(request, REGISTRATION)
     return Registration(
         name=robot,
-        mac=fields.text(body, "mac", macs.LONGEST_TEXT),
-        public_key=fields.text(body, "public_key", LONGEST_LINE),
-        vouch=vouch,
-        hostname=fields.optional_text(body, "hostname", LONGEST_HOSTNAME),
-        agent_version=fields.optional_text(body, "agent_version", LONGEST_VERSION),
-        allow_local_mac=parts().join.allow_local_macs,
+        mac=fields.text(body, "mac", macs.MAX_TEXT_LENGTH),
+        public_key=fields.text(body, "public_key", MAX_LINE_LENGTH),
+        credential=credential,
+        hostname=fields.optional_text(body, "hostname", MAX_HOSTNAME_LENGTH),
+        agent_version=fields.optional_text(body, "agent_version", MAX_VERSION_LENGTH),
+        allow_local_mac=context().join.allow_local_macs,
     )
 
 
@@ -124,23 +124,25 @@ def _change(caller: Caller, name: str, body: Fields) -> str:
     """Do what the body says; return the robot's name afterwards, which is changed last."""
     tx, source = caller.tx, caller.source
     if "mac" in body:
-        mac = fields.text(body, "mac", macs.LONGEST_TEXT)
-        deeds.set_mac(tx, source, name, mac, allow_local_mac=parts().join.allow_local_macs)
+        mac = fields.text(body, "mac", macs.MAX_TEXT_LENGTH)
+        robot_service.set_mac(
+            tx, source, name, mac, allow_local_mac=context().join.allow_local_macs
+        )
     if "settings" in body:
-        deeds.set_settings(tx, source, name, fields.mapping(body, "settings"))
+        robot_service.set_settings(tx, source, name, fields.mapping(body, "settings"))
     if "site" in body:
-        sites.place(tx, source, name, fields.optional_text(body, "site", LONGEST_NAME))
+        sites.place(tx, source, name, fields.optional_text(body, "site", MAX_NAME_LENGTH))
     if "shell" in body:
-        deeds.set_shell(tx, source, name, fields.flag(body, "shell"))
+        robot_service.set_shell(tx, source, name, fields.flag(body, "shell"))
     if "state" in body:
         _change_state(caller, name, fields.choice(body, "state", STATES))
     if "name" not in body:
         return name
-    return deeds.rename(tx, source, name, fields.text(body, "name", LONGEST_NAME)).name
+    return robot_service.rename(tx, source, name, fields.text(body, "name", MAX_NAME_LENGTH)).name
 
 
 def _change_state(caller: Caller, name: str, state: str) -> None:
     if state == "disabled":
-        deeds.disable(caller.tx, caller.source, name)
+        robot_service.disable(caller.tx, caller.source, name)
     elif robots.get(caller.tx, name).state != "active":
-        deeds.enable(caller.tx, caller.source, name)
+        robot_service.enable(caller.tx, caller.source, name)

@@ -7,8 +7,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import sites as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import sites as site_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.store import sites
 from robotether_server.store.sites import Site
 from robotether_server.web import fields
@@ -28,8 +28,8 @@ def list_sites() -> Response:
 def add_site() -> tuple[Response, int]:
     """Add a site without robots."""
     with callers.admin() as caller:
-        name = fields.text(fields.json_object(request, ("name",)), "name", LONGEST_NAME)
-        added = deeds.add(caller.tx, caller.source, name)
+        name = fields.text(fields.json_object(request, ("name",)), "name", MAX_NAME_LENGTH)
+        added = site_service.add(caller.tx, caller.source, name)
     return jsonify(_object(added)), HTTPStatus.CREATED
 
 
@@ -45,7 +45,7 @@ def show_site(site: str) -> Response:
 def remove_site(site: str) -> tuple[str, int]:
     """Remove the site with its grants; its robots are at no site then."""
     with callers.admin() as caller:
-        deeds.remove(caller.tx, caller.source, site)
+        site_service.remove(caller.tx, caller.source, site)
     return "", HTTPStatus.NO_CONTENT
 
 

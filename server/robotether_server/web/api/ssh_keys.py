@@ -6,15 +6,15 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server.administration import ssh_config
-from robotether_server.administration import ssh_keys as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import ssh_keys as ssh_key_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
-from robotether_server.ssh_keys import LONGEST_LINE
+from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import plain
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 MEMBERS = ("name", "public_key")
 
@@ -23,7 +23,7 @@ MEMBERS = ("name", "public_key")
 def list_ssh_keys() -> Response:
     """List the user's keys."""
     with callers.any_user() as caller:
-        found = deeds.list_of(caller.tx, caller.user)
+        found = ssh_key_service.list_of(caller.tx, caller.user)
     return jsonify({"ssh_keys": [plain(asdict(one)) for one in found]})
 
 
@@ -32,9 +32,9 @@ def add_ssh_key() -> tuple[Response, int]:
     """Add a key of the user's."""
     with callers.any_user() as caller:
         body = fields.json_object(request, MEMBERS)
-        name = fields.text(body, "name", LONGEST_NAME)
-        line = fields.text(body, "public_key", LONGEST_LINE)
-        added = deeds.add(caller.tx, caller.source, caller.user, name, line)
+        name = fields.text(body, "name", MAX_NAME_LENGTH)
+        line = fields.text(body, "public_key", MAX_LINE_LENGTH)
+        added = ssh_key_service.add(caller.tx, caller.source, caller.user, name, line)
     return jsonify(plain(asdict(added))), HTTPStatus.CREATED
 
 
@@ -42,7 +42,7 @@ def add_ssh_key() -> tuple[Response, int]:
 def delete_ssh_key(key_id: int) -> tuple[str, int]:
     """Delete a key of the user's; another user's looks like one that does not exist."""
     with callers.any_user() as caller:
-        deeds.delete(caller.tx, caller.source, caller.user, key_id)
+        ssh_key_service.delete(caller.tx, caller.source, caller.user, key_id)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -51,6 +51,6 @@ def show_ssh_config() -> Response:
     """Write an entry of ~/.ssh/config for each robot whose shell the user may reach."""
     with callers.any_user() as caller:
         entries = ssh_config.entries(caller.tx, caller.user)
-    host = site_of(parts().front.settings, request.host).host
-    text = ssh_config.render(entries, host, parts().join.ssh_ports[0])
+    host = site_of(context().site_certificates.settings, request.host).host
+    text = ssh_config.render(entries, host, context().join.ssh_ports[0])
     return Response(text, content_type="text/plain; charset=utf-8")

@@ -4,13 +4,13 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import GrantMissing, RobotUnknown
 from robotether_server.store import grants, robots
 from robotether_server.tickets import MODES, Ticket, new_id
 from robotether_server.web import access, fields
 from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 MEMBERS = ("robot", "mode")
 
@@ -18,17 +18,17 @@ MEMBERS = ("robot", "mode")
 @blueprint.post("/tickets")
 def create_ticket() -> tuple[Response, int]:
     """Sign a ticket for one WebSocket to one robot, if the user's grant includes the mode."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.api_user(tx, request)
         body = fields.json_object(request, MEMBERS, any_type=True)
-        name = fields.text(body, "robot", LONGEST_NAME)
+        name = fields.text(body, "robot", MAX_NAME_LENGTH)
         mode = fields.choice(body, "mode", MODES)
         seen = robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
     if not grants.includes(seen.level, mode):
         raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
-    signer = parts().signer
+    signer = context().signer
     kind, sha256 = access.credential_of(request)
     text = signer.sign(
         Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode, kind, sha256)

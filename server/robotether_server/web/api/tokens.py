@@ -6,8 +6,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import tokens as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import tokens as token_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import RecordMissing
 from robotether_server.store import users
 from robotether_server.store.users import User
@@ -18,7 +18,7 @@ from robotether_server.web.api.callers import Caller
 from robotether_server.web.api.objects import plain
 from robotether_server.web.fields import Fields
 
-MOST_DAYS = 3650
+MAX_DAYS = 3650
 MEMBERS = ("name", "days", "user")
 
 
@@ -27,7 +27,11 @@ def list_tokens() -> Response:
     """List the user's tokens, or everybody's for an admin, without their texts."""
     with callers.any_user() as caller:
         is_admin = caller.user.is_admin
-        found = deeds.list_all(caller.tx) if is_admin else deeds.list_of(caller.tx, caller.user)
+        found = (
+            token_service.list_all(caller.tx)
+            if is_admin
+            else token_service.list_of(caller.tx, caller.user)
+        )
     return jsonify({"tokens": [plain(asdict(one)) for one in found]})
 
 
@@ -36,13 +40,13 @@ def create_token() -> tuple[Response, int]:
     """Make a token; its text is told this one time."""
     with callers.any_user() as caller:
         body = fields.json_object(request, MEMBERS)
-        name = fields.text(body, "name", LONGEST_NAME)
-        days = fields.number(body, "days", 1, MOST_DAYS) if "days" in body else None
+        name = fields.text(body, "name", MAX_NAME_LENGTH)
+        days = fields.number(body, "days", 1, MAX_DAYS) if "days" in body else None
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
         owner = _owner(caller, body)
-        text = deeds.create(caller.tx, caller.source, owner, name, expires_at)
+        text = token_service.create(caller.tx, caller.source, owner, name, expires_at)
         # A name is a user's only once.
-        [made] = [one for one in deeds.list_of(caller.tx, owner) if one.name == name]
+        [made] = [one for one in token_service.list_of(caller.tx, owner) if one.name == name]
     return jsonify(plain(asdict(made)) | {"token": text}), HTTPStatus.CREATED
 
 
@@ -50,15 +54,15 @@ def create_token() -> tuple[Response, int]:
 def delete_token(token_id: int) -> tuple[str, int]:
     """Delete a token; another user's looks like one that does not exist, but to admins."""
     with callers.any_user() as caller:
-        token = deeds.get(caller.tx, token_id)
+        token = token_service.get(caller.tx, token_id)
         if token.user != caller.user.name and not caller.user.is_admin:
             raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
-        deeds.delete(caller.tx, caller.source, token_id)
+        token_service.delete(caller.tx, caller.source, token_id)
     return "", HTTPStatus.NO_CONTENT
 
 
 def _owner(caller: Caller, body: Fields) -> User:
-    name = fields.text(body, "user", LONGEST_NAME) if "user" in body else caller.user.name
+    name = fields.text(body, "user", MAX_NAME_LENGTH) if "user" in body else caller.user.name
     if name == caller.user.name:
         return caller.user
     callers.check_admin(caller.user)

@@ -5,8 +5,8 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import passwords
-from robotether_server.administration import users as deeds
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration import users as user_service
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import users
 from robotether_server.store.users import ROLES
@@ -34,11 +34,11 @@ def add_user() -> tuple[Response, int]:
     """Add a user; a password that is made here is told this one time."""
     with callers.admin() as caller:
         body = fields.json_object(request, MEMBERS)
-        name = fields.text(body, "name", LONGEST_NAME)
+        name = fields.text(body, "name", MAX_NAME_LENGTH)
         role = fields.choice(body, "role", ROLES)
         password = fields.secret(body, "password") if "password" in body else None
         given = password if password is not None else passwords.new_password()
-        added = deeds.add(caller.tx, caller.source, name, given, role)
+        added = user_service.add(caller.tx, caller.source, name, given, role)
     told = {} if password is not None else {"password": given}
     return jsonify(user_object(added) | told), HTTPStatus.CREATED
 
@@ -65,7 +65,7 @@ def change_user(user: str) -> Response:
 def remove_user(user: str) -> tuple[str, int]:
     """Remove the user with grants, tokens and keys."""
     with callers.admin() as caller:
-        deeds.remove(caller.tx, caller.source, user)
+        user_service.remove(caller.tx, caller.source, user)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -73,15 +73,15 @@ def remove_user(user: str) -> tuple[str, int]:
 def log_out_everywhere(user: str) -> tuple[str, int]:
     """End all logins of the user."""
     with callers.admin() as caller:
-        deeds.log_out_everywhere(caller.tx, caller.source, user)
+        user_service.log_out_everywhere(caller.tx, caller.source, user)
     return "", HTTPStatus.NO_CONTENT
 
 
 def _change(caller: Caller, user: str, body: Fields) -> None:
     tx, source = caller.tx, caller.source
     if "role" in body:
-        deeds.set_role(tx, source, user, fields.choice(body, "role", ROLES))
+        user_service.set_role(tx, source, user, fields.choice(body, "role", ROLES))
     if "disabled" in body:
-        deeds.set_disabled(tx, source, user, disabled=fields.flag(body, "disabled"))
+        user_service.set_disabled(tx, source, user, disabled=fields.flag(body, "disabled"))
     if "password" in body:
-        deeds.set_password(tx, source, user, fields.secret(body, "password"))
+        user_service.set_password(tx, source, user, fields.secret(body, "password"))

@@ -8,20 +8,20 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import buttons, robot_settings
 from robotether_server.administration import drive_pages
-from robotether_server.buttons import LONGEST_FIELDS, LONGEST_NAME, MEMBERS, Button
+from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS, Button
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
-from robotether_server.setting_values import LONGEST_ROS_NAME
+from robotether_server.setting_values import MAX_ROS_NAME_LENGTH
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
-from robotether_server.web import deeds, forms, managed, visitors
-from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web import confirmation, current_user, forms, permissions
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 from robotether_server.web.drive_settings.page_form import path_of
-from robotether_server.web.parts import parts
 
 blueprint = Blueprint("button_forms", __name__, url_prefix="/buttons")
 
 KINDS = (("publish", "Publish a message"), ("call", "Call a service"))
-LONGEST_TYPE = 140
+MAX_TYPE_LENGTH = 140
 EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}", "confirm": ""}
 
 
@@ -48,7 +48,7 @@ def change(name: str, place: int) -> AnyResponse | str | tuple[str, int]:
 def remove(name: str, place: int) -> AnyResponse:
     """Remove a button."""
     present = _at(name, place)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Remove button {present.name} of robot {name}?",
         effects=("Pages that are open keep it until they are opened anew.",),
         undo="Add it again; the audit log keeps what it sent.",
@@ -62,7 +62,7 @@ def remove(name: str, place: int) -> AnyResponse:
         del all_[drive_pages.placed(all_, place, _was(present))]
         return all_
 
-    return deeds.run(deed, lambda tx, source: _change(tx, source, name, without))
+    return confirmation.run(action, lambda tx, source: _change(tx, source, name, without))
 
 
 @blueprint.route("/<int:place>/move", methods=METHODS)
@@ -80,9 +80,9 @@ def move(name: str, place: int) -> AnyResponse:
         all_[at], all_[at + to] = all_[at + to], all_[at]
         return all_
 
-    with parts().database.transaction() as tx:
-        _change(tx, visitors.source(), name, swapped)
-    return deeds.go_on(f"{path_of(name)}#buttons", f"Button {was} is moved.")
+    with context().database.transaction() as tx:
+        _change(tx, current_user.source(), name, swapped)
+    return confirmation.go_on(f"{path_of(name)}#buttons", f"Button {was} is moved.")
 
 
 def _form(
@@ -97,19 +97,19 @@ def _form(
         return _page(name, title, values, was)
     try:
         button = _sent()
-        with parts().database.transaction() as tx:
+        with context().database.transaction() as tx:
             _save(tx, name, button, put)
     except Problem as problem:
         return _page(name, title, _typed(), was, problem), problem.status
-    return deeds.go_on(f"{path_of(name)}#buttons", f"Button {button.name} is saved.")
+    return confirmation.go_on(f"{path_of(name)}#buttons", f"Button {button.name} is saved.")
 
 
 def _save(
     tx: Transaction, name: str, button: Button, put: Callable[[list[Button], Button], None]
 ) -> None:
-    source = visitors.source()
-    managed.find(tx, visitors.visitor(), name)
-    if forms.is_ticked("allow") and visitors.visitor().is_admin:
+    source = current_user.source()
+    permissions.find_managed(tx, current_user.get(), name)
+    if forms.is_ticked("allow") and current_user.get().is_admin:
         drive_pages.allow(tx, source, name, button)
 
     def changed(all_: list[Button]) -> list[Button]:
@@ -120,7 +120,7 @@ def _save(
 
 
 def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Change) -> None:
-    managed.find(tx, visitors.visitor(), name)
+    permissions.find_managed(tx, current_user.get(), name)
     drive_pages.change_buttons(tx, source, name, change_)
 
 
@@ -135,8 +135,8 @@ def _page(
         was=was,
         problem=problem,
         kinds=KINDS,
-        longest_name=LONGEST_NAME,
-        longest_sends=LONGEST_FIELDS,
+        longest_name=MAX_NAME_LENGTH,
+        longest_sends=MAX_FIELDS_BYTES,
     )
 
 
@@ -146,10 +146,10 @@ def _sent() -> Button:
     target, sent = MEMBERS[kind]
     return buttons.parse_one(
         {
-            "name": forms.text("name", "Name", LONGEST_NAME),
+            "name": forms.text("name", "Name", MAX_NAME_LENGTH),
             "kind": kind,
-            target: forms.text("target", "Topic or service", LONGEST_ROS_NAME),
-            "type": forms.optional_text("type", "Type", LONGEST_TYPE) or "",
+            target: forms.text("target", "Topic or service", MAX_ROS_NAME_LENGTH),
+            "type": forms.optional_text("type", "Type", MAX_TYPE_LENGTH) or "",
             sent: drive_pages.read(request.form.get("sends", "").strip()),
             "confirm": forms.is_ticked("confirm"),
         }
@@ -178,8 +178,8 @@ def _was(present: Button) -> str:
 
 def _present(name: str) -> tuple[Button, ...]:
     """Return the robot's buttons, for its managers."""
-    with parts().database.transaction() as tx:
-        settings = managed.find(tx, visitors.visitor(), name).robot.settings
+    with context().database.transaction() as tx:
+        settings = permissions.find_managed(tx, current_user.get(), name).robot.settings
     try:
         return robot_settings.parse(settings).buttons
     except FieldInvalid as problem:

@@ -41,7 +41,7 @@ MOVING = (
     ),
     PageField("wheelbase_m", "Wheelbase (m)", "For robots that steer.", empty="not known"),
 )
-PICTURE = (
+VIDEO = (
     PageField("quality_min", "Lowest quality", "1 to 100. A slow link gets down to it."),
     PageField("quality_max", "Highest quality", "1 to 100. A good link gets up to it."),
     PageField("fps", "Pictures a second", "0.1 to 60."),
@@ -57,4 +57,4 @@ TOPICS = (
     PageField("battery_topic", "Battery", "How full it is.", "topic", _BY_TYPE),
     PageField("diagnostics_topic", "Diagnostics", "What its parts say.", "topic", _BY_TYPE),
 )
-FIELDS = (*MOVING, *PICTURE, *TOPICS)
+FIELDS = (*MOVING, *VIDEO, *TOPICS)

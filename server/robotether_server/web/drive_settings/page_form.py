@@ -8,18 +8,18 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
 from robotether_server.administration import drive_pages
-from robotether_server.page_settings import DEFAULTS, MOST_CAMERAS, TURNS
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.setting_paths import Settings
-from robotether_server.web import deeds, managed, visitors
-from robotether_server.web.deeds import METHODS
+from robotether_server.web import confirmation, current_user, permissions
+from robotether_server.web.confirmation import METHODS
+from robotether_server.web.context import context
 from robotether_server.web.drive_settings import page_fields
 from robotether_server.web.drive_settings.page_fields import FIELDS, PageField
-from robotether_server.web.parts import parts
 
 blueprint = Blueprint("page_form", __name__)
 
-LONGEST_FIELD = 300
+MAX_FIELD_LENGTH = 300
 # So many rows for further cameras than there are.
 SPARE_ROWS = 2
 NUMBER = re.compile(r"\d{1,12}(\.\d{1,12})?", re.ASCII)
@@ -29,15 +29,15 @@ NUMBER = re.compile(r"\d{1,12}(\.\d{1,12})?", re.ASCII)
 def show(name: str) -> AnyResponse | str | tuple[str, int]:
     """Show the form and the buttons, or save what the form says."""
     try:
-        with parts().database.transaction() as tx:
-            present = managed.find(tx, visitors.visitor(), name).robot.settings
+        with context().database.transaction() as tx:
+            present = permissions.find_managed(tx, current_user.get(), name).robot.settings
             if request.method == "POST":
-                drive_pages.set_page(tx, visitors.source(), name, _from_form())
+                drive_pages.set_page(tx, current_user.source(), name, _from_form())
     except FieldInvalid as problem:
         return _page(name, present, problem), problem.status
     if request.method == "GET":
         return _page(name, present)
-    return deeds.go_on(
+    return confirmation.go_on(
         path_of(name), f"The page of robot {name} is saved. Whoever has it open keeps the old one."
     )
 
@@ -90,7 +90,7 @@ def _camera_rows(cameras: object) -> list[tuple[str, str, str]]:
         present = cameras if isinstance(cameras, list) else []
         rows = [(one["topic"], one["name"], str(one["turned_deg"])) for one in present]
     spare = [("", "", "0")] * SPARE_ROWS
-    return [*rows, *spare][:MOST_CAMERAS]
+    return [*rows, *spare][:MAX_CAMERAS]
 
 
 def _sent_cameras() -> list[tuple[str, str, str]]:
@@ -124,7 +124,7 @@ def _value(field: PageField) -> object:
 
 def _sent(name: str) -> str:
     text = request.form.get(name)
-    if text is None or len(text) > LONGEST_FIELD:
+    if text is None or len(text) > MAX_FIELD_LENGTH:
         raise FieldInvalid(f"cannot use page.{name}: it is missing or too long")
     return text.strip()
 

@@ -6,17 +6,17 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import tokens
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.store.tokens import Token
-from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 from robotether_server.web.profile.overview import PAGE, render
 
 blueprint = Blueprint("api_tokens", __name__, url_prefix="/tokens")
 
-MOST_DAYS = 3650
+MAX_DAYS = 3650
 
 
 @blueprint.route("", methods=METHODS)
@@ -25,11 +25,11 @@ def create() -> str | tuple[str, int]:
     if request.method == "GET":
         return render()
     try:
-        name = forms.text("name", "Name", LONGEST_NAME)
-        days = forms.optional_number("days", "Days", 1, MOST_DAYS)
+        name = forms.text("name", "Name", MAX_NAME_LENGTH)
+        days = forms.optional_number("days", "Days", 1, MAX_DAYS)
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
-        with parts().database.transaction() as tx:
-            text = tokens.create(tx, visitors.source(), visitors.visitor(), name, expires_at)
+        with context().database.transaction() as tx:
+            text = tokens.create(tx, current_user.source(), current_user.get(), name, expires_at)
     except Problem as problem:
         return render(problem, "tokens"), problem.status
     return render_template(
@@ -46,7 +46,7 @@ def create() -> str | tuple[str, int]:
 def delete(token_id: int) -> AnyResponse:
     """Delete a token of one's own."""
     token = _get(token_id)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Delete API token {token.name}?",
         effects=(
             "Programs that use it are refused from now on; what they have open is cut within 2 seconds.",
@@ -56,13 +56,13 @@ def delete(token_id: int) -> AnyResponse:
         done=f"API token {token.name} is deleted.",
         back=f"{PAGE}#tokens",
     )
-    return deeds.run(deed, lambda tx, source: tokens.delete(tx, source, token_id))
+    return confirmation.run(action, lambda tx, source: tokens.delete(tx, source, token_id))
 
 
 def _get(token_id: int) -> Token:
     """Return a token of who asks, and nobody else's."""
-    with parts().database.transaction() as tx:
-        for token in tokens.list_of(tx, visitors.visitor()):
+    with context().database.transaction() as tx:
+        for token in tokens.list_of(tx, current_user.get()):
             if token.id == token_id:
                 return token
     raise RecordMissing("cannot find that API token: it was deleted already, or is not yours")

@@ -7,9 +7,9 @@ from robotether_server import passwords
 from robotether_server.administration import users
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import logins
-from robotether_server.web import access, deeds, forms, logging_in, visitors
-from robotether_server.web.deeds import METHODS, Deed, Field
-from robotether_server.web.parts import parts
+from robotether_server.web import access, confirmation, current_user, forms, logging_in
+from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
+from robotether_server.web.context import context
 from robotether_server.web.profile.overview import PAGE
 
 blueprint = Blueprint("password", __name__)
@@ -18,7 +18,7 @@ blueprint = Blueprint("password", __name__)
 @blueprint.route("/password", methods=METHODS)
 def change() -> AnyResponse:
     """Change the password of who asks, and keep this browser logged in."""
-    deed = Deed(
+    action = ConfirmedAction(
         title="Change your password",
         effects=(
             "Every other browser that is logged in as you has to log in again.",
@@ -33,7 +33,7 @@ def change() -> AnyResponse:
             Field(
                 "new",
                 "New password",
-                hint=f"At least {passwords.SHORTEST} characters.",
+                hint=f"At least {passwords.MIN_LENGTH} characters.",
                 kind="password",
             ),
             Field("again", "New password again", kind="password"),
@@ -41,7 +41,7 @@ def change() -> AnyResponse:
         is_harmless=True,
     )
     new_login: list[str] = []
-    response = deeds.ask_first(deed, lambda: new_login.append(_change()))
+    response = confirmation.ask_first(action, lambda: new_login.append(_change()))
     for text in new_login:
         access.set_login(response, text)
     return response
@@ -50,8 +50,8 @@ def change() -> AnyResponse:
 @blueprint.route("/log-out", methods=METHODS)
 def log_out_everywhere() -> AnyResponse:
     """End every login of who asks."""
-    name = visitors.visitor().name
-    deed = Deed(
+    name = current_user.get().name
+    action = ConfirmedAction(
         title="Log out everywhere?",
         effects=(
             "Every browser that is logged in as you, this one too, has to log in again.",
@@ -63,16 +63,16 @@ def log_out_everywhere() -> AnyResponse:
         back=PAGE,
         onward="/login",
     )
-    return deeds.run(deed, lambda tx, source: users.log_out_everywhere(tx, source, name))
+    return confirmation.run(action, lambda tx, source: users.log_out_everywhere(tx, source, name))
 
 
 def _change() -> str:
     """Check, change, and return the text of a new login for this browser."""
-    user, source = visitors.visitor(), visitors.source()
+    user, source = current_user.get(), current_user.source()
     new = forms.secret("new")
     if new != forms.secret("again"):
         raise FieldInvalid("cannot change the password: the new one is not the same both times")
-    logging_in.confirm(parts().database, source, forms.secret("present"))
-    with parts().database.transaction() as tx:
+    logging_in.confirm(context().database, source, forms.secret("present"))
+    with context().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
-        return logins.create(tx, user, source.address or "", parts().login_lifetime.unused)
+        return logins.create(tx, user, source.address or "", context().login_lifetime.unused)

@@ -4,13 +4,13 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import ssh_keys
-from robotether_server.administration.names import LONGEST_NAME
+from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RecordMissing
-from robotether_server.ssh_keys import LONGEST_LINE
+from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store.user_keys import SshKey
-from robotether_server.web import deeds, forms, visitors
-from robotether_server.web.deeds import METHODS, Deed
-from robotether_server.web.parts import parts
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.context import context
 from robotether_server.web.profile.overview import PAGE, render
 
 blueprint = Blueprint("user_keys", __name__, url_prefix="/ssh-keys")
@@ -22,20 +22,20 @@ def add() -> AnyResponse | str | tuple[str, int]:
     if request.method == "GET":
         return render()
     try:
-        name = forms.optional_text("name", "Name", LONGEST_NAME)
-        line = forms.text("public_key", "Public key", LONGEST_LINE)
-        with parts().database.transaction() as tx:
-            key = ssh_keys.add(tx, visitors.source(), visitors.visitor(), name, line)
+        name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
+        line = forms.text("public_key", "Public key", MAX_LINE_LENGTH)
+        with context().database.transaction() as tx:
+            key = ssh_keys.add(tx, current_user.source(), current_user.get(), name, line)
     except Problem as problem:
         return render(problem, "ssh-keys"), problem.status
-    return deeds.go_on(f"{PAGE}#ssh-keys", f"SSH key {key.name} is added.")
+    return confirmation.go_on(f"{PAGE}#ssh-keys", f"SSH key {key.name} is added.")
 
 
 @blueprint.route("/<int:key_id>/delete", methods=METHODS)
 def delete(key_id: int) -> AnyResponse:
     """Delete a key."""
     key = _get(key_id)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Delete SSH key {key.name}?",
         effects=(
             f"The key {key.fingerprint} opens no shell any more; connections through it are cut within 2 seconds.",
@@ -45,13 +45,13 @@ def delete(key_id: int) -> AnyResponse:
         done=f"SSH key {key.name} is deleted.",
         back=f"{PAGE}#ssh-keys",
     )
-    user = visitors.visitor()
-    return deeds.run(deed, lambda tx, source: ssh_keys.delete(tx, source, user, key_id))
+    user = current_user.get()
+    return confirmation.run(action, lambda tx, source: ssh_keys.delete(tx, source, user, key_id))
 
 
 def _get(key_id: int) -> SshKey:
-    with parts().database.transaction() as tx:
-        for key in ssh_keys.list_of(tx, visitors.visitor()):
+    with context().database.transaction() as tx:
+        for key in ssh_keys.list_of(tx, current_user.get()):
             if key.id == key_id:
                 return key
     raise RecordMissing("cannot find that SSH key: it was deleted already, or is not yours")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from joins import Site
 from robotether_server.administration import drive_pages
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.buttons import parse_one
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.store import Database, audit, robots
@@ -17,14 +17,14 @@ WAVE = {"name": "Wave", "kind": "call", "service": "/arm/wave"}
 
 def kinds(database: Database) -> list[str]:
     with database.transaction() as tx:
-        return [one.kind for one in reversed(audit.find(tx, audit.Search()))]
+        return [one.kind for one in reversed(audit.find(tx, audit.AuditSearch()))]
 
 
 def test_a_button_needs_its_right_and_allow_gives_it(site: Site, database: Database) -> None:
     """Once: asked again, nothing changes; the rest of the policy stays."""
     assert site
     with database.transaction() as tx:
-        deeds.set_settings(tx, MAY, "sim1", {"policy": {"drive": {"call": ["/dock"]}}})
+        robot_service.set_settings(tx, MAY, "sim1", {"policy": {"drive": {"call": ["/dock"]}}})
     with pytest.raises(FieldInvalid, match=r"policy\.drive\.call"), database.transaction() as tx:
         drive_pages.set_buttons(tx, MAY, "sim1", [WAVE])
     for _ in range(2):
@@ -41,7 +41,7 @@ def test_page_and_buttons_leave_each_other_alone(site: Site, database: Database)
     """And the rest; back to the defaults, nothing is kept."""
     assert site
     with database.transaction() as tx:
-        deeds.set_settings(tx, MAY, "sim1", {"guard": {"deadman_ms": 400}})
+        robot_service.set_settings(tx, MAY, "sim1", {"guard": {"deadman_ms": 400}})
         drive_pages.set_page(tx, MAY, "sim1", {"fps": 10})
         assert drive_pages.set_buttons(tx, MAY, "sim1", []).page.fps == 10
         assert robots.get(tx, "sim1").settings == {

@@ -10,10 +10,10 @@ from collections.abc import Callable
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
-from robotether_server.administration import robots as deeds
-from robotether_server.administration import vouching
+from robotether_server.administration import enrolment_credentials
+from robotether_server.administration import robots as robot_service
 from robotether_server.administration.enrolment import Registration
-from robotether_server.administration.vouching import Vouch
+from robotether_server.administration.enrolment_credentials import EnrolmentCredential
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -51,9 +51,9 @@ def register(
     local: bool = False,
 ) -> tuple[Robot, bool]:
     with site.database.transaction() as tx:
-        vouch = vouching.find(tx, token) if token else Vouch("root")
-        asked = Registration(name, mac, signer.line, vouch, "turtle", "0.1", local)
-        return deeds.register(tx, ADMIN, asked)
+        credential = enrolment_credentials.find(tx, token) if token else EnrolmentCredential("root")
+        asked = Registration(name, mac, signer.line, credential, "turtle", "0.1", local)
+        return robot_service.register(tx, ADMIN, asked)
 
 
 def join_token(site: Site, uses: int) -> str:
@@ -77,7 +77,7 @@ def test_new_robot_is_made_and_active(site: Site, signer: RobotSigner) -> None:
     token = join_token(site, 1)
     robot, is_made = register(site, signer, token=token)
     assert (robot.name, robot.mac, robot.state, is_made) == ("turtle", NEW_MAC, "active", True)
-    assert (robot.key, robot.is_stranger) == (signer.key, False)
+    assert (robot.key, robot.is_unknown) == (signer.key, False)
     assert register(site, signer, token=token) == (robot, False)
     with site.database.transaction() as tx:
         assert robots.get(tx, "turtle") == robot
@@ -91,7 +91,7 @@ def test_used_up_token_makes_no_robot(site: Site, signer: RobotSigner) -> None:
     token = join_token(site, 1)
     register(site, signer, token=token)
     with site.database.transaction() as tx:
-        deeds.remove(tx, ADMIN, "turtle")
+        robot_service.remove(tx, ADMIN, "turtle")
     with pytest.raises(TokenUsedUp, match="an admin has undone that"):
         register(site, signer, token=token)
     assert site.names() == ["sim1"]
@@ -105,7 +105,7 @@ def test_announced_robot_takes_the_key(site: Site, signer: RobotSigner) -> None:
     assert (robot.state, robot.key, is_made) == ("active", signer.key, False)
 
 
-def test_stranger_keeps_neither_mac_nor_key_nor_name(site: Site, signer: RobotSigner) -> None:
+def test_unknown_robot_keeps_neither_mac_nor_key_nor_name(site: Site, signer: RobotSigner) -> None:
     """Its row gets the playbook's name; the key that it showed elsewhere is free."""
     site.ask(NEW_MAC, OTHER_KEY)
     site.ask(OTHER_MAC, signer.key)
@@ -138,7 +138,7 @@ def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigne
         register(site, signer)
     with site.database.transaction() as tx:
         claims.add_rejected(tx, robots.get(tx, "turtle"), "root")
-        deeds.remove(tx, ADMIN, "turtle")
+        robot_service.remove(tx, ADMIN, "turtle")
     with pytest.raises(KeyRejected):
         register(site, signer)
 
@@ -225,14 +225,14 @@ def test_admin_who_approves_while_others_join_is_heard(database: Database) -> No
                 key=key(number), report=dataclasses.replace(REPORT, address=f"192.0.2.{number}")
             )
         with site.database.transaction() as tx:
-            return Answer(deeds.approve(tx, ADMIN, "sim1", KEY.fingerprint).name, "active")
+            return Answer(robot_service.approve(tx, ADMIN, "sim1", KEY.fingerprint).name, "active")
 
     answers, problems = all_at_once(8, join_or_approve)
     assert (len(answers), problems) == (8, [])
     assert (site.robot("sim1").state, site.robot("sim1").key) == ("active", KEY)
     assert claims_of(site) == 7
     with site.database.transaction() as tx:
-        assert len(audit.find(tx, audit.Search(kind="robot_approved"))) == 1
+        assert len(audit.find(tx, audit.AuditSearch(kind="robot_approved"))) == 1
         assert len(robots.list_all(tx)) == 1
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from joins import MAC, OTHER_KEY, OTHER_MAC, Site, age
 from robotether_server.administration import pending
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.problems import RecordMissing
 from robotether_server.ssh_keys import PublicKey
 from robotether_server.store.audit import Source
@@ -47,7 +47,7 @@ def test_forgiven_key_may_ask_again(site: Site) -> None:
     """The log says who let it."""
     name = site.ask(OTHER_MAC, OTHER_KEY).robot
     with site.database.transaction() as tx:
-        deeds.reject(tx, ADMIN, name, "SHA256:b")
+        robot_service.reject(tx, ADMIN, name, "SHA256:b")
         (rejected,) = pending.rejected(tx)
         assert (rejected.robot, rejected.mac, rejected.rejected_by) == (name, OTHER_MAC, "root")
         assert pending.forgive(tx, ADMIN, rejected.id) == rejected

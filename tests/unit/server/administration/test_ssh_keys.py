@@ -64,6 +64,6 @@ def test_a_user_has_so_many_keys_at_most(
     site: Site, signer: RobotSigner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each is a line that sshd is told at a log-in."""
-    monkeypatch.setattr(ssh_keys, "MOST_KEYS", 0)
+    monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
     with site.database.transaction() as tx, pytest.raises(NotPossible, match="delete one"):
         ssh_keys.add(tx, ANN, users.get(tx, "ann"), "desk", signer.line)

@@ -8,7 +8,7 @@ import pytest
 from joins import Site
 from robotether_server.administration import tokens
 from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
-from robotether_server.store import tokens as stored
+from robotether_server.store import tokens as db_tokens
 from robotether_server.store import users
 from robotether_server.store.audit import Source
 
@@ -22,11 +22,11 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         text = tokens.create(tx, ANN, ann, "ci", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "ci", dt.datetime.now(dt.UTC))
         (token,) = tokens.list_of(tx, ann)
-        assert stored.find_user(tx, text) == ann
+        assert db_tokens.find_user(tx, text) == ann
         assert tokens.get(tx, token.id) == token
         assert [one.user for one in tokens.list_all(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
-        assert stored.find_user(tx, text) is None
+        assert db_tokens.find_user(tx, text) is None
         with pytest.raises(RecordMissing):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
@@ -46,7 +46,7 @@ def test_wrong_or_taken_name_is_refused(site: Site) -> None:
 
 def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each user has a bound of their own."""
-    monkeypatch.setattr(tokens, "MOST_TOKENS", 1)
+    monkeypatch.setattr(tokens, "MAX_TOKENS", 1)
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         tokens.create(tx, ANN, ann, "first", None)

@@ -10,7 +10,7 @@ import pytest
 from joins import OTHER_KEY, OTHER_MAC, Site
 from robotether_server import passwords
 from robotether_server.administration import join_tokens
-from robotether_server.administration import users as deeds
+from robotether_server.administration import users as user_service
 from robotether_server.problems import (
     FieldInvalid,
     LastAdmin,
@@ -29,12 +29,12 @@ PASSWORD = "a long enough password"
 def test_user_is_added_with_a_password(site: Site) -> None:
     """A short password or a name that is taken leaves nothing."""
     with site.database.transaction() as tx:
-        bob = deeds.add(tx, ADMIN, "bob", PASSWORD, "user")
+        bob = user_service.add(tx, ADMIN, "bob", PASSWORD, "user")
         assert passwords.matches(PASSWORD, bob.password_hash)
         with pytest.raises(FieldInvalid):
-            deeds.add(tx, ADMIN, "eve", "short", "user")
+            user_service.add(tx, ADMIN, "eve", "short", "user")
         with pytest.raises(RecordExists):
-            deeds.add(tx, ADMIN, "bob", PASSWORD, "admin")
+            user_service.add(tx, ADMIN, "bob", PASSWORD, "admin")
     assert [event["actor"] for event in site.events("user_added")] == ["root"]
 
 
@@ -48,7 +48,7 @@ def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
             # What the transaction sees is settled before any of them adds.
             assert users.list_all(tx) == []
             together.wait(10)
-            if deeds.add_first(tx, ADMIN, password):
+            if user_service.add_first(tx, ADMIN, password):
                 made.append(password)
 
     threads = [threading.Thread(target=start, args=(f"{PASSWORD} {n}",)) for n in range(4)]
@@ -61,9 +61,9 @@ def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
         assert (admin.name, admin.role) == ("admin", "admin")
         [password] = made
         assert passwords.matches(password, admin.password_hash)
-        deeds.add(tx, ADMIN, "ann", PASSWORD, "admin")
-        deeds.remove(tx, ADMIN, "admin")
-        assert not deeds.add_first(tx, ADMIN, PASSWORD)
+        user_service.add(tx, ADMIN, "ann", PASSWORD, "admin")
+        user_service.remove(tx, ADMIN, "admin")
+        assert not user_service.add_first(tx, ADMIN, PASSWORD)
 
 
 def test_new_password_and_log_out_end_logins(site: Site) -> None:
@@ -72,9 +72,9 @@ def test_new_password_and_log_out_end_logins(site: Site) -> None:
         ann = users.get(tx, "ann")
         for _ in range(2):
             logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
-        assert deeds.log_out_everywhere(tx, ADMIN, "ann") == 2
+        assert user_service.log_out_everywhere(tx, ADMIN, "ann") == 2
         text = logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
-        deeds.set_password(tx, ADMIN, "ann", PASSWORD)
+        user_service.set_password(tx, ADMIN, "ann", PASSWORD)
         assert logins.find_user(tx, text) is None
         assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
     assert PASSWORD not in repr(site.events("password_set"))
@@ -85,46 +85,46 @@ def test_role_and_state_change_once(site: Site) -> None:
     """Asking for what is so already leaves no line."""
     with site.database.transaction() as tx:
         for _ in range(2):
-            assert deeds.set_role(tx, ADMIN, "ann", "admin").role == "admin"
-            assert deeds.set_disabled(tx, ADMIN, "ann", disabled=True).disabled
+            assert user_service.set_role(tx, ADMIN, "ann", "admin").role == "admin"
+            assert user_service.set_disabled(tx, ADMIN, "ann", disabled=True).disabled
         for _ in range(2):
-            assert not deeds.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
-        assert deeds.remove(tx, ADMIN, "ann").name == "ann"
+            assert not user_service.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
+        assert user_service.remove(tx, ADMIN, "ann").name == "ann"
         with pytest.raises(RecordMissing):
-            deeds.remove(tx, ADMIN, "ann")
+            user_service.remove(tx, ADMIN, "ann")
     for kind in ("user_role_set", "user_disabled", "user_enabled", "user_removed"):
         assert len(site.events(kind)) == 1, kind
 
 
 LAST: list[Callable[[Transaction], object]] = [
-    lambda tx: deeds.remove(tx, ADMIN, "root"),
-    lambda tx: deeds.set_disabled(tx, ADMIN, "root", disabled=True),
-    lambda tx: deeds.set_role(tx, ADMIN, "root", "user"),
+    lambda tx: user_service.remove(tx, ADMIN, "root"),
+    lambda tx: user_service.set_disabled(tx, ADMIN, "root", disabled=True),
+    lambda tx: user_service.set_role(tx, ADMIN, "root", "user"),
 ]
 
 
-@pytest.mark.parametrize("deed", LAST)
-def test_last_admin_stays(site: Site, deed: Callable[[Transaction], object]) -> None:
+@pytest.mark.parametrize("action", LAST)
+def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -> None:
     """Another admin who is disabled does not count; one who is enabled does."""
     with site.database.transaction() as tx:
-        deeds.set_role(tx, ADMIN, "ann", "admin")
-        deeds.set_disabled(tx, ADMIN, "ann", disabled=True)
+        user_service.set_role(tx, ADMIN, "ann", "admin")
+        user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
         with pytest.raises(LastAdmin, match="make another user an admin first"):
-            deed(tx)
-        deeds.set_disabled(tx, ADMIN, "ann", disabled=False)
-        deed(tx)
+            action(tx)
+        user_service.set_disabled(tx, ADMIN, "ann", disabled=False)
+        action(tx)
 
 
 @pytest.mark.parametrize("name", ["root ", "root\t", "ROOT"])
 def test_last_admin_stays_under_a_name_that_only_looks_the_same(site: Site, name: str) -> None:
     """To database and rule alike such a name is nobody's."""
-    for deed in (
-        lambda tx: deeds.remove(tx, ADMIN, name),
-        lambda tx: deeds.set_disabled(tx, ADMIN, name, disabled=True),
-        lambda tx: deeds.set_role(tx, ADMIN, name, "user"),
+    for action in (
+        lambda tx: user_service.remove(tx, ADMIN, name),
+        lambda tx: user_service.set_disabled(tx, ADMIN, name, disabled=True),
+        lambda tx: user_service.set_role(tx, ADMIN, name, "user"),
     ):
         with site.database.transaction() as tx, pytest.raises(RecordMissing):
-            deed(tx)
+            action(tx)
     with site.database.transaction() as tx:
         assert users.enabled_admins(tx) == ["root"]
 
@@ -132,7 +132,7 @@ def test_last_admin_stays_under_a_name_that_only_looks_the_same(site: Site, name
 def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None:
     """One of them is left."""
     with site.database.transaction() as tx:
-        deeds.set_role(tx, ADMIN, "ann", "admin")
+        user_service.set_role(tx, ADMIN, "ann", "admin")
     together = threading.Barrier(2)
     problems: list[Problem] = []
 
@@ -140,7 +140,7 @@ def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None
         try:
             with site.database.transaction() as tx:
                 together.wait(20)
-                deeds.remove(tx, ADMIN, name)
+                user_service.remove(tx, ADMIN, name)
         except Problem as problem:
             problems.append(problem)
 
@@ -159,16 +159,16 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
     """Whoever wrote one down lets no more robots in with it; other admins' tokens stay."""
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
-        deeds.set_role(tx, ADMIN, "ann", "admin")
+        user_service.set_role(tx, ADMIN, "ann", "admin")
         tokens = [
             join_tokens.create(tx, Source(maker), maker, 10, later) for maker in ("ann", "root")
         ]
         if end == "role":
-            deeds.set_role(tx, ADMIN, "ann", "user")
+            user_service.set_role(tx, ADMIN, "ann", "user")
         elif end == "disabled":
-            deeds.set_disabled(tx, ADMIN, "ann", disabled=True)
+            user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
         else:
-            deeds.remove(tx, ADMIN, "ann")
+            user_service.remove(tx, ADMIN, "ann")
     with pytest.raises(TokenInvalid):
         site.ask(OTHER_MAC, OTHER_KEY, token=tokens[0])
     assert site.ask(OTHER_MAC, OTHER_KEY, token=tokens[1]).code == "active"

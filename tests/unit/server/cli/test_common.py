@@ -60,4 +60,7 @@ def test_json_has_moments_as_text(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == '[\n  "2026-01-02T03:04:05+00:00"\n]\n'
     with pytest.raises(TypeError, match="has no place in JSON"):
         common.print_json([object()])
-    assert (common.moment(at, ""), common.moment(None, "never")) == ("2026-01-02 03:04:05", "never")
+    assert (common.timestamp(at, ""), common.timestamp(None, "never")) == (
+        "2026-01-02 03:04:05",
+        "never",
+    )

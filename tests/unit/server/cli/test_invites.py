@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from admin_records import kinds
 from robotether_server.cli import invites
-from robotether_server.front import Certificate, Front
-from robotether_server.problems import FrontUnavailable
+from robotether_server.problems import SiteCertificateUnavailable
+from robotether_server.site_certificate import Certificate, SiteCertificates
 from robotether_server.store import Database, join_tokens
 
 Run = Callable[..., Any]
@@ -19,7 +19,9 @@ Run = Callable[..., Any]
 
 @pytest.fixture(autouse=True)
 def _known_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Front, "certificate", lambda *_: Certificate("ab" * 32, "pin=", False))
+    monkeypatch.setattr(
+        SiteCertificates, "certificate", lambda *_: Certificate("ab" * 32, "pin=", False)
+    )
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
 
 
@@ -74,7 +76,7 @@ def test_no_token_stays_behind_when_there_is_no_line(
     """Nobody would know its text."""
 
     def fail(*_: object) -> str:
-        raise FrontUnavailable("cannot tell this site's certificate: nginx is away")
+        raise SiteCertificateUnavailable("cannot tell this site's certificate: nginx is away")
 
     monkeypatch.setattr(invites, "install_line", fail)
     assert "nginx is away" in run("robot", "invite").err

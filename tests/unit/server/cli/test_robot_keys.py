@@ -122,15 +122,15 @@ def test_approve_with_a_fingerprint(run: Run, database: Database) -> None:
     assert robot(database).state == "active"
 
 
-@pytest.mark.parametrize("deed", ["approve", "reject"])
+@pytest.mark.parametrize("action", ["approve", "reject"])
 def test_only_the_key_that_was_compared_counts(
-    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch, deed: str
+    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch, action: str
 ) -> None:
     """A key that came while the person was looking is not dealt with in its place."""
     run(*ADD)
     show_key(database)
     monkeypatch.setattr(robot_keys, "agree", lambda *_: show_key(database, OTHER_KEY))
-    done = run("robot", deed, "sim1")
+    done = run("robot", action, "sim1")
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert "SHA256:abc" in done.err
     found = robot(database)

@@ -7,7 +7,7 @@ import datetime as dt
 import pytest
 from robotether_server.networks import network_of
 from robotether_server.store import Database, Transaction, audit
-from robotether_server.store.audit import Event, Search, Source
+from robotether_server.store.audit import AuditSearch, Event, Source
 
 
 def test_event_is_written_with_who_where_and_what(database: Database) -> None:
@@ -105,8 +105,8 @@ def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
             "192.0.2.1",
             {"was": "x"},
         )
-        assert audit.find(tx, Search(kind="robot_added")) == [newest, oldest]
-        assert audit.find(tx, Search("a", "root", "robot_added")) == [oldest]
-        assert audit.find(tx, Search(kind="robot_added", actor="nobody")) == []
+        assert audit.find(tx, AuditSearch(kind="robot_added")) == [newest, oldest]
+        assert audit.find(tx, AuditSearch("a", "root", "robot_added")) == [oldest]
+        assert audit.find(tx, AuditSearch(kind="robot_added", actor="nobody")) == []
         assert audit.find(tx, limit=1) == [newest]
         assert audit.find(tx, before=newest.id, limit=1) == [middle]

@@ -32,13 +32,13 @@ def test_block_that_raises_leaves_nothing(database: Database) -> None:
 
 def test_moments_are_aware_and_in_utc(database: Database) -> None:
     """A moment that goes in comes out the same, to the microsecond."""
-    moment = dt.datetime(2026, 7, 1, 12, 3, 4, 123456, tzinfo=dt.UTC)
+    timestamp = dt.datetime(2026, 7, 1, 12, 3, 4, 123456, tzinfo=dt.UTC)
     with database.transaction() as tx:
         user_id = tx.insert(ADD_USER, ("ann", "user"))
-        tx.change("UPDATE users SET created_at = %s WHERE id = %s", (moment, user_id))
+        tx.change("UPDATE users SET created_at = %s WHERE id = %s", (timestamp, user_id))
         row = tx.row("SELECT created_at, updated_at FROM users")
         assert row is not None
-        assert row["created_at"] == moment
+        assert row["created_at"] == timestamp
         assert abs(dt.datetime.now(dt.UTC) - row["updated_at"]) < dt.timedelta(minutes=1)
 
 

@@ -9,7 +9,7 @@ from drive_records import add_drive
 from granted import give
 from robotether_server.problems import RecordMissing
 from robotether_server.store import Database, drives, robots, users
-from robotether_server.store.drives import Search
+from robotether_server.store.drives import DriveSearch
 
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
@@ -26,7 +26,11 @@ def _people(database: Database) -> None:
             give(tx, ids["ben"], robot_id, "drive")
 
 
-def seen_by(database: Database, name: str, search: Search = Search()) -> list[tuple[str, str]]:  # noqa: B008 - frozen
+def seen_by(
+    database: Database,
+    name: str,
+    search: DriveSearch = DriveSearch(),  # noqa: B008 - frozen
+) -> list[tuple[str, str]]:
     """Robot and driver of what a user is shown."""
     with database.transaction() as tx:
         found = drives.find(tx, users.get(tx, name), search)
@@ -51,8 +55,8 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
     still = add_drive(admin_database, "a", "ann", fence=1, top_speed_m_s=0, distance_m=0)
     add_drive(admin_database, "b", "ann", fence=2, top_speed_m_s=0, distance_m=0, top_turn_rad_s=1)
     assert seen_by(database, "ann") == [("b", "ann")]
-    assert seen_by(database, "ann", Search(robot="a")) == []
-    assert seen_by(database, "ann", Search(robot="a", fence=1)) == [("a", "ann")]
+    assert seen_by(database, "ann", DriveSearch(robot="a")) == []
+    assert seen_by(database, "ann", DriveSearch(robot="a", fence=1)) == [("a", "ann")]
     with database.transaction() as tx:
         assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
 
@@ -60,19 +64,19 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
 @pytest.mark.parametrize(
     ("search", "found"),
     [
-        (Search(robot="a"), 1),
-        (Search(user="ann"), 1),
-        (Search(robot="b", user="ben"), 0),
-        (Search(robot="b", fence=13), 1),
-        (Search(fence=14), 0),
-        (Search(since=NOON), 2),
-        (Search(since=NOON + dt.timedelta(seconds=1)), 0),
-        (Search(until=NOON), 0),
-        (Search(until=NOON + dt.timedelta(seconds=1)), 2),
+        (DriveSearch(robot="a"), 1),
+        (DriveSearch(user="ann"), 1),
+        (DriveSearch(robot="b", user="ben"), 0),
+        (DriveSearch(robot="b", fence=13), 1),
+        (DriveSearch(fence=14), 0),
+        (DriveSearch(since=NOON), 2),
+        (DriveSearch(since=NOON + dt.timedelta(seconds=1)), 0),
+        (DriveSearch(until=NOON), 0),
+        (DriveSearch(until=NOON + dt.timedelta(seconds=1)), 2),
     ],
 )
 def test_drives_are_found(
-    database: Database, admin_database: Database, search: Search, found: int
+    database: Database, admin_database: Database, search: DriveSearch, found: int
 ) -> None:
     """By robot, user and the moment at which they began."""
     add_drive(admin_database, "a", "ben")
@@ -85,8 +89,8 @@ def test_list_goes_on_before_a_drive(database: Database, admin_database: Databas
     first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
     with database.transaction() as tx:
         root = users.get(tx, "root")
-        assert [one.id for one in drives.find(tx, root, Search(), limit=1)] == [second]
-        (one,) = drives.find(tx, root, Search(), before=second)
+        assert [one.id for one in drives.find(tx, root, DriveSearch(), limit=1)] == [second]
+        (one,) = drives.find(tx, root, DriveSearch(), before=second)
     assert (one.id, one.refused, one.distance_m, one.started_at) == (
         first,
         {"topic": 3},
@@ -103,8 +107,8 @@ def test_picture_rate_is_that_of_the_time_with_a_video(
     add_drive(admin_database, "a", "ben", fence=2, pictures=0, viewed_s=0)
     add_drive(admin_database, "a", "ben", fence=3, pictures=30, viewed_s=2)
     with database.transaction() as tx:
-        found = drives.find(tx, users.get(tx, "root"), Search())
-    assert [one.pictures_per_s for one in found] == [15, None, None]
+        found = drives.find(tx, users.get(tx, "root"), DriveSearch())
+    assert [one.frames_per_s for one in found] == [15, None, None]
 
 
 def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Database) -> None:

@@ -56,7 +56,7 @@ def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> Non
 
 
 # The column's; a trigger never sees a longer text, which only a space in front of a whole MAC makes.
-LONGEST_IN_SQL = 17
+MAX_IN_SQL_LENGTH = 17
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -73,7 +73,7 @@ def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
         expected = macs.normalise(text)
     except FieldInvalid:
         expected = None
-    if len(text.rstrip()) > LONGEST_IN_SQL:
+    if len(text.rstrip()) > MAX_IN_SQL_LENGTH:
         expected = None
     written = None
     try:
@@ -317,40 +317,38 @@ def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -
             robots.set_ports(tx, first, 20002, 20003)
 
 
-def add_stranger(tx: Transaction, number: int, name: str) -> int:
-    robot_id = robots.add(tx, mac(number), name, stranger=True)
+def add_unknown(tx: Transaction, number: int, name: str) -> int:
+    robot_id = robots.add(tx, mac(number), name, unknown=True)
     robots.set_key(tx, robot_id, PublicKey("ssh-ed25519 A", f"SHA256:{number}"), REPORT)
     return robot_id
 
 
-def test_strangers_are_those_that_no_admin_has_dealt_with(database: Database) -> None:
+def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database: Database) -> None:
     """An approval, a disabling and a forgotten key each end it; announced robots never were any."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
-        ids = [add_stranger(tx, number, f"s{number}") for number in range(1, 5)]
-        assert robots.strangers(tx) == ["192.0.2.1"] * 4
+        ids = [add_unknown(tx, number, f"s{number}") for number in range(1, 5)]
+        assert robots.unknown_addresses(tx) == ["192.0.2.1"] * 4
         robots.set_state(tx, ids[0], "pending")
-        assert len(robots.strangers(tx)) == 4
+        assert len(robots.unknown_addresses(tx)) == 4
         robots.set_state(tx, ids[0], "active")
         robots.set_state(tx, ids[1], "disabled")
         robots.set_state(tx, ids[1], "pending")
         robots.forget_key(tx, ids[2])
-        assert len(robots.strangers(tx)) == 1
+        assert len(robots.unknown_addresses(tx)) == 1
 
 
-def test_only_old_strangers_are_removed(database: Database, admin_database: Database) -> None:
+def test_only_old_unknown_robots_are_removed(database: Database, admin_database: Database) -> None:
     """Rows of admins, approved robots, those with a grant and newer ones stay; the ports are free again."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
-        ids = {
-            name: add_stranger(tx, n, name) for n, name in enumerate(("old", "known", "granted"))
-        }
+        ids = {name: add_unknown(tx, n, name) for n, name in enumerate(("old", "known", "granted"))}
         robots.set_state(tx, ids["known"], "active")
         robots.set_state(tx, ids["known"], "pending")
         give(tx, users.add(tx, "ann", "x", "user"), ids["granted"], "drive")
         tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 25 HOUR")
-        add_stranger(tx, 9, "new")
-        robots.remove_strangers(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
+        add_unknown(tx, 9, "new")
+        robots.remove_unknown(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
         names = {seen.robot.name for seen in robots.list_all(tx)}
     assert names == {"announced", "known", "granted", "new"}
     assert ids["old"] not in pair_owners(admin_database).values()

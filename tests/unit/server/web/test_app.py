@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from flask import Flask
-from robotether_server.web.app import LARGEST_REQUEST_BYTES
+from robotether_server.web.app import MAX_REQUEST_BYTES
 from web_visitor import Browser
 
 
 def test_large_request_is_refused(program: Browser) -> None:
     """Nobody fills the memory through a form or a join."""
-    body = b"x" * (LARGEST_REQUEST_BYTES + 1)
+    body = b"x" * (MAX_REQUEST_BYTES + 1)
     kind = "application/json"
     answer = program.ask("POST", "/api/v1/join", data=body, content_type=kind)
     assert answer.status_code == 413

@@ -7,7 +7,7 @@ import datetime as dt
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
-from robotether_server.administration import robots as deeds
+from robotether_server.administration import robots as robot_service
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -23,7 +23,7 @@ from robotether_server.problems import (
 from robotether_server.store import Database, claims, join_tokens
 from robotether_server.store.audit import Source
 from robotether_server.store.robots import Report
-from robotether_server.web.joining import STRANGERS_PER_NETWORK, Answer
+from robotether_server.web.joining import MAX_UNKNOWN_PER_NETWORK, Answer
 
 ADMIN = Source("root")
 LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
@@ -52,7 +52,7 @@ def claimed(site: Site) -> list[str]:
 
 def reject(site: Site, name: str, fingerprint: str) -> None:
     with site.database.transaction() as tx:
-        deeds.reject(tx, ADMIN, name, fingerprint)
+        robot_service.reject(tx, ADMIN, name, fingerprint)
 
 
 def test_row_of_an_admin_takes_the_first_key_and_waits(site: Site) -> None:
@@ -144,12 +144,12 @@ def test_only_so_many_may_wait(site: Site) -> None:
 def test_one_network_leaves_ten_waiting(site: Site) -> None:
     """Other networks, announced robots and an admin's token are not kept out by it."""
     site = dataclasses.replace(site, limit=50)
-    for number in range(STRANGERS_PER_NETWORK):
-        site.stranger(number, f"2001:db8::{number + 1:x}")
+    for number in range(MAX_UNKNOWN_PER_NETWORK):
+        site.unknown_robot(number, f"2001:db8::{number + 1:x}")
     with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 wait for approval"):
-        site.stranger(90, "2001:db8::99")
-    assert site.stranger(0, "2001:db8::99").code == "approval_pending"
-    assert site.stranger(91, "2001:db8:0:1::1").code == "approval_pending"
+        site.unknown_robot(90, "2001:db8::99")
+    assert site.unknown_robot(0, "2001:db8::99").code == "approval_pending"
+    assert site.unknown_robot(91, "2001:db8:0:1::1").code == "approval_pending"
     here = Report("turtle", "0.1.0", "2001:db8::99")
     site.announce()
     assert site.ask(report=here).code == "approval_pending"
@@ -159,18 +159,18 @@ def test_one_network_leaves_ten_waiting(site: Site) -> None:
     assert site.ask(OTHER_MAC, OTHER_KEY, report=here, token=token).code == "active"
 
 
-def test_strangers_and_claims_make_room_after_a_day(site: Site) -> None:
+def test_unknown_robots_and_claims_make_room_after_a_day(site: Site) -> None:
     """The next join removes what nobody wanted; an announced robot waits for ever."""
     site.announce()
     site.ask()
     site.ask(key=OTHER_KEY)
-    site.stranger(1)
+    site.unknown_robot(1)
     with site.database.transaction() as tx:
         age(tx, 23)
-    site.stranger(2)
+    site.unknown_robot(2)
     with site.database.transaction() as tx:
         age(tx, 2)
-    site.stranger(3)
+    site.unknown_robot(3)
     assert site.names() == ["robot-010002", "robot-010003", "sim1"]
     assert claimed(site) == []
 
@@ -219,7 +219,7 @@ def test_rekeyed_robot_takes_the_next_key_and_waits(site: Site) -> None:
         site.ask()
         site.set_state("sim1", "active")
         with site.database.transaction() as tx:
-            deeds.rekey(tx, ADMIN, "sim1")
+            robot_service.rekey(tx, ADMIN, "sim1")
         assert site.ask(key=OTHER_KEY).code == "approval_pending"
 
 
@@ -259,7 +259,7 @@ def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
     assert event["actor"] == "root"
 
 
-def test_key_that_a_stranger_showed_first_is_free_for_its_robot(site: Site) -> None:
+def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site) -> None:
     """A public key is no secret: whoever shows it under another MAC does not keep the robot out."""
     site.announce()
     site.ask(OTHER_MAC)
@@ -289,11 +289,11 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
 
 
 def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
-    """A robot that was removed waits as any stranger, though its image still has the token."""
+    """A robot that was removed waits as any unknown robot, though its image still has the token."""
     token = join_token(site, 9)
     site.ask(token=token)
     with site.database.transaction() as tx:
-        deeds.remove(tx, ADMIN, "robot-006101")
+        robot_service.remove(tx, ADMIN, "robot-006101")
     assert site.ask(token=token).code == "approval_pending"
     assert used(site) == 1
     with pytest.raises(TokenUsedUp, match="an admin has undone that"):

@@ -6,13 +6,13 @@ import datetime as dt
 
 import pytest
 from robotether_server.store.robots import Robot
-from robotether_server.web.page_texts import key_groups, moment_words, size_words, state_words
+from robotether_server.web.page_texts import key_groups, size_words, state_words, timestamp_words
 
 
 def test_moments_are_in_utc() -> None:
     """Whatever zone they come in."""
     noon = dt.datetime(2026, 1, 1, 12, 3, 59, tzinfo=dt.timezone(dt.timedelta(hours=2)))
-    assert moment_words(noon) == "2026-01-01 10:03 UTC"
+    assert timestamp_words(noon) == "2026-01-01 10:03 UTC"
 
 
 def test_groups_of_a_key_are_the_whole_key() -> None:

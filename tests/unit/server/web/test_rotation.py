@@ -53,7 +53,7 @@ def test_signature_over_something_else_is_refused(
     assert site.robot("sim1").key == old.key
 
 
-def test_strangers_signature_changes_nothing(
+def test_unknown_robots_signature_changes_nothing(
     site: Site, old: RobotSigner, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Under the old key's name it is refused; under its own the new key only waits."""
@@ -76,14 +76,14 @@ def test_only_active_robots_change_their_key(site: Site, old: RobotSigner) -> No
 
 
 def test_key_that_waited_elsewhere_is_free_for_it(site: Site, old: RobotSigner) -> None:
-    """Be it this robot's claim or a stranger's row, as a stranger proves nothing."""
+    """Be it this robot's claim or an unknown robot's row, as an unknown robot proves nothing."""
     assert site.ask().code == "mac_in_use"
     assert site.ask(previous=signed(old)).code == "active"
     with site.database.transaction() as tx:
         assert claims.waiting(tx) == []
 
 
-def test_strangers_row_with_the_new_key_goes(site: Site, old: RobotSigner) -> None:
+def test_unknown_robots_row_with_the_new_key_goes(site: Site, old: RobotSigner) -> None:
     """It does not keep the robot from rotating."""
     site.ask(OTHER_MAC)
     assert site.ask(previous=signed(old)).code == "active"

@@ -83,12 +83,12 @@ def test_ctrl_c_is_told_as_a_shell_tells_it(
 ) -> None:
     """With a row for each robot, and status 130."""
 
-    class Interrupted(commands.Mission):
+    class Interrupted(commands.FleetRun):
         def run(self) -> list[commands.Outcome]:
             self.interrupted = True
             return [commands.Outcome("sim1", None, 0, "interrupted")]
 
-    monkeypatch.setattr(commands, "Mission", Interrupted)
+    monkeypatch.setattr(commands, "FleetRun", Interrupted)
     done = run_fleet("run", "true", "--on", "sim1", "--ssh-config", network.config)
     assert done.status == 130
     assert "interrupted" in done.err

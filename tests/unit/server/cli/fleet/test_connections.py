@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from robotether_server.cli.fleet import ssh_settings
-from robotether_server.cli.fleet.connections import Connections
+from robotether_server.cli.fleet.connections import SshConnections
 from robotether_server.cli.fleet.problems import (
     FleetProblem,
     HostKeyChanged,
@@ -20,8 +20,8 @@ from shell_hosts import ShellNetwork, make_key
 
 
 @pytest.fixture
-def connections() -> Iterator[Connections]:
-    made = Connections(accept_new=False)
+def connections() -> Iterator[SshConnections]:
+    made = SshConnections(accept_new=False)
     yield made
     made.close_all()
 
@@ -30,7 +30,7 @@ def target_of(network: ShellNetwork, name: str = "sim1") -> Target:
     return ssh_settings.resolve(name, network.config)
 
 
-def refused(network: ShellNetwork, connections: Connections) -> FleetProblem:
+def refused(network: ShellNetwork, connections: SshConnections) -> FleetProblem:
     with pytest.raises(FleetProblem) as caught:
         connections.open(target_of(network))
     assert "\n" not in caught.value.detail
@@ -38,7 +38,7 @@ def refused(network: ShellNetwork, connections: Connections) -> FleetProblem:
 
 
 def test_robots_share_one_login_at_the_jump_host(
-    network: ShellNetwork, connections: Connections
+    network: ShellNetwork, connections: SshConnections
 ) -> None:
     """Even when they come at once."""
     targets = [target_of(network, name) for name in ("sim1", "sim2") * 3]
@@ -50,7 +50,7 @@ def test_robots_share_one_login_at_the_jump_host(
     assert not any(connection.is_connected for connection in opened)
 
 
-def test_offline_robot(network: ShellNetwork, connections: Connections) -> None:
+def test_offline_robot(network: ShellNetwork, connections: SshConnections) -> None:
     """The jump host finds nothing at its port."""
     network.robots["sim1"].stop()
     problem = refused(network, connections)
@@ -59,7 +59,7 @@ def test_offline_robot(network: ShellNetwork, connections: Connections) -> None:
 
 
 def test_robot_that_the_server_does_not_open(
-    network: ShellNetwork, connections: Connections
+    network: ShellNetwork, connections: SshConnections
 ) -> None:
     """For want of a grant, or with its shell off."""
     network.let_through("sim2")
@@ -68,7 +68,9 @@ def test_robot_that_the_server_does_not_open(
     assert "a grant to manage it" in problem.detail
 
 
-def test_keys_that_the_robot_does_not_take(network: ShellNetwork, connections: Connections) -> None:
+def test_keys_that_the_robot_does_not_take(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
     """The sentence names the user."""
     network.robots["sim1"].authorized.write_text("")
     problem = refused(network, connections)
@@ -76,7 +78,7 @@ def test_keys_that_the_robot_does_not_take(network: ShellNetwork, connections: C
     assert f"sim1 as {network.user}: it takes none of your 1 keys" in problem.detail
 
 
-def test_locked_key(network: ShellNetwork, connections: Connections) -> None:
+def test_locked_key(network: ShellNetwork, connections: SshConnections) -> None:
     """The sentence has the command that unlocks it."""
     make_key(network.folder / "locked", "a passphrase")
     network.config.write_text(
@@ -85,14 +87,14 @@ def test_locked_key(network: ShellNetwork, connections: Connections) -> None:
     assert f"ssh-add {network.folder}/locked" in refused(network, connections).detail
 
 
-def test_no_key_at_all(network: ShellNetwork, connections: Connections) -> None:
+def test_no_key_at_all(network: ShellNetwork, connections: SshConnections) -> None:
     """The sentence has the command that makes one."""
     network.config.write_text(network.config.read_text().replace("/id\n", "/none\n"))
     assert "ssh-keygen" in refused(network, connections).detail
 
 
 def test_jump_host_that_is_away_is_asked_once(
-    network: ShellNetwork, connections: Connections
+    network: ShellNetwork, connections: SshConnections
 ) -> None:
     """Every robot's row says the same."""
     network.jump.stop()
@@ -110,7 +112,7 @@ def test_changed_host_key_ends_the_connection(
     """The robot's, and the jump host's just so, whatever else is allowed; no key of the person is shown to it."""
     host = network.jump if which == "jump" else network.robots["sim1"]
     host.new_host_key()
-    connections = Connections(accept_new=accept_new)
+    connections = SshConnections(accept_new=accept_new)
     assert isinstance(refused(network, connections), HostKeyChanged)
     connections.close_all()
     assert "Accepted publickey" not in host.log()
@@ -118,20 +120,20 @@ def test_changed_host_key_ends_the_connection(
 
 
 @pytest.mark.parametrize("which", ["jump", "robot"])
-def test_unknown_host_key(network: ShellNetwork, connections: Connections, which: str) -> None:
+def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, which: str) -> None:
     """Is refused, or taken once and for all with --accept-new."""
     name = network.jump_address if which == "jump" else "robotether-sim1"
     lines = network.known_hosts.read_text().splitlines(keepends=True)
     network.known_hosts.write_text("".join(one for one in lines if not one.startswith(name)))
     assert isinstance(refused(network, connections), HostKeyUnknown)
-    willing = Connections(accept_new=True)
+    willing = SshConnections(accept_new=True)
     assert willing.open(target_of(network)).is_connected
     willing.close_all()
     assert network.known_hosts.read_text().count(name + " ") == 1
 
 
 def test_another_known_type_of_key_is_a_changed_one(
-    network: ShellNetwork, connections: Connections
+    network: ShellNetwork, connections: SshConnections
 ) -> None:
     """A server that cannot show the key that is known is not taken for the same."""
     text = network.known_hosts.read_text()
@@ -140,13 +142,13 @@ def test_another_known_type_of_key_is_a_changed_one(
     assert isinstance(refused(network, connections), HostKeyChanged)
 
 
-def test_nothing_opens_after_the_end(network: ShellNetwork, connections: Connections) -> None:
+def test_nothing_opens_after_the_end(network: ShellNetwork, connections: SshConnections) -> None:
     """A thread that is late leaves no connection behind."""
     connections.close_all()
     assert "the run is over" in refused(network, connections).detail
 
 
-def test_unknown_host_name(network: ShellNetwork, connections: Connections) -> None:
+def test_unknown_host_name(network: ShellNetwork, connections: SshConnections) -> None:
     """Is told as such."""
     config = network.config.read_text().replace("@127.0.0.1:", "@gate.invalid:")
     network.config.write_text(config)

@@ -33,7 +33,7 @@ def test_names_fit_as_in_openssh(tmp_path: Path, key: HostKey, hosts: str, name:
     """Patterns, negation, brackets, lists."""
     path = tmp_path / "known_hosts"
     path.write_text(f"{hosts} {key.type} {key.encoded} a comment\n")
-    found = key in known_hosts.look_up([path], name).trusted
+    found = key in known_hosts.find([path], name).trusted
     assert found == openssh_finds(path, name)
 
 
@@ -44,7 +44,7 @@ def test_hashed_names_fit(tmp_path: Path, key: HostKey, name: str) -> None:
     path.write_text(f"{name} {key.type} {key.encoded}\n")
     subprocess.run(["ssh-keygen", "-q", "-H", "-f", str(path)], check=True, capture_output=True)
     assert path.read_text().startswith("|1|")
-    assert [one for one in NAMES if known_hosts.look_up([path], one).trusted] == [name]
+    assert [one for one in NAMES if known_hosts.find([path], one).trusted] == [name]
 
 
 def test_markers_are_no_trust(tmp_path: Path, key: HostKey) -> None:
@@ -53,7 +53,7 @@ def test_markers_are_no_trust(tmp_path: Path, key: HostKey) -> None:
     path.write_text(
         f"@revoked * {key.type} {key.encoded}\n@cert-authority * {key.type} {key.encoded}\n"
     )
-    known = known_hosts.look_up([path], "sim1")
+    known = known_hosts.find([path], "sim1")
     assert (known.trusted, known.revoked) == (frozenset(), frozenset({key}))
 
 
@@ -64,7 +64,7 @@ def test_rubbish_is_passed_over(tmp_path: Path, key: HostKey) -> None:
         b"# sim1 x y\n\nsim1 half\n|1|%%%|x a b\n|1|x a b\n\xff\xfe sim1\n@revoked\n"
         + f"sim1 {key.type} {key.encoded}\n".encode()
     )
-    assert known_hosts.look_up([path, tmp_path / "missing"], "sim1").trusted == {key}
+    assert known_hosts.find([path, tmp_path / "missing"], "sim1").trusted == {key}
 
 
 def test_added_key_is_found_by_openssh(tmp_path: Path, key: HostKey) -> None:
@@ -76,12 +76,12 @@ def test_added_key_is_found_by_openssh(tmp_path: Path, key: HostKey) -> None:
     known_hosts.add(path, "[gate.example]:2222", key)
     for name in ("robotether-sim1", "[gate.example]:2222"):
         assert openssh_finds(path, name)
-        assert known_hosts.look_up([path], name).trusted == {key}
+        assert known_hosts.find([path], name).trusted == {key}
 
 
 def test_file_that_cannot_be_used_is_told(tmp_path: Path, key: HostKey) -> None:
     """A folder in its place, say."""
     with pytest.raises(ConfigUnusable, match="cannot read the known host keys"):
-        known_hosts.look_up([tmp_path], "sim1")
+        known_hosts.find([tmp_path], "sim1")
     with pytest.raises(ConfigUnusable, match="cannot note the key of sim1"):
         known_hosts.add(tmp_path, "sim1", key)

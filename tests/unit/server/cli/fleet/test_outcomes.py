@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robotether_server.cli.fleet.outcomes import Outcome, as_dict, as_rows, verdict
-from robotether_server.cli.fleet.output import Kept
+from robotether_server.cli.fleet.output import Captured
 
 OUTCOMES = [
     Outcome("sim3", None, 10.04, "cannot reach sim3: no answer within 10 s"),
@@ -24,9 +24,9 @@ def test_table_has_failures_at_its_end() -> None:
 
 def test_json_has_all_of_it() -> None:
     """With outputs where they were kept."""
-    out = Kept()
+    out = Captured()
     out.write("hi\n")
-    assert as_dict(Outcome("sim1", 0, 0.1234, None, out, Kept())) == {
+    assert as_dict(Outcome("sim1", 0, 0.1234, None, out, Captured())) == {
         "robot": "sim1",
         "ok": True,
         "status": 0,

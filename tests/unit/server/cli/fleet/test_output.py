@@ -5,7 +5,7 @@ from __future__ import annotations
 from io import StringIO
 from threading import Lock
 
-from robotether_server.cli.fleet.output import LONGEST_KEPT, LONGEST_LINE, Kept, Lines
+from robotether_server.cli.fleet.output import MAX_CAPTURED_LENGTH, MAX_LINE_LENGTH, Captured, Lines
 
 
 def printed(*pieces: str) -> str:
@@ -41,15 +41,15 @@ def test_robot_does_not_steer_the_terminal() -> None:
 
 def test_line_without_an_end_is_cut() -> None:
     """Nothing is kept without bound."""
-    got = printed("x" * (2 * LONGEST_LINE + 1)).splitlines()
-    assert [len(line) for line in got] == [LONGEST_LINE + 7, LONGEST_LINE + 7, 8]
+    got = printed("x" * (2 * MAX_LINE_LENGTH + 1)).splitlines()
+    assert [len(line) for line in got] == [MAX_LINE_LENGTH + 7, MAX_LINE_LENGTH + 7, 8]
 
 
 def test_kept_output_has_a_bound() -> None:
     """And says that it was cut."""
-    kept = Kept()
-    kept.write("x" * LONGEST_KEPT)
-    assert not kept.cut
-    kept.write("y")
-    kept.close()
-    assert (len(kept.text), kept.cut) == (LONGEST_KEPT, True)
+    captured = Captured()
+    captured.write("x" * MAX_CAPTURED_LENGTH)
+    assert not captured.cut
+    captured.write("y")
+    captured.close()
+    assert (len(captured.text), captured.cut) == (MAX_CAPTURED_LENGTH, True)

@@ -10,8 +10,8 @@ import fabric
 import pytest
 from openssh_server import is_alive, wait_until
 from robotether_server.cli.fleet import remote, ssh_settings
-from robotether_server.cli.fleet.connections import Connections
-from robotether_server.cli.fleet.output import Kept
+from robotether_server.cli.fleet.connections import SshConnections
+from robotether_server.cli.fleet.output import Captured
 from robotether_server.cli.fleet.problems import CommandCut
 from shell_hosts import ShellNetwork
 
@@ -20,7 +20,7 @@ Do = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def connection(network: ShellNetwork) -> Iterator[fabric.Connection]:
-    connections = Connections(accept_new=False)
+    connections = SshConnections(accept_new=False)
     yield connections.open(ssh_settings.resolve("sim1", network.config))
     connections.close_all()
 
@@ -28,7 +28,7 @@ def connection(network: ShellNetwork) -> Iterator[fabric.Connection]:
 @pytest.fixture
 def do(connection: fabric.Connection) -> Do:
     def run(command: str, *, timeout_s: float = 20, **how: str) -> tuple[int, str, str]:
-        out, err = Kept(), Kept()
+        out, err = Captured(), Captured()
         sent = remote.on_lifeline(command)
         status = remote.run(connection, sent, out=out, err=err, timeout_s=timeout_s, **how)
         return status, out.text, err.text
@@ -136,7 +136,7 @@ def test_sudo_gets_its_password_and_the_command_does_not(
 ) -> None:
     """The password is the first line of standard input, of which the command sees nothing, asked for or not."""
     for option, said in (("-S", "sudo -S\ngot secret\n"), ("-n", "sudo -n\n")):
-        out, err = Kept(), Kept()
+        out, err = Captured(), Captured()
         command = remote.on_lifeline("cat; exit 5", sudo=True, password=option == "-S")
         status = remote.run(
             connection,

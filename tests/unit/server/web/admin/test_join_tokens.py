@@ -11,8 +11,8 @@ import tls_front
 from admin_visitor import send
 from flask import Flask
 from robotether_server.administration import join_tokens
-from robotether_server.front import Front
-from robotether_server.settings import FrontSettings
+from robotether_server.settings import SiteAddressSettings
+from robotether_server.site_certificate import SiteCertificates
 from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
@@ -20,12 +20,12 @@ FORM = {"name": "hall", "uses": "3", "hours": "24"}
 
 
 @pytest.fixture
-def front(app: Flask, tmp_path: Path) -> Iterator[None]:
+def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
     """A certificate that the site can tell."""
     with tls_front.running(tmp_path) as running:
-        parts = app.extensions["robotether"]
-        seen = Front(FrontSettings("robots.example", 443, running.endpoint))
-        app.extensions["robotether"] = dataclasses.replace(parts, front=seen)
+        context = app.extensions["robotether"]
+        seen = SiteCertificates(SiteAddressSettings("robots.example", 443, running.endpoint))
+        app.extensions["robotether"] = dataclasses.replace(context, site_certificates=seen)
         yield
 
 
@@ -35,7 +35,7 @@ def names(database: Database) -> list[str]:
         return [token.name for token in join_tokens.list_all(tx)]
 
 
-@pytest.mark.usefixtures("front")
+@pytest.mark.usefixtures("site_certificate")
 def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
     """In the answer to the form; it is in no address and no cookie, and the list does not have it."""
     answer = send(admin, "/admin/join-tokens", **FORM)
@@ -71,7 +71,7 @@ def test_a_wrong_form_comes_back(admin: Browser, database: Database, wrong: dict
     assert names(database) == []
 
 
-@pytest.mark.usefixtures("front")
+@pytest.mark.usefixtures("site_certificate")
 def test_a_token_is_deleted_after_a_question(admin: Browser, database: Database) -> None:
     """Which says how many uses are left."""
     send(admin, "/admin/join-tokens", **FORM)

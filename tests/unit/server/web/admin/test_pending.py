@@ -24,9 +24,9 @@ def approve(admin: Browser, robot: str, key: int, name: str | None = None) -> in
     return send(admin, "/admin/pending", **form).status_code
 
 
-def asked(deed: str, robot: str, key: int) -> str:
+def asked(action: str, robot: str, key: int) -> str:
     """The path of the page that asks."""
-    return f"/admin/pending/{deed}/{robot}?fingerprint=" + fingerprint(key).replace("+", "%2B")
+    return f"/admin/pending/{action}/{robot}?fingerprint=" + fingerprint(key).replace("+", "%2B")
 
 
 def test_nobody_waits_at_first(admin: Browser) -> None:
@@ -55,7 +55,7 @@ def test_an_approved_key_is_the_robots(
     assert audit_kinds(database)[-1] == ("robot_approved", "root", "198.51.100.7")
 
 
-def test_a_stranger_is_approved_under_another_name(
+def test_an_unknown_robot_is_approved_under_another_name(
     admin: Browser, program: Browser, database: Database
 ) -> None:
     """In one step."""
@@ -120,8 +120,8 @@ def test_a_rejected_key_is_refused_until_it_may_ask_again(
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
 
 
-@pytest.mark.parametrize("deed", ["replace", "reject"])
-def test_a_key_that_waits_no_more_is_not_asked_about(admin: Browser, deed: str) -> None:
+@pytest.mark.parametrize("action", ["replace", "reject"])
+def test_a_key_that_waits_no_more_is_not_asked_about(admin: Browser, action: str) -> None:
     """Another admin may have been first."""
-    answer = admin.ask("GET", asked(deed, "sim1", 1))
+    answer = admin.ask("GET", asked(action, "sim1", 1))
     assert (answer.status_code, "does not wait any more" in answer.text) == (404, True)

@@ -6,7 +6,7 @@ import pytest
 from admin_visitor import join, send
 from robotether_server.store import Database, robots
 from robotether_server.store.robots import Report, Robot, SeenRobot
-from robotether_server.web.admin.robot_list import Search
+from robotether_server.web.admin.robot_list import RobotSearch
 from web_visitor import Browser, audit_kinds
 
 ROBOT = Robot(
@@ -22,19 +22,19 @@ SEEN = SeenRobot(ROBOT, online=True, since=None, level="manage", address="203.0.
 )
 def test_a_robot_is_found_by_what_people_know_of_it(words: str) -> None:
     """Name, MAC in any spelling, host name, address; every word must fit."""
-    assert Search(words).finds(SEEN)
+    assert RobotSearch(words).finds(SEEN)
 
 
 @pytest.mark.parametrize(("words", "state"), [("lift crane", ""), ("", "offline"), ("", "pending")])
 def test_what_does_not_fit_is_not_found(words: str, state: str) -> None:
     """Neither by a word nor by the state."""
-    assert not Search(words, state).finds(SEEN)
+    assert not RobotSearch(words, state).finds(SEEN)
 
 
 @pytest.mark.parametrize("state", ["", "online", "active"])
 def test_a_robot_is_found_by_its_state(state: str) -> None:
     """Online is a state beside the record's own."""
-    assert Search("", state).finds(SEEN)
+    assert RobotSearch("", state).finds(SEEN)
 
 
 def test_list_shows_who_drives_and_what_is_stopped(
@@ -88,7 +88,7 @@ def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database
     assert "/admin/join-tokens" in page
 
 
-def test_what_a_stranger_calls_itself_is_text(admin: Browser, program: Browser) -> None:
+def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Browser) -> None:
     """A host name is anybody's; it becomes no markup, on no page."""
     assert join(program, "02:00:00:00:51:77", 7, "<script>alert(1)</script>").status_code == 202
     for path in ("/admin/robots", "/admin/pending", "/admin/robots/robot-005177", "/admin/audit"):

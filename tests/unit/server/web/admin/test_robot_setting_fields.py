@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.robot_settings import DEFAULTS
-from robotether_server.setting_paths import look_up
+from robotether_server.setting_paths import get_path
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
 
 FIELDS = [field for section in SECTIONS for field in section.fields]
@@ -13,7 +13,7 @@ FIELDS = [field for section in SECTIONS for field in section.fields]
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.path)
 def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
     """Names are a list, a limit may be none, a whole number never is; and each says what it means."""
-    default = look_up(DEFAULTS.as_dict(), field.path)
+    default = get_path(DEFAULTS.as_dict(), field.path)
     kinds = {"globs": list, "limit": type(None), "whole": int}
     assert isinstance(default, kinds[field.kind])
     assert field.label

@@ -57,7 +57,7 @@ def test_nothing_changed_is_nothing_kept(admin: Browser, database: Database) -> 
     assert send(admin, PATH, **filled(admin)).status_code == 303
     assert kept(database) == {}
     with database.transaction() as tx:
-        assert audit.find(tx, audit.Search(kind="robot_settings_set")) == []
+        assert audit.find(tx, audit.AuditSearch(kind="robot_settings_set")) == []
 
 
 def test_changes_are_kept_with_what_they_were(admin: Browser, database: Database) -> None:
@@ -82,7 +82,7 @@ def test_changes_are_kept_with_what_they_were(admin: Browser, database: Database
         assert text in page
     assert filled(admin)["guard.max_speed_m_s"] == "0.5"
     with database.transaction() as tx:
-        (event, *_) = audit.find(tx, audit.Search(kind="robot_settings_set"))
+        (event, *_) = audit.find(tx, audit.AuditSearch(kind="robot_settings_set"))
     assert event.details == {"was": {"shell_user": "pi"}, "settings": expected}
 
 

@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 from api_visitor import Program, program_of
 from flask import Flask
-from robotether_server.front import Certificate, Front
-from robotether_server.settings import FrontSettings
+from robotether_server.settings import SiteAddressSettings
+from robotether_server.site_certificate import Certificate, SiteCertificates
 from robotether_server.store import Database
 from web_visitor import Browser
 
 PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
 
 
-class KnownFront(Front):
-    """A front whose certificate is known beforehand."""
+class KnownCertificate(SiteCertificates):
+    """Certificates of which one is known beforehand."""
 
     def certificate(self, host: str) -> Certificate:
         """The same, whatever the name."""
@@ -24,11 +24,11 @@ class KnownFront(Front):
 
 
 @pytest.fixture
-def front(app: Flask) -> None:
-    """A certificate at the front door."""
-    parts = app.extensions["robotether"]
-    settings = FrontSettings(None, 443, ("nobody", 1))
-    app.extensions["robotether"] = replace(parts, front=KnownFront(settings))
+def site_certificate(app: Flask) -> None:
+    """A certificate that nginx shows."""
+    context = app.extensions["robotether"]
+    settings = SiteAddressSettings(None, 443, ("nobody", 1))
+    app.extensions["robotether"] = replace(context, site_certificates=KnownCertificate(settings))
 
 
 @pytest.fixture

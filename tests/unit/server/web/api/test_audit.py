@@ -101,9 +101,9 @@ def test_claimed_name_is_no_formula(program: Browser, root: Program) -> None:
 
 
 @pytest.fixture
-def walk(root: Program, ann: Program, database: Database, front: None) -> Walk:
+def walk(root: Program, ann: Program, database: Database, site_certificate: None) -> Walk:
     """All steps are taken by root; machines join without a login."""
-    assert front is None
+    assert site_certificate is None
     return Walk(root, ann, database)
 
 

@@ -62,7 +62,7 @@ def test_login_changes_nothing_without_the_pages_token(app: Flask, program: Brow
 
 
 def test_join_token_opens_nothing_but_enrolment(
-    program: Browser, root: Program, front: None
+    program: Browser, root: Program, site_certificate: None
 ) -> None:
     """It is a shared secret that stands on robots."""
     body = {"name": "fleet", "uses": 2, "hours": 1}

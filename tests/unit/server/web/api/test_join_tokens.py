@@ -12,7 +12,9 @@ from web_visitor import audit_kinds
 BODY = {"name": "lab", "uses": 3, "hours": 24}
 
 
-def test_token_is_told_once_with_its_line(root: Program, front: None, database: Database) -> None:
+def test_token_is_told_once_with_its_line(
+    root: Program, site_certificate: None, database: Database
+) -> None:
     """The line names the host that the admin's own request went to."""
     answer = root.ask("POST", "/join-tokens", BODY)
     assert answer.status_code == 201
@@ -27,7 +29,7 @@ def test_token_is_told_once_with_its_line(root: Program, front: None, database: 
     assert audit_kinds(database) == [("join_token_created", "root", "198.51.100.7")]
 
 
-def test_deleted_token_is_gone(root: Program, front: None) -> None:
+def test_deleted_token_is_gone(root: Program, site_certificate: None) -> None:
     """Once."""
     path = f"/join-tokens/{root.ask('POST', '/join-tokens', BODY).json['id']}"
     assert root.ask("DELETE", path).status_code == 204
@@ -57,18 +59,20 @@ def test_token_without_its_line_is_not_made(root: Program, database: Database) -
         {"use": 1},
     ],
 )
-def test_wrong_field_is_refused(root: Program, front: None, changes: dict[str, object]) -> None:
+def test_wrong_field_is_refused(
+    root: Program, site_certificate: None, changes: dict[str, object]
+) -> None:
     """Before anything is made."""
     assert root.refused("POST", "/join-tokens", BODY | changes) == (422, "field_invalid")
 
 
-def test_longest_token_is_allowed(root: Program, front: None) -> None:
+def test_longest_token_is_allowed(root: Program, site_certificate: None) -> None:
     """The bounds are those of the description."""
     body = {"name": "longest", "uses": 10000, "hours": 8760}
     assert root.ask("POST", "/join-tokens", body).status_code == 201
 
 
-def test_name_is_taken_once(root: Program, front: None) -> None:
+def test_name_is_taken_once(root: Program, site_certificate: None) -> None:
     """So that a list tells them apart."""
     root.ask("POST", "/join-tokens", BODY)
     assert root.refused("POST", "/join-tokens", BODY) == (409, "record_exists")

@@ -12,7 +12,7 @@ from robotether_server.store.control_states import FREE, ControlState, Driver, S
 from robotether_server.store.robots import Report, Robot, SeenRobot
 from robotether_server.web.api.objects import plain, robot_object, ssh_object
 
-MOMENT = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
+TIMESTAMP = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
 ROBOT = Robot(
     id=7,
     mac="00:1b:44:11:3a:b7",
@@ -24,14 +24,14 @@ ROBOT = Robot(
     settings={"shell_user": "pi"},
     site="lab",
     report=Report("turtle.local", "0.1.0", "192.0.2.1"),
-    joined_at=MOMENT,
+    joined_at=TIMESTAMP,
 )
-SEEN = SeenRobot(ROBOT, True, MOMENT, "drive", "198.51.100.9", "0.2.0")
+SEEN = SeenRobot(ROBOT, True, TIMESTAMP, "drive", "198.51.100.9", "0.2.0")
 
 
 def test_records_moments_are_texts() -> None:
     """What else a record has stays as it is."""
-    assert plain({"at": MOMENT, "id": 1, "end": None}) == {
+    assert plain({"at": TIMESTAMP, "id": 1, "end": None}) == {
         "at": "2026-01-01T12:03:00Z",
         "id": 1,
         "end": None,
@@ -59,7 +59,7 @@ def test_users_see_what_they_need_to_use_a_robot() -> None:
 
 def test_driver_and_stop_have_the_names_of_the_control_object() -> None:
     """And are left out, rather than said to be nobody, for who may not know."""
-    control = ControlState(Driver("ann", MOMENT), Stopped("ben", MOMENT))
+    control = ControlState(Driver("ann", TIMESTAMP), Stopped("ben", TIMESTAMP))
     shown = robot_object(SEEN, control, for_admin=False)
     assert shown["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
     assert shown["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}

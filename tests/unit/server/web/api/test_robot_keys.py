@@ -31,14 +31,14 @@ def test_waiting_key_is_approved(root: Program, database: Database, fingerprint:
     assert ("robot_approved", "root", "198.51.100.7") in audit_kinds(database)
 
 
-@pytest.mark.parametrize("deed", ["approve", "reject"])
-def test_no_other_key_than_the_named_one(root: Program, fingerprint: str, deed: str) -> None:
+@pytest.mark.parametrize("action", ["approve", "reject"])
+def test_no_other_key_than_the_named_one(root: Program, fingerprint: str, action: str) -> None:
     """Whatever came since the admin compared them."""
-    path = f"/robots/sim1/{deed}"
+    path = f"/robots/sim1/{action}"
     assert root.refused("POST", path, {"fingerprint": "SHA256:other"}) == (409, "not_possible")
     assert root.refused("POST", path, {}) == (422, "field_invalid")
     assert root.refused("POST", path) == (415, "unsupported_media_type")
-    ghost = f"/robots/ghost/{deed}"
+    ghost = f"/robots/ghost/{action}"
     assert root.refused("POST", ghost, {"fingerprint": fingerprint}) == (404, "record_missing")
 
 

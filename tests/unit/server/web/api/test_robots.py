@@ -160,7 +160,7 @@ def test_playbook_enrols_a_robot_once(root: Program) -> None:
 
 
 def test_join_token_enrols_and_is_told_no_more_than_a_user(
-    program: Browser, root: Program, front: None
+    program: Browser, root: Program, site_certificate: None
 ) -> None:
     """Asking again uses nothing up; the token's bearer is no admin."""
     made = root.ask("POST", "/join-tokens", {"name": "one", "uses": 1, "hours": 1}).json
@@ -208,12 +208,12 @@ def test_user_cannot_enrol(ann: Program, program: Browser) -> None:
 def test_sessions_are_listed(root: Program, admin_database: Database) -> None:
     """The newest first, as many as asked for."""
     with admin_database.transaction() as tx:
-        for moment, end in (("2026-01-01 12:00", "timeout"), ("2026-01-01 13:00", None)):
+        for timestamp, end in (("2026-01-01 12:00", "timeout"), ("2026-01-01 13:00", None)):
             tx.insert(
                 "INSERT INTO robot_sessions (robot_id, address, agent_version, started_at, ended_at, end_code) "
                 "SELECT id, '192.0.2.1', '0.1.0', %s, IF(%s IS NULL, NULL, '2026-01-01 12:30'), %s "
                 "FROM robots WHERE name = 'sim1'",
-                (moment, end, end),
+                (timestamp, end, end),
             )
     sessions = root.get("/robots/sim1/sessions")["sessions"]
     assert sessions == [

@@ -7,7 +7,7 @@ import re
 import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
-from robotether_server.page_settings import MOST_CAMERAS
+from robotether_server.page_settings import MAX_CAMERAS
 from robotether_server.store import Database
 from robotether_server.web.drive_settings.page_fields import FIELDS
 from web_visitor import Browser
@@ -103,7 +103,7 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(
 
 def test_there_is_room_for_as_many_cameras_as_may_be(manager: Browser) -> None:
     """And for no more."""
-    topics = [f"/camera_{number}" for number in range(MOST_CAMERAS)]
+    topics = [f"/camera_{number}" for number in range(MAX_CAMERAS)]
     form = filled(manager) | {"topic": topics, "name": ["x"] * len(topics)}
     assert send(manager, SETTINGS, **form | {"turned_deg": ["0"] * len(topics)}).status_code == 303
     assert filled(manager)["topic"] == topics

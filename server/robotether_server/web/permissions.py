@@ -6,7 +6,7 @@ from robotether_server.store.robots import SeenRobot
 from robotether_server.store.users import User
 
 
-def find(tx: Transaction, user: User, name: str) -> SeenRobot:
+def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
     """Return the robot if this user manages it; raise RobotUnknown when they may not see it, else GrantMissing."""
     seen = robots.find_seen(tx, user, name)
     if seen is None:

@@ -10,11 +10,11 @@ from threading import Lock
 from time import monotonic
 
 from robotether_server.cli.fleet import remote, ssh_settings
-from robotether_server.cli.fleet.connections import Connections
-from robotether_server.cli.fleet.crew import Crew
+from robotether_server.cli.fleet.connections import SshConnections
 from robotether_server.cli.fleet.outcomes import Outcome
-from robotether_server.cli.fleet.output import Kept, Lines, Sink
+from robotether_server.cli.fleet.output import Captured, Lines, Sink
 from robotether_server.cli.fleet.problems import FleetProblem
+from robotether_server.cli.fleet.worker_pool import WorkerPool
 
 log = logging.getLogger(__name__)
 
@@ -24,36 +24,38 @@ Sinks = Callable[[str], tuple[Sink, Sink]]
 
 
 @dataclass(frozen=True)
-class Order:
-    """What shall run, and how. `command` is what the robot's login shell gets."""
+class Command:
+    """What shall run, and how. `line` is what the robot's login shell gets."""
 
-    command: str
+    line: str
     timeout_s: float
     config: Path | None = None
     password: str | None = None
     accept_new: bool = False
 
 
-class Mission:
+class FleetRun:
     """One run on some robots; `interrupted` when the person ended it before its end."""
 
-    def __init__(self, order: Order, robots: Sequence[str], parallel: int, sinks: Sinks) -> None:
-        self._order = order
+    def __init__(
+        self, command: Command, robots: Sequence[str], parallel: int, sinks: Sinks
+    ) -> None:
+        self._command = command
         self._robots = robots
         self._sinks = sinks
-        self._connections = Connections(accept_new=order.accept_new)
-        self._crew = Crew(self._on, robots, parallel)
+        self._connections = SshConnections(accept_new=command.accept_new)
+        self._workers = WorkerPool(self._on, robots, parallel)
         self.interrupted = False
 
     def run(self) -> list[Outcome]:
         """Run to the end, or until Ctrl-C, which ends the command on every robot; return one outcome a robot."""
         outcomes: list[Outcome] = []
         try:
-            outcomes.extend(self._crew.results())
+            outcomes.extend(self._workers.results())
         except KeyboardInterrupt:
             self.interrupted = True
             self._connections.close_all()
-            outcomes.extend(self._crew.stop(ENDING_WITHIN_S))
+            outcomes.extend(self._workers.stop(ENDING_WITHIN_S))
         finally:
             self._connections.close_all()
         missing = set(self._robots) - {outcome.robot for outcome in outcomes}
@@ -65,28 +67,28 @@ class Mission:
         status, problem = None, None
         try:
             with closing(out), closing(err):
-                status = self._command(robot, out, err)
+                status = self._run_on(robot, out, err)
         except FleetProblem as error:
             problem = "interrupted" if self.interrupted else error.detail
         except Exception as error:
             # The border of one robot: the others go on.
             log.exception("robot %s", robot)
             problem = f"failed: {error!r}"
-        kept_out, kept_err = (sink if isinstance(sink, Kept) else None for sink in (out, err))
+        kept_out, kept_err = (sink if isinstance(sink, Captured) else None for sink in (out, err))
         return Outcome(robot, status, monotonic() - begun, problem, kept_out, kept_err)
 
-    def _command(self, robot: str, out: Sink, err: Sink) -> int:
-        order = self._order
-        target = ssh_settings.resolve(robot, order.config)
+    def _run_on(self, robot: str, out: Sink, err: Sink) -> int:
+        command = self._command
+        target = ssh_settings.resolve(robot, command.config)
         connection = self._connections.open(target)
         try:
             return remote.run(
                 connection,
-                order.command,
+                command.line,
                 out=out,
                 err=err,
-                timeout_s=order.timeout_s,
-                password=order.password,
+                timeout_s=command.timeout_s,
+                password=command.password,
             )
         finally:
             self._connections.close(connection)
@@ -104,6 +106,6 @@ def to_terminal(robots: Sequence[str]) -> Sinks:
     return sinks
 
 
-def kept(_robot: str) -> tuple[Sink, Sink]:
+def captured(_robot: str) -> tuple[Sink, Sink]:
     """Return sinks that keep what comes."""
-    return Kept(), Kept()
+    return Captured(), Captured()

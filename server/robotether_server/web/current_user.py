@@ -15,7 +15,7 @@ from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.store.users import User
 from robotether_server.web import access
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 
 def register(app: Flask) -> None:
@@ -23,9 +23,9 @@ def register(app: Flask) -> None:
     app.context_processor(_for_templates)
 
 
-def need_user() -> AnyResponse | None:
+def require_user() -> AnyResponse | None:
     """Find out who asks; send a visitor without a login to the log-in page."""
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
             return to_login()
@@ -33,9 +33,9 @@ def need_user() -> AnyResponse | None:
     return None
 
 
-def need_admin() -> AnyResponse | None:
-    """Find out who asks, as `need_user` does; raise GrantMissing for everybody but admins."""
-    with parts().database.transaction() as tx:
+def require_admin() -> AnyResponse | None:
+    """Find out who asks, as `require_user` does; raise GrantMissing for everybody but admins."""
+    with context().database.transaction() as tx:
         user = access.page_user(tx, request)
         if user is None:
             return to_login()
@@ -57,7 +57,7 @@ def to_login() -> AnyResponse:
     return redirect(f"/login?next={quote(here)}")
 
 
-def visitor() -> User:
+def get() -> User:
     """Return the user of this request; only for blueprints that need one."""
     user: User = g.user
     return user
@@ -65,7 +65,7 @@ def visitor() -> User:
 
 def source() -> Source:
     """Return who does what this request asks for, for the audit log."""
-    return Source(visitor().name, request.remote_addr)
+    return Source(get().name, request.remote_addr)
 
 
 def _for_templates() -> dict[str, object]:

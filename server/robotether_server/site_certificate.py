@@ -1,4 +1,4 @@
-"""Learns what stands before web: which certificate nginx shows, and whether a robot would know it.
+"""Learns which certificate nginx shows for this site, and whether a robot would know it.
 
 Used by web and cli for the line that installs a robot. Asks nginx itself, as the certificate's file is
 nginx's own and may be replaced at any time. Must never be used to trust a connection.
@@ -16,20 +16,20 @@ from time import monotonic
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from robotether_server.problems import FrontUnavailable
-from robotether_server.settings import FrontSettings
+from robotether_server.problems import SiteCertificateUnavailable
+from robotether_server.settings import SiteAddressSettings
 
 TIMEOUT_S = 3.0
-KEPT_S = 60.0
+CACHE_S = 60.0
 # The name comes with a request; nobody fills the memory with names.
-MOST_KEPT = 16
+MAX_CACHED = 16
 
 
 @dataclass(frozen=True)
 class Certificate:
     """What a client can compare: SHA-256 of the certificate in hex, of its public key in base64 (curl's pin).
 
-    `is_known`: this machine's authorities vouch for it under the name that was asked for.
+    `is_known`: this machine's authorities have signed it under the name that was asked for.
     """
 
     fingerprint: str
@@ -37,35 +37,35 @@ class Certificate:
     is_known: bool
 
 
-class Front:
+class SiteCertificates:
     """The certificate of one site, learnt when it is needed and kept for a minute; safe to share between threads."""
 
-    def __init__(self, settings: FrontSettings, now: Callable[[], float] = monotonic) -> None:
+    def __init__(self, settings: SiteAddressSettings, now: Callable[[], float] = monotonic) -> None:
         self.settings = settings
         self._now = now
         self._lock = threading.Lock()
-        self._kept: dict[str, tuple[float, Certificate]] = {}
+        self._cached: dict[str, tuple[float, Certificate]] = {}
 
     def certificate(self, host: str) -> Certificate:
-        """Return the certificate, judged for this name or address; raise FrontUnavailable."""
+        """Return the certificate, judged for this name or address; raise SiteCertificateUnavailable."""
         with self._lock:
-            learnt_at, kept = self._kept.get(host, (0.0, None))
-            if kept is not None and self._now() - learnt_at < KEPT_S:
-                return kept
+            learnt_at, cached = self._cached.get(host, (0.0, None))
+            if cached is not None and self._now() - learnt_at < CACHE_S:
+                return cached
             found = learn(self.settings.tls_front, host)
-            if len(self._kept) >= MOST_KEPT:
-                self._kept.clear()
-            self._kept[host] = (self._now(), found)
+            if len(self._cached) >= MAX_CACHED:
+                self._cached.clear()
+            self._cached[host] = (self._now(), found)
             return found
 
 
 def learn(endpoint: tuple[str, int], host: str) -> Certificate:
-    """Ask for the certificate that is shown to who asks for this host; raise FrontUnavailable."""
+    """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailable."""
     try:
         shown = _shown(endpoint, host, _unchecked())
         return describe(shown, is_known=_is_known(endpoint, host))
     except (OSError, ValueError) as error:
-        raise FrontUnavailable(
+        raise SiteCertificateUnavailable(
             f"cannot tell this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
             f"({error}); try again, and see the log of nginx"
         ) from error

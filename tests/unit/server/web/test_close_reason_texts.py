@@ -8,7 +8,7 @@ from typing import get_args
 
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.sessions import ByeCode
-from robotether_server.web.ending_texts import DRIVES, SESSIONS, drive_end, session_end
+from robotether_server.web.close_reason_texts import DRIVES, SESSIONS, drive_end, session_end
 
 # What a relay writes of drives and sessions that the one before it left open.
 BY_THE_NEXT_RELAY = {"relay_restarted"}

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Crew(Generic[T]):
+class WorkerPool(Generic[T]):
     """`work` is called once for each name, and must not raise."""
 
     def __init__(self, work: Callable[[str], T], names: Sequence[str], parallel: int) -> None:

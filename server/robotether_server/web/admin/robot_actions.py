@@ -4,18 +4,18 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.administration import robots
-from robotether_server.web import deeds
+from robotether_server.web import confirmation
 from robotether_server.web.admin.robot_page import get, page_of
-from robotether_server.web.deeds import METHODS, Deed
+from robotether_server.web.confirmation import METHODS, ConfirmedAction
 
-blueprint = Blueprint("robot_deeds", __name__, url_prefix="/robots/<name>")
+blueprint = Blueprint("robot_actions", __name__, url_prefix="/robots/<name>")
 
 
 @blueprint.route("/disable", methods=METHODS)
 def disable(name: str) -> AnyResponse:
     """Keep a robot out."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Disable robot {name}?",
         effects=(
             f"{name} is cut off within 2 seconds: who drives or watches it is thrown out, it stops by itself.",
@@ -27,14 +27,14 @@ def disable(name: str) -> AnyResponse:
         done=f"Robot {name} is disabled.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: robots.disable(tx, source, name))
+    return confirmation.run(action, lambda tx, source: robots.disable(tx, source, name))
 
 
 @blueprint.route("/enable", methods=METHODS)
 def enable(name: str) -> AnyResponse:
     """Let a disabled robot in again."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Enable robot {name}?",
         effects=(
             "With its key it connects again by itself, within a minute.",
@@ -46,14 +46,14 @@ def enable(name: str) -> AnyResponse:
         back=page_of(name),
         is_harmless=True,
     )
-    return deeds.run(deed, lambda tx, source: robots.enable(tx, source, name))
+    return confirmation.run(action, lambda tx, source: robots.enable(tx, source, name))
 
 
 @blueprint.route("/rekey", methods=METHODS)
 def rekey(name: str) -> AnyResponse:
     """Forget the key of a robot."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Forget the key of robot {name}?",
         effects=(
             f"{name} is cut off within 2 seconds. Name, ports and grants stay.",
@@ -65,14 +65,14 @@ def rekey(name: str) -> AnyResponse:
         done=f"Robot {name} has no key any more. Approve the next one when it waits.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: robots.rekey(tx, source, name))
+    return confirmation.run(action, lambda tx, source: robots.rekey(tx, source, name))
 
 
 @blueprint.route("/rotate-key", methods=METHODS)
 def rotate_key(name: str) -> AnyResponse:
     """Ask the agent for a new key."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Ask robot {name} for a new key?",
         effects=(
             "Its agent makes a new key and proves with the old one that it is the same robot. Nothing is cut.",
@@ -84,14 +84,14 @@ def rotate_key(name: str) -> AnyResponse:
         back=page_of(name),
         is_harmless=True,
     )
-    return deeds.run(deed, lambda tx, source: robots.rotate_key(tx, source, name))
+    return confirmation.run(action, lambda tx, source: robots.rotate_key(tx, source, name))
 
 
 @blueprint.route("/shell-on", methods=METHODS)
 def shell_on(name: str) -> AnyResponse:
     """Open the way to a robot's own sshd."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Turn the shell of robot {name} on?",
         effects=(
             "Admins, and users with a grant to manage it, reach the SSH port of this robot through the server.",
@@ -103,14 +103,14 @@ def shell_on(name: str) -> AnyResponse:
         back=page_of(name),
         is_harmless=True,
     )
-    return deeds.run(deed, lambda tx, source: robots.set_shell(tx, source, name, True))
+    return confirmation.run(action, lambda tx, source: robots.set_shell(tx, source, name, True))
 
 
 @blueprint.route("/shell-off", methods=METHODS)
 def shell_off(name: str) -> AnyResponse:
     """Close the way to a robot's own sshd."""
     get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Turn the shell of robot {name} off?",
         effects=(
             f"SSH connections to {name} are cut within 2 seconds, copies and playbooks at work included.",
@@ -122,14 +122,14 @@ def shell_off(name: str) -> AnyResponse:
         done=f"The shell of robot {name} is off.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: robots.set_shell(tx, source, name, False))
+    return confirmation.run(action, lambda tx, source: robots.set_shell(tx, source, name, False))
 
 
 @blueprint.route("/remove", methods=METHODS)
 def remove(name: str) -> AnyResponse:
     """Remove a robot's record."""
     seen = get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Remove robot {name}?",
         effects=(
             f"The record of {name} (MAC {seen.robot.mac}) goes, with its key, ports, grants, settings and sessions.",
@@ -143,4 +143,4 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/robots",
     )
-    return deeds.run(deed, lambda tx, source: robots.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: robots.remove(tx, source, name))

@@ -32,14 +32,14 @@ def test_role_is_changed(admin: Browser, database: Database) -> None:
 
 
 @pytest.mark.parametrize(
-    ("deed", "kind"), [("disable", "user_disabled"), ("log-out", "logins_ended")]
+    ("action", "kind"), [("disable", "user_disabled"), ("log-out", "logins_ended")]
 )
 def test_a_user_is_thrown_out(
-    admin: Browser, ann: Browser, database: Database, deed: str, kind: str
+    admin: Browser, ann: Browser, database: Database, action: str, kind: str
 ) -> None:
     """With the next request."""
     assert is_in(ann)
-    assert send(admin, f"/admin/users/ann/{deed}").status_code == 303
+    assert send(admin, f"/admin/users/ann/{action}").status_code == 303
     assert not is_in(ann)
     assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
 
@@ -75,25 +75,25 @@ def test_a_removed_user_is_gone(admin: Browser, ann: Browser) -> None:
     assert not is_in(ann)
 
 
-@pytest.mark.parametrize("deed", ["role", "disable", "remove"])
-def test_what_an_admin_leaves_behind_is_said(admin: Browser, deed: str) -> None:
+@pytest.mark.parametrize("action", ["role", "disable", "remove"])
+def test_what_an_admin_leaves_behind_is_said(admin: Browser, action: str) -> None:
     """Tokens that this admin made for robots and others do not end; a user has made none."""
     said = "Join tokens that root made"
-    assert said in admin.ask("GET", f"/admin/users/root/{deed}").text
-    assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{deed}").text
+    assert said in admin.ask("GET", f"/admin/users/root/{action}").text
+    assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text
 
 
 @pytest.mark.parametrize(
-    ("deed", "form"), [("disable", {}), ("remove", {}), ("role", {"role": "user"})]
+    ("action", "form"), [("disable", {}), ("remove", {}), ("role", {"role": "user"})]
 )
-def test_the_last_admin_stays(admin: Browser, deed: str, form: dict[str, str]) -> None:
+def test_the_last_admin_stays(admin: Browser, action: str, form: dict[str, str]) -> None:
     """Or nobody could come back to these pages."""
-    answer = send(admin, f"/admin/users/root/{deed}", **form)
+    answer = send(admin, f"/admin/users/root/{action}", **form)
     assert (answer.status_code, "nobody else is an admin" in answer.text) == (409, True)
 
 
-@pytest.mark.parametrize("deed", ["role", "disable", "enable", "password", "log-out", "remove"])
-def test_no_deed_on_a_user_who_is_not_there(admin: Browser, deed: str) -> None:
+@pytest.mark.parametrize("action", ["role", "disable", "enable", "password", "log-out", "remove"])
+def test_no_deed_on_a_user_who_is_not_there(admin: Browser, action: str) -> None:
     """404, asked or done."""
-    assert admin.ask("GET", f"/admin/users/ghost/{deed}").status_code == 404
-    assert send(admin, f"/admin/users/ghost/{deed}").status_code == 404
+    assert admin.ask("GET", f"/admin/users/ghost/{action}").status_code == 404
+    assert send(admin, f"/admin/users/ghost/{action}").status_code == 404

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threading import Barrier, Event, Lock
 
-from robotether_server.cli.fleet.crew import Crew
+from robotether_server.cli.fleet.worker_pool import WorkerPool
 
 NAMES = [f"sim{number}" for number in range(9)]
 
@@ -12,8 +12,10 @@ NAMES = [f"sim{number}" for number in range(9)]
 def test_every_name_is_done_once() -> None:
     """With fewer threads than names, and with more."""
     for parallel in (1, 4, 20):
-        assert sorted(Crew(str.upper, NAMES, parallel).results()) == [n.upper() for n in NAMES]
-    assert list(Crew(str.upper, [], 4).results()) == []
+        assert sorted(WorkerPool(str.upper, NAMES, parallel).results()) == [
+            n.upper() for n in NAMES
+        ]
+    assert list(WorkerPool(str.upper, [], 4).results()) == []
 
 
 def test_as_many_at_a_time_as_asked() -> None:
@@ -31,7 +33,7 @@ def test_as_many_at_a_time_as_asked() -> None:
             at_work.pop()
         return name
 
-    assert len(list(Crew(work, NAMES, 3).results())) == 9
+    assert len(list(WorkerPool(work, NAMES, 3).results())) == 9
     assert most[0] == 3
 
 
@@ -46,13 +48,13 @@ def test_stop_begins_nothing_new() -> None:
         ending.wait(10)
         return name
 
-    crew = Crew(work, NAMES, 1)
-    results = crew.results()
-    for thread in crew._threads:
+    pool = WorkerPool(work, NAMES, 1)
+    results = pool.results()
+    for thread in pool._threads:
         thread.start()
     assert going.wait(10)
-    assert crew.stop(0.01) == []
+    assert pool.stop(0.01) == []
     ending.set()
-    assert crew.stop(10) == ["sim0"]
+    assert pool.stop(10) == ["sim0"]
     assert begun == ["sim0"]
     results.close()

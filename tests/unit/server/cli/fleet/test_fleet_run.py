@@ -7,14 +7,14 @@ from threading import Thread, main_thread
 
 import pytest
 from openssh_server import is_alive, wait_until
-from robotether_server.cli.fleet import mission, remote
-from robotether_server.cli.fleet.mission import Mission, Order, kept
+from robotether_server.cli.fleet import fleet_run, remote
+from robotether_server.cli.fleet.fleet_run import Command, FleetRun, captured
 from shell_hosts import ShellNetwork
 
 
-def make(network: ShellNetwork, command: str, *robots: str, timeout_s: float = 20) -> Mission:
-    order = Order(remote.on_lifeline(command), timeout_s, network.config)
-    return Mission(order, robots, 2, kept)
+def make(network: ShellNetwork, command: str, *robots: str, timeout_s: float = 20) -> FleetRun:
+    line = remote.on_lifeline(command)
+    return FleetRun(Command(line, timeout_s, network.config), robots, 2, captured)
 
 
 def test_each_robot_has_its_outcome(network: ShellNetwork) -> None:
@@ -32,14 +32,14 @@ def test_defect_is_one_robots_outcome(
     network: ShellNetwork, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """With its traceback in the log; the run comes to its end."""
-    real = mission.ssh_settings.resolve
+    real = fleet_run.ssh_settings.resolve
 
     def resolve(name: str, config: object) -> object:
         if name == "sim1":
             raise ZeroDivisionError
         return real(name, network.config)
 
-    monkeypatch.setattr(mission.ssh_settings, "resolve", resolve)
+    monkeypatch.setattr(fleet_run.ssh_settings, "resolve", resolve)
     outcomes = {one.robot: one for one in make(network, "true", "sim1", "sim2").run()}
     assert outcomes["sim1"].problem == "failed: ZeroDivisionError()"
     assert outcomes["sim2"].ok
@@ -83,7 +83,7 @@ def test_lines_on_the_terminal_have_their_robots_name(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """In line, on the stream that they came from."""
-    sinks = mission.to_terminal(["sim1", "turtle"])
+    sinks = fleet_run.to_terminal(["sim1", "turtle"])
     out, err = sinks("sim1")
     out.write("hi\n")
     err.write("oops\n")

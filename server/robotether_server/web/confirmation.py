@@ -1,6 +1,6 @@
-"""Deeds that a page asks about before it does them: what it affects, and whether it can be undone.
+"""Actions that a page asks about before it does them: what it affects, and whether it can be undone.
 
-Used by the admin pages and the profile. GET asks, POST does; a deed that fails comes back with its form as it
+Used by the admin pages and the profile. GET asks, POST does; an action that fails comes back with its form as it
 was filled in, and the sentence that says why.
 """
 
@@ -14,15 +14,15 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server.problems import Problem
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
-from robotether_server.web import visitors
-from robotether_server.web.parts import parts
+from robotether_server.web import current_user
+from robotether_server.web.context import context
 
 METHODS = ["GET", "POST"]
 
 
 @dataclass(frozen=True)
 class Field:
-    """One field of the form that a deed needs. `options` make it a choice of value and words."""
+    """One field of the form that an action needs. `options` make it a choice of value and words."""
 
     name: str
     label: str
@@ -33,8 +33,8 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Deed:
-    """One deed, in words.
+class ConfirmedAction:
+    """One action, in words.
 
     `undo` says how to take it back, or that nobody can; `done` is told on the page `onward` (`back` when it
     is not given). `hidden` goes along with the answer.
@@ -52,32 +52,32 @@ class Deed:
     is_harmless: bool = False
 
 
-def run(deed: Deed, change: Callable[[Transaction, Source], object]) -> AnyResponse:
+def run(action: ConfirmedAction, change: Callable[[Transaction, Source], object]) -> AnyResponse:
     """Ask, or make the change in a transaction of its own when the answer has come."""
 
     def do() -> None:
-        with parts().database.transaction() as tx:
-            change(tx, visitors.source())
+        with context().database.transaction() as tx:
+            change(tx, current_user.source())
 
-    return ask_first(deed, do)
+    return ask_first(action, do)
 
 
 def ask_first(
-    deed: Deed, do: Callable[[], object], show_secret: Callable[[], str] | None = None
+    action: ConfirmedAction, do: Callable[[], object], show_secret: Callable[[], str] | None = None
 ) -> AnyResponse:
     """Ask, or do it when the answer has come.
 
-    `show_secret` makes the page that answers a deed which made a secret, as no other page may hold it.
+    `show_secret` makes the page that answers an action which made a secret, as no other page may hold it.
     """
     if request.method == "GET":
-        return _ask(deed)
+        return _ask(action)
     try:
         do()
     except Problem as problem:
-        return _ask(deed, problem)
+        return _ask(action, problem)
     if show_secret is not None:
         return make_response(show_secret())
-    return go_on(deed.onward or deed.back, deed.done)
+    return go_on(action.onward or action.back, action.done)
 
 
 def go_on(path: str, message: str) -> AnyResponse:
@@ -86,8 +86,8 @@ def go_on(path: str, message: str) -> AnyResponse:
     return redirect(path, HTTPStatus.SEE_OTHER)
 
 
-def _ask(deed: Deed, problem: Problem | None = None) -> AnyResponse:
-    page = render_template("deed.html", deed=deed, problem=problem, values=request.form)
+def _ask(action: ConfirmedAction, problem: Problem | None = None) -> AnyResponse:
+    page = render_template("confirm.html", action=action, problem=problem, values=request.form)
     response = make_response(page)
     response.status_code = problem.status if problem else HTTPStatus.OK
     return response

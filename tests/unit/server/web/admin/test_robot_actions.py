@@ -29,7 +29,7 @@ def sim1(database: Database) -> Robot:
 
 @pytest.mark.usefixtures("active")
 @pytest.mark.parametrize(
-    ("deeds", "is_done", "kind"),
+    ("actions", "is_done", "kind"),
     [
         (["disable"], lambda robot: robot.state == "disabled", "robot_disabled"),
         (["disable", "enable"], lambda robot: robot.state == "active", "robot_enabled"),
@@ -42,13 +42,13 @@ def sim1(database: Database) -> Robot:
 def test_deed_is_done_and_audited(
     admin: Browser,
     database: Database,
-    deeds: list[str],
+    actions: list[str],
     is_done: Callable[[Robot], bool],
     kind: str,
 ) -> None:
     """Each leads back to the robot's page."""
-    for deed in deeds:
-        answer = send(admin, f"/admin/robots/sim1/{deed}")
+    for action in actions:
+        answer = send(admin, f"/admin/robots/sim1/{action}")
         assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")
     assert is_done(sim1(database))
     assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
@@ -64,18 +64,18 @@ def test_a_removed_robot_is_gone(admin: Browser, database: Database) -> None:
     assert audit_kinds(database)[-1][0] == "robot_removed"
 
 
-@pytest.mark.parametrize("deed", ["enable", "rotate-key"])
-def test_what_the_state_does_not_allow_is_said(admin: Browser, deed: str) -> None:
+@pytest.mark.parametrize("action", ["enable", "rotate-key"])
+def test_what_the_state_does_not_allow_is_said(admin: Browser, action: str) -> None:
     """On the page that asked."""
-    answer = send(admin, f"/admin/robots/sim1/{deed}")
+    answer = send(admin, f"/admin/robots/sim1/{action}")
     assert (answer.status_code, "it is pending" in answer.text) == (409, True)
 
 
-DEEDS = ("disable", "enable", "rekey", "rotate-key", "shell-on", "shell-off", "remove")
+ACTIONS = ("disable", "enable", "rekey", "rotate-key", "shell-on", "shell-off", "remove")
 
 
-@pytest.mark.parametrize("deed", DEEDS)
-def test_no_deed_on_a_robot_that_is_not_there(admin: Browser, deed: str) -> None:
+@pytest.mark.parametrize("action", ACTIONS)
+def test_no_deed_on_a_robot_that_is_not_there(admin: Browser, action: str) -> None:
     """Neither asked about nor done."""
-    assert admin.ask("GET", f"/admin/robots/ghost/{deed}").status_code == 404
-    assert send(admin, f"/admin/robots/ghost/{deed}").status_code == 404
+    assert admin.ask("GET", f"/admin/robots/ghost/{action}").status_code == 404
+    assert send(admin, f"/admin/robots/ghost/{action}").status_code == 404

@@ -8,14 +8,14 @@ from flask import Flask
 from robotether_server.settings import WebSettings
 from robotether_server.store.logins import Lifetime
 from robotether_server.web import create_app
-from robotether_server.web.parts import parts
+from robotether_server.web.context import context
 
 
 def test_each_application_has_its_own(app: Flask, web_settings: WebSettings) -> None:
     """Two in one process, as in these tests, do not mix."""
     other = create_app(web_settings)
     with app.app_context():
-        ours = parts()
+        ours = context()
     with other.app_context():
-        assert parts() is not ours
-        assert parts().login_lifetime == Lifetime(dt.timedelta(hours=12), dt.timedelta(hours=4))
+        assert context() is not ours
+        assert context().login_lifetime == Lifetime(dt.timedelta(hours=12), dt.timedelta(hours=4))

@@ -4,23 +4,23 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
-from robotether_server.administration import users as deeds_on_users
+from robotether_server.administration import users as user_service
 from robotether_server.store import Transaction, users
 from robotether_server.store.audit import Source
 from robotether_server.store.users import ROLES, User
-from robotether_server.web import deeds, forms, visitors
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin.users import page_of, show_password
-from robotether_server.web.deeds import METHODS, Deed, Field
-from robotether_server.web.parts import parts
+from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
+from robotether_server.web.context import context
 
-blueprint = Blueprint("user_deeds", __name__, url_prefix="/users/<name>")
+blueprint = Blueprint("user_actions", __name__, url_prefix="/users/<name>")
 
 
 @blueprint.route("/role", methods=METHODS)
 def set_role(name: str) -> AnyResponse:
     """Make a user an admin, or an admin a user."""
     user = _get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Role of {name}",
         effects=(
             "An admin manages every robot and user, sees the audit log, and makes tokens that let robots in.",
@@ -35,16 +35,16 @@ def set_role(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        deeds_on_users.set_role(tx, source, name, forms.choice("role", "Role", ROLES))
+        user_service.set_role(tx, source, name, forms.choice("role", "Role", ROLES))
 
-    return deeds.run(deed, do)
+    return confirmation.run(action, do)
 
 
 @blueprint.route("/disable", methods=METHODS)
 def disable(name: str) -> AnyResponse:
     """Keep a user out."""
     user = _get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Disable user {name}?",
         effects=(
             f"{name} is logged out everywhere; what {name} drives stops within 2 seconds.",
@@ -56,8 +56,8 @@ def disable(name: str) -> AnyResponse:
         done=f"User {name} is disabled.",
         back=page_of(name),
     )
-    return deeds.run(
-        deed, lambda tx, source: deeds_on_users.set_disabled(tx, source, name, disabled=True)
+    return confirmation.run(
+        action, lambda tx, source: user_service.set_disabled(tx, source, name, disabled=True)
     )
 
 
@@ -65,7 +65,7 @@ def disable(name: str) -> AnyResponse:
 def enable(name: str) -> AnyResponse:
     """Let a disabled user in again."""
     _get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Enable user {name}?",
         effects=(f"{name} may log in again; API tokens, SSH keys and grants hold as before.",),
         undo=f"Disable {name} again.",
@@ -74,8 +74,8 @@ def enable(name: str) -> AnyResponse:
         back=page_of(name),
         is_harmless=True,
     )
-    return deeds.run(
-        deed, lambda tx, source: deeds_on_users.set_disabled(tx, source, name, disabled=False)
+    return confirmation.run(
+        action, lambda tx, source: user_service.set_disabled(tx, source, name, disabled=False)
     )
 
 
@@ -85,7 +85,7 @@ def set_password(name: str) -> AnyResponse:
     _get(name)
     typed = forms.secret("password")
     password = typed or passwords.new_password()
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"New password for {name}",
         effects=(
             f"The present password works no more, and {name} is logged out everywhere.",
@@ -99,27 +99,27 @@ def set_password(name: str) -> AnyResponse:
             Field(
                 "password",
                 "New password",
-                hint=f"At least {passwords.SHORTEST} characters. Leave it empty to have one made.",
+                hint=f"At least {passwords.MIN_LENGTH} characters. Leave it empty to have one made.",
                 kind="password",
             ),
         ),
     )
 
     def do() -> None:
-        with parts().database.transaction() as tx:
-            deeds_on_users.set_password(tx, visitors.source(), name, password)
+        with context().database.transaction() as tx:
+            user_service.set_password(tx, current_user.source(), name, password)
 
     def show() -> str:
         return show_password(name, password, f"User {name} has a new password")
 
-    return deeds.ask_first(deed, do, None if typed else show)
+    return confirmation.ask_first(action, do, None if typed else show)
 
 
 @blueprint.route("/log-out", methods=METHODS)
 def log_out_everywhere(name: str) -> AnyResponse:
     """End the logins of a user."""
     _get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Log {name} out everywhere?",
         effects=(
             f"Every browser of {name} has to log in again; what {name} drives there stops within 2 seconds.",
@@ -130,14 +130,16 @@ def log_out_everywhere(name: str) -> AnyResponse:
         done=f"User {name} is logged out everywhere.",
         back=page_of(name),
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_users.log_out_everywhere(tx, source, name))
+    return confirmation.run(
+        action, lambda tx, source: user_service.log_out_everywhere(tx, source, name)
+    )
 
 
 @blueprint.route("/remove", methods=METHODS)
 def remove(name: str) -> AnyResponse:
     """Remove a user."""
     user = _get(name)
-    deed = Deed(
+    action = ConfirmedAction(
         title=f"Remove user {name}?",
         effects=(
             f"{name} goes, with grants, logins, API tokens and SSH keys; what {name} drives stops within 2 seconds.",
@@ -150,7 +152,7 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/users",
     )
-    return deeds.run(deed, lambda tx, source: deeds_on_users.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: user_service.remove(tx, source, name))
 
 
 def _what_else_ends(user: User) -> tuple[str, ...]:
@@ -164,5 +166,5 @@ def _what_else_ends(user: User) -> tuple[str, ...]:
 
 
 def _get(name: str) -> User:
-    with parts().database.transaction() as tx:
+    with context().database.transaction() as tx:
         return users.get(tx, name)

@@ -6,8 +6,8 @@ from pathlib import Path
 from flask import current_app
 from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
 
-from robotether_server.front import Front
 from robotether_server.settings import JoinSettings
+from robotether_server.site_certificate import SiteCertificates
 from robotether_server.store import Database
 from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
@@ -16,18 +16,18 @@ csrf = CSRFProtect()
 
 
 @dataclass(frozen=True)
-class Parts:
+class AppContext:
     """Made once by create_app."""
 
     database: Database
     signer: TicketSigner
     join: JoinSettings
-    front: Front
+    site_certificates: SiteCertificates
     agent_files_dir: Path
     login_lifetime: Lifetime
 
 
-def parts() -> Parts:
+def context() -> AppContext:
     """Return the parts of the application that handles this request."""
-    found: Parts = current_app.extensions["robotether"]
+    found: AppContext = current_app.extensions["robotether"]
     return found

@@ -1,4 +1,4 @@
-"""Who vouches for a robot that joins: an admin, by login or API token, or a join token.
+"""What lets a robot in that joins: a login or an API token of an admin, or a join token.
 
 Used by joins and by PUT /api/v1/robots/NAME. Reveals nothing about tokens that do not hold.
 """
@@ -15,7 +15,7 @@ ROBOT = "robot"
 
 
 @dataclass(frozen=True)
-class Vouch:
+class EnrolmentCredential:
     """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
 
     actor: str
@@ -30,24 +30,24 @@ class Vouch:
         return {"by": "join token", "token": self.token.name}
 
 
-def find(tx: Transaction, text: str) -> Vouch:
+def find(tx: Transaction, text: str) -> EnrolmentCredential:
     """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
 
     A join token that is used up still tells who asks: a use is counted when it lets a robot in.
     """
     if text.startswith(join_tokens.PREFIX):
-        return Vouch(ROBOT, token=_join_token(tx, text))
+        return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
     user = tokens.find_user(tx, text)
     if user is None:
         raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
     return of_admin(user)
 
 
-def of_admin(user: User) -> Vouch:
-    """Return an admin as who vouches; raise GrantMissing for another user."""
+def of_admin(user: User) -> EnrolmentCredential:
+    """Return an admin as a credential; raise GrantMissing for another user."""
     if not user.is_admin:
         raise GrantMissing("cannot let a robot in with this token: it must be one of an admin")
-    return Vouch(user.name, admin=user)
+    return EnrolmentCredential(user.name, admin=user)
 
 
 def _join_token(tx: Transaction, text: str) -> JoinToken:
