@@ -1,6 +1,6 @@
 """Reads one OpenSSH public key line, as a robot presents it when it joins, or a person in the profile.
 
-Used by web and administration. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
+Used by web and services. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
 lets nothing through but a key type and its base64: no options, no comment, no second line.
 """
 

@@ -5,8 +5,6 @@ from collections.abc import Callable, Sequence
 import click
 
 from robotether_server import times
-from robotether_server.administration import grants
-from robotether_server.administration.grants import ALL, Holder, Scope
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -15,6 +13,8 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
+from robotether_server.services import grants
+from robotether_server.services.grants import ALL, Holder, Scope
 from robotether_server.store.grants import LEVELS, Grant, Level
 
 GIVE = "give"

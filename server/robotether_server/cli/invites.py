@@ -7,7 +7,6 @@ from dataclasses import replace
 import click
 
 from robotether_server import settings
-from robotether_server.administration import join_tokens
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -18,6 +17,7 @@ from robotether_server.cli.common import (
     timestamp,
 )
 from robotether_server.install_line import HTTPS_PORT, SiteAddress, install_line, parse_site_address
+from robotether_server.services import join_tokens
 from robotether_server.site_certificate import SiteCertificates
 
 MAX_HOURS = 8760

@@ -2,7 +2,6 @@
 
 import click
 
-from robotether_server.administration import pending
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -11,6 +10,7 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
+from robotether_server.services import pending
 
 HEADS = ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY")
 

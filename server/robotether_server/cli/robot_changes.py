@@ -5,8 +5,8 @@ A live tunnel follows within 2 s: it is cut, or told of its new settings.
 
 import click
 
-from robotether_server.administration import robots
 from robotether_server.cli.common import SOURCE, NotDone, open_database
+from robotether_server.services import robots
 
 PORT = click.IntRange(1024, 65535)
 

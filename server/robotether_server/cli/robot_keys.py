@@ -6,8 +6,6 @@ nothing when another has come in its place.
 
 import click
 
-from robotether_server.administration import pending, robots
-from robotether_server.administration.pending import PendingKey
 from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
     JSON,
@@ -20,6 +18,8 @@ from robotether_server.cli.common import (
     print_table,
     wait_for,
 )
+from robotether_server.services import pending, robots
+from robotether_server.services.pending import PendingKey
 from robotether_server.store import Database
 from robotether_server.store import robots as db_robots
 from robotether_server.store.robots import Robot

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import click
 
 from robotether_server import robot_settings
-from robotether_server.administration import robots
 from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
 from robotether_server.problems import FieldInvalid
+from robotether_server.services import robots
 from robotether_server.setting_paths import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.store import robots as db_robots
 

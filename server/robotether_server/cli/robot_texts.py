@@ -3,8 +3,8 @@
 import json
 from collections.abc import Mapping
 
-from robotether_server.administration.pending import PendingKey
 from robotether_server.cli.common import timestamp
+from robotether_server.services.pending import PendingKey
 from robotether_server.store.robots import Robot, SeenRobot
 from robotether_server.store.sessions import Session
 

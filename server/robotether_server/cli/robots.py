@@ -2,7 +2,6 @@
 
 import click
 
-from robotether_server.administration import pending, robots
 from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
     JSON,
@@ -32,6 +31,7 @@ from robotether_server.cli.robot_keys import (
     rotate_key,
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
+from robotether_server.services import pending, robots
 from robotether_server.store import Database, sessions
 from robotether_server.store import robots as db_robots
 

@@ -2,7 +2,6 @@
 
 import click
 
-from robotether_server.administration import sites
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -11,6 +10,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.services import sites
 from robotether_server.store import sites as db_sites
 
 

@@ -6,7 +6,6 @@ from typing import TextIO
 import click
 
 from robotether_server import settings
-from robotether_server.administration import ssh_config, ssh_keys
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -15,6 +14,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.services import ssh_config, ssh_keys
 from robotether_server.store import users
 
 USER = click.option("--user", "user_name", required=True, help="Whose key it is.")

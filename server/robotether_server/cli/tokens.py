@@ -4,7 +4,6 @@ import datetime as dt
 
 import click
 
-from robotether_server.administration import tokens
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -13,6 +12,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.services import tokens
 from robotether_server.store import users
 
 MAX_DAYS = 3650

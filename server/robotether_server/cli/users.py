@@ -5,7 +5,6 @@ import sys
 import click
 
 from robotether_server import passwords
-from robotether_server.administration import users
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -16,6 +15,7 @@ from robotether_server.cli.common import (
 )
 from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailable
+from robotether_server.services import users
 from robotether_server.settings import WebSettings
 from robotether_server.store import Database
 from robotether_server.store import users as db_users

@@ -1,6 +1,6 @@
 """Keys that no robot has: claims, which wait because the MAC's robot has another key, and rejected keys.
 
-Written by joins and administration. A claim goes with its robot's row; a rejected key outlives it.
+Written by services. A claim goes with its robot's row; a rejected key outlives it.
 """
 
 import datetime as dt

@@ -1,4 +1,4 @@
-"""Grants: what a user, or a group of users, may do with a robot, a site's robots or all. Written by administration.
+"""Grants: what a user, or a group of users, may do with a robot, a site's robots or all. Written by services.
 
 What holds of them, with the admins' own, is in the view relay_grants: the highest level of all that have not ended.
 """

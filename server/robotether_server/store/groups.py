@@ -1,4 +1,4 @@
-"""Groups of users, whose grants each member has. Written by administration."""
+"""Groups of users, whose grants each member has. Written by services."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Join tokens: each lets a number of robots in until its time is over. Written by administration and joins."""
+"""Join tokens: each lets a number of robots in until its time is over. Written by services."""
 
 import datetime as dt
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Robots: their records, and the fleet as one user may see it.
 
-Written by joins and administration. The database itself normalises MACs and allots ports.
+Written by services. The database itself normalises MACs and allots ports.
 """
 
 import datetime as dt

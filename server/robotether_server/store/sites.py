@@ -1,4 +1,4 @@
-"""Sites: where robots are, so that a grant can be for all of them there. Written by administration."""
+"""Sites: where robots are, so that a grant can be for all of them there. Written by services."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""API tokens: what programs of a user log in with. Written by administration.
+"""API tokens: what programs of a user log in with. Written by services.
 
 The relay reads them through the view relay_tokens.
 """

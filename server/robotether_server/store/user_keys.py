@@ -1,6 +1,6 @@
 """People's SSH public keys, which sshd's account `jump` lets to the robots that they manage.
 
-Written by administration; sshd reads them through the view jump_keys.
+Written by services; sshd reads them through the view jump_keys.
 """
 
 import datetime as dt

@@ -1,4 +1,4 @@
-"""Users: who may log in. Written by administration; read by web."""
+"""Users: who may log in. Written by services; read by web."""
 
 from dataclasses import dataclass, field
 from typing import Literal

@@ -9,8 +9,8 @@ from urllib.parse import quote
 from flask import Flask, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import pending
 from robotether_server.problems import GrantMissing
+from robotether_server.services import pending
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.store.users import User

@@ -19,11 +19,12 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
+from robotether_server.services import logging_in
 from robotether_server.store import robots
 from robotether_server.store.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.store.robots import SeenRobot
 from robotether_server.times import rfc3339
-from robotether_server.web import access, current_user, logging_in
+from robotether_server.web import access, current_user
 from robotether_server.web.context import context
 
 blueprint = Blueprint("pages", __name__)

@@ -1,6 +1,6 @@
 """The admin pages under /admin: robots, who waits, users, groups, sites and grants, tokens, the audit log.
 
-Plain forms over robotether_server.administration, which checks, changes and writes the audit log. Every path that
+Plain forms over robotether_server.services, which checks, changes and writes the audit log. Every path that
 takes a POST also answers a GET, so that a login that ended in between leads back to where it was.
 """
 

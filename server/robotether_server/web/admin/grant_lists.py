@@ -1,6 +1,6 @@
 """Which grants a page shows, and what its form for one more offers. Pure, but for what it reads from the records."""
 
-from robotether_server.administration import grants
+from robotether_server.services import grants
 from robotether_server.store import Transaction, groups, robots, sites, users
 from robotether_server.store.grants import Grant
 from robotether_server.store.robots import Robot

@@ -6,9 +6,9 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import times
-from robotether_server.administration import grants
-from robotether_server.administration.grants import ALL, Holder, Scope
 from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.services import grants
+from robotether_server.services.grants import ALL, Holder, Scope
 from robotether_server.store import grants as db_grants
 from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import confirmation, current_user, forms

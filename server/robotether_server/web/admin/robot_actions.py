@@ -3,7 +3,7 @@
 from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import robots
+from robotether_server.services import robots
 from robotether_server.web import confirmation
 from robotether_server.web.admin.robot_page import get, page_of
 from robotether_server.web.confirmation import METHODS, ConfirmedAction

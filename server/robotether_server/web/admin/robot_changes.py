@@ -3,8 +3,8 @@
 from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import robots
-from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.services import robots
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.setting_paths import Settings, put_path, remove_path
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source

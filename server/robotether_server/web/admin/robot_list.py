@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import robots as robot_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.services import robots as robot_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import control_states, robots
 from robotether_server.store.control_states import FREE, ControlState
 from robotether_server.store.robots import SeenRobot

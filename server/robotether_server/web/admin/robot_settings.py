@@ -11,8 +11,8 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
-from robotether_server.administration import robots
 from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.services import robots
 from robotether_server.setting_paths import Settings, get_path, put_path
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source

@@ -3,9 +3,9 @@
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import sites as site_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.services import sites as site_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import robots, sites
 from robotether_server.store.grants import LEVELS
 from robotether_server.web import confirmation, current_user, forms

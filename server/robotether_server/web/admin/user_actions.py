@@ -4,7 +4,7 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
-from robotether_server.administration import users as user_service
+from robotether_server.services import users as user_service
 from robotether_server.store import Transaction, users
 from robotether_server.store.audit import Source
 from robotether_server.store.users import ROLES, User

@@ -4,10 +4,10 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
-from robotether_server.administration import tokens
-from robotether_server.administration import users as user_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.services import tokens
+from robotether_server.services import users as user_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import groups, robots, users
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.users import ROLES

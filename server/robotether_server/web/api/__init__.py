@@ -1,7 +1,7 @@
 """The REST API under /api/v1, for pages, programs and robots; a module a resource, all on one blueprint.
 
 docs/protocols.md says what they agree on, and openapi/ every path in full. The handlers read fields and
-write objects; what may be done and what it changes is decided in `administration` and `joining`.
+write objects; what may be done and what it changes is decided in `services`.
 """
 
 from robotether_server.web.api import (

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import audit
 from robotether_server.store.audit import AuditEvent, AuditSearch
 from robotether_server.web import exports, fields

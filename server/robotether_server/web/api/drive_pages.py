@@ -2,9 +2,9 @@
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import drive_pages
 from robotether_server.page_settings import NAMES
-from robotether_server.web import fields, permissions
+from robotether_server.services import drive_pages, permissions
+from robotether_server.web import fields
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 

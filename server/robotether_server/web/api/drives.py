@@ -5,7 +5,7 @@ from dataclasses import fields as members_of
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import drives
 from robotether_server.store.drives import Drive, DriveSearch
 from robotether_server.store.users import User

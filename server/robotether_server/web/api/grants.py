@@ -4,10 +4,10 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import grants as grant_service
-from robotether_server.administration.grants import ALL, Holder, Scope
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
+from robotether_server.services import grants as grant_service
+from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import fields
 from robotether_server.web.api import callers

@@ -4,8 +4,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import groups as group_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.services import groups as group_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import groups
 from robotether_server.store.groups import Group
 from robotether_server.web import fields

@@ -6,10 +6,10 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import join_tokens as join_token_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
+from robotether_server.services import join_tokens as join_token_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import Transaction, join_tokens
 from robotether_server.web import fields
 from robotether_server.web.api import callers

@@ -5,7 +5,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify
 
-from robotether_server.administration import pending
+from robotether_server.services import pending
 from robotether_server.web.api import callers
 from robotether_server.web.api.blueprint import blueprint
 from robotether_server.web.api.objects import plain

@@ -5,7 +5,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import robots as robot_service
+from robotether_server.services import robots as robot_service
 from robotether_server.store import Transaction, control_states, robots
 from robotether_server.store.audit import Source
 from robotether_server.store.robots import Robot

@@ -5,12 +5,12 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import macs
-from robotether_server.administration import robots as robot_service
-from robotether_server.administration import sites
-from robotether_server.administration.enrolment import Registration
-from robotether_server.administration.enrolment_credentials import EnrolmentCredential
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid, RobotUnknown
+from robotether_server.services import robots as robot_service
+from robotether_server.services import sites
+from robotether_server.services.enrolment import Registration
+from robotether_server.services.enrolment_credentials import EnrolmentCredential
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store import control_states, robots, sessions
 from robotether_server.store.audit import Source

@@ -7,8 +7,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import sites as site_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
+from robotether_server.services import sites as site_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import sites
 from robotether_server.store.sites import Site
 from robotether_server.web import fields

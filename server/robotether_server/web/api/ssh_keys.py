@@ -5,10 +5,10 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import ssh_config
-from robotether_server.administration import ssh_keys as ssh_key_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
+from robotether_server.services import ssh_config
+from robotether_server.services import ssh_keys as ssh_key_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import fields
 from robotether_server.web.api import callers

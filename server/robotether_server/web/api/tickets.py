@@ -4,8 +4,8 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import GrantMissing, RobotUnknown
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import grants, robots
 from robotether_server.tickets import MODES, Ticket, new_id
 from robotether_server.web import access, fields

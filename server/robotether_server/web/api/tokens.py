@@ -6,9 +6,9 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.administration import tokens as token_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import RecordMissing
+from robotether_server.services import tokens as token_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import users
 from robotether_server.store.users import User
 from robotether_server.web import fields

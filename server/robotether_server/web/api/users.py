@@ -5,9 +5,9 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import passwords
-from robotether_server.administration import users as user_service
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
+from robotether_server.services import users as user_service
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import users
 from robotether_server.store.users import ROLES
 from robotether_server.web import fields

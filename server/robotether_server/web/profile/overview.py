@@ -4,9 +4,9 @@ import datetime as dt
 
 from flask import Blueprint, render_template, request
 
-from robotether_server.administration import ssh_config, ssh_keys, tokens
 from robotether_server.install_line import site_of
 from robotether_server.problems import Problem
+from robotether_server.services import ssh_config, ssh_keys, tokens
 from robotether_server.web import current_user
 from robotether_server.web.context import context
 

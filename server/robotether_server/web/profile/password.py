@@ -4,10 +4,10 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
-from robotether_server.administration import users
 from robotether_server.problems import FieldInvalid
+from robotether_server.services import logging_in, users
 from robotether_server.store import logins
-from robotether_server.web import access, confirmation, current_user, forms, logging_in
+from robotether_server.web import access, confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
 from robotether_server.web.context import context
 from robotether_server.web.profile.overview import PAGE

@@ -3,9 +3,9 @@
 from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.administration import ssh_keys
-from robotether_server.administration.names import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RecordMissing
+from robotether_server.services import ssh_keys
+from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store.user_keys import SshKey
 from robotether_server.web import confirmation, current_user, forms

@@ -6,8 +6,8 @@ import datetime as dt
 
 import pytest
 from admin_visitor import send
-from robotether_server.administration import grants, groups, sites
-from robotether_server.administration.grants import ALL, Holder, Scope
+from robotether_server.services import grants, groups, sites
+from robotether_server.services.grants import ALL, Holder, Scope
 from robotether_server.store import Database
 from robotether_server.store.audit import Source
 from web_visitor import Browser, audit_kinds

@@ -1,6 +1,0 @@
-"""What admins do: one function an action, with its checks, its change and its line in the audit log.
-
-Used by web and cli, which ask the person and show the outcome. Every function takes the open Transaction
-first, so that several actions of one request are done together or not at all, and raises Problems whose detail
-is the sentence for that person. Who may do it at all the caller has decided.
-"""

@@ -1,0 +1,104 @@
+"""What the managers of a robot set of its drive page: how it moves, its cameras and picture, and its buttons.
+
+The rest of its settings are admins' (robots.py). Whoever calls has found out that the user manages the robot, and
+for `allow` that it is an admin. Connections go on; the page takes a change when it is opened anew.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+from robotether_server import buttons as button_settings
+from robotether_server import robot_settings
+from robotether_server.buttons import Button
+from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.robot_settings import RobotSettings
+from robotether_server.services import robots as robot_service
+from robotether_server.setting_paths import Settings, put_path
+from robotether_server.store import Transaction, audit, locks, robots
+from robotether_server.store.audit import Event, Source
+
+# The buttons before a change, to those after it.
+Change = Callable[[list[Button]], list[Button]]
+
+
+def set_page(tx: Transaction, source: Source, name: str, page: object) -> RobotSettings:
+    """Replace `page`; what is missing is as by default. Raises FieldInvalid. Returns all that is in force then."""
+    return _set(tx, source, Event("robot_page_set", name), "page", page)
+
+
+def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> RobotSettings:
+    """Replace `buttons`; raise FieldInvalid. Returns all that is in force then."""
+    return _set(tx, source, Event("robot_buttons_set", name), "buttons", buttons)
+
+
+def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> RobotSettings:
+    """Replace `buttons` by what `change` makes of the present ones; no other change comes in between."""
+    locks.enrolment(tx)
+    present = button_settings.parse(robots.get(tx, name).settings.get("buttons", []))
+    changed = [button.as_dict() for button in change(list(present))]
+    return set_buttons(tx, source, name, changed)
+
+
+def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
+    """Add what the button sends to what the policy lets drivers send, if it is not; raise FieldInvalid."""
+
+    def change(present: Settings) -> Settings:
+        settings = robot_settings.parse(present)
+        path = robot_settings.lacking(settings, button)
+        if path is None:
+            return present
+        names = getattr(settings.policy.drive, button.kind)
+        return put_path(present, path, [*names, button.target])
+
+    robot_service.change_settings(tx, source, name, change)
+
+
+def placed(buttons: list[Button], place: int, name: str) -> int:
+    """Return the index of the button at this place, from 1; raise NotPossible when it is not of that name any more."""
+    if not 1 <= place <= len(buttons) or buttons[place - 1].name != name:
+        raise NotPossible(
+            f"cannot change button {name}: the buttons have changed meanwhile; look at them again"
+        )
+    return place - 1
+
+
+def read(text: str) -> dict[str, object]:
+    """Return the JSON object that somebody typed; raise FieldInvalid, which says where it goes wrong."""
+    try:
+        found = json.loads(text or "{}", object_pairs_hook=_once)
+    except json.JSONDecodeError as error:
+        raise FieldInvalid(
+            f"cannot read what the button sends: {error.msg} at line {error.lineno}, column {error.colno}; it must "
+            'be a JSON object such as {"data": true}'
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise FieldInvalid(f"cannot read what the button sends: {error}") from error
+    if not isinstance(found, dict):
+        raise FieldInvalid(
+            'cannot read what the button sends: it must be a JSON object such as {"data": true}'
+        )
+    return found
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a member stands in it twice")
+    return found
+
+
+def _set(
+    tx: Transaction, source: Source, event: Event, member: str, value: object
+) -> RobotSettings:
+    locks.enrolment(tx)
+    found = robots.get(tx, event.robot or "")
+    settings = robot_settings.parse({**found.settings, member: value})
+    given = settings.as_given()
+    was = found.settings.get(member)
+    # As texts: to Python, true is 1.
+    if json.dumps(given.get(member), sort_keys=True) != json.dumps(was, sort_keys=True):
+        robots.set_settings(tx, found.id, given)
+        details: dict[str, object] = {"was": was, member: given.get(member)}
+        audit.record(tx, source, replace(event, details=details))
+    return settings

@@ -1,0 +1,51 @@
+"""Join tokens: made, listed and deleted by admins."""
+
+import datetime as dt
+
+from robotether_server.problems import FieldInvalid
+from robotether_server.services.names import check_name
+from robotether_server.store import Transaction, audit, join_tokens
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.join_tokens import JoinToken
+
+MAX_USES = 10000
+MAX_LIFETIME = dt.timedelta(hours=8760)
+
+
+def create(tx: Transaction, source: Source, name: str, uses: int, expires_at: dt.datetime) -> str:
+    """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
+    check_name("name", name)
+    if not 1 <= uses <= MAX_USES:
+        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
+    lifetime = expires_at - dt.datetime.now(dt.UTC)
+    if not dt.timedelta() < lifetime <= MAX_LIFETIME:
+        raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
+    text = join_tokens.create(tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH])
+    details: dict[str, object] = {
+        "token": name,
+        "uses": uses,
+        "expires_at": expires_at.isoformat(timespec="seconds"),
+    }
+    audit.record(tx, source, Event("join_token_created", details=details))
+    return text
+
+
+def list_all(tx: Transaction) -> list[JoinToken]:
+    """Return every join token, the newest first."""
+    return join_tokens.list_all(tx)
+
+
+def delete(tx: Transaction, source: Source, token_id: int) -> JoinToken:
+    """Delete a token and return it; the robots that it let in stay. Raises RecordMissing."""
+    token = join_tokens.get(tx, token_id)
+    join_tokens.delete(tx, token_id)
+    details: dict[str, object] = {"token": token.name, "used": token.used}
+    audit.record(tx, source, Event("join_token_deleted", details=details))
+    return token
+
+
+def delete_of(tx: Transaction, source: Source, maker: str) -> None:
+    """Delete all tokens that this admin made."""
+    for token in join_tokens.list_all(tx):
+        if token.created_by == maker:
+            delete(tx, source, token.id)

@@ -1,0 +1,251 @@
+"""Lets robots in: decides what a robot that shows a MAC and a key is told.
+
+Used by api/join.py. A MAC only names a robot; its key is what proves it. Without a token JOIN_POLICY says
+what becomes of a new key. A join proves no possession of the key, so one with a key that is known already
+must never change the row, and only the old key's signature or an admin changes the key of an active robot.
+"""
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import Literal
+
+from robotether_server import macs
+from robotether_server.networks import network_of
+from robotether_server.problems import (
+    MacElsewhere,
+    RobotDisabled,
+    TokenRequired,
+    TokenUsedUp,
+    TooManyPending,
+)
+from robotether_server.services import enrolment, enrolment_credentials
+from robotether_server.services.enrolment import PresentedKey
+from robotether_server.services.enrolment_credentials import EnrolmentCredential
+from robotether_server.services.rotation import PreviousKey, rotate
+from robotether_server.settings import JoinSettings
+from robotether_server.store import Transaction, audit, claims, locks, robots, sessions
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.robots import Robot
+
+# What nobody announced: how much one network may leave waiting, and for how long.
+MAX_UNKNOWN_PER_NETWORK = 10
+UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
+# A join proves nothing, so it may not fill the audit log either.
+MAC_CHANGED_EVERY = dt.timedelta(hours=24)
+
+
+@dataclass(frozen=True)
+class JoinRequest:
+    """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has."""
+
+    presented: PresentedKey
+    token: str | None = None
+    name: str | None = None
+    mac_present: bool = True
+    previous: PreviousKey | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What it is told: `robot` is its name, or the one that its MAC alone would give it."""
+
+    robot: str
+    code: Literal["active", "approval_pending", "mac_in_use"]
+    detail: str = ""
+
+
+def is_in(tx: Transaction, request: JoinRequest) -> Answer | None:
+    """Answer a robot that is active with this key; every robot asks so at every start, all at once.
+
+    Takes no lock and changes nothing; None: `join` decides. The token is not looked at.
+    """
+    robot = robots.peek_by_mac(tx, request.presented.mac)
+    if robot is None or robot.state != "active" or not request.mac_present:
+        return None
+    return _active(robot) if robot.fingerprint == request.presented.key.fingerprint else None
+
+
+def join(tx: Transaction, request: JoinRequest, rules: JoinSettings) -> Answer:
+    """Answer a robot after writing down what is new; must be the first action in its transaction.
+
+    Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
+    KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
+    """
+    locks.enrolment(tx)
+    _forget_old(tx)
+    presented = request.presented
+    enrolment.check_not_rejected(tx, presented.key)
+    robot = robots.find_by_mac(tx, presented.mac)
+    if robot is not None:
+        is_known = robot.fingerprint == presented.key.fingerprint
+        _check_not_disabled(robot, presented, is_known=is_known)
+        if is_known and robot.state == "active":
+            return _still_active(tx, request, robot)
+        if request.previous is not None and rotate(tx, robot, presented, request.previous):
+            return _active(robot)
+    credential = _credential(tx, request, rules)
+    source = Source(
+        credential.actor if credential else enrolment_credentials.ROBOT, presented.report.address
+    )
+    return _Joining(tx, source, request, rules, credential).decide(robot)
+
+
+@dataclass(frozen=True)
+class _Joining:
+    """One join of a robot that is not in yet, with what the deciding needs."""
+
+    tx: Transaction
+    source: Source
+    request: JoinRequest
+    rules: JoinSettings
+    credential: EnrolmentCredential | None
+
+    def decide(self, robot: Robot | None) -> Answer:
+        """Let the key in, let it wait, or note that it claims another key's place."""
+        enrolment.check_key_is_free(
+            self.tx, self.source, self.request.presented, is_authorized=self.credential is not None
+        )
+        if robot is None:
+            robot = self._add()
+        holds_other = robot.fingerprint not in (None, self.request.presented.key.fingerprint)
+        if holds_other and (robot.state == "active" or self.credential is None):
+            return self._claim(robot)
+        if self.credential is not None or self._is_first_key(robot):
+            return _active(
+                enrolment.let_in(
+                    self.tx, self.source, robot, self.request.presented, self.credential
+                )
+            )
+        return self._wait(robot)
+
+    def _add(self) -> Robot:
+        """Add a row for a MAC that nobody knows."""
+        mac = self.request.presented.mac
+        if not self.rules.allow_local_macs:
+            macs.check_universal(mac)
+        if self.credential is None:
+            self._check_room()
+        name = enrolment.free_name(self.tx, mac, self.request.name if self.credential else None)
+        robots.add(self.tx, mac, name, unknown=self.credential is None)
+        return robots.get(self.tx, name)
+
+    def _is_first_key(self, robot: Robot) -> bool:
+        is_open = not robot.is_unknown and not robot.had_key
+        return self.rules.policy == "first-key" and is_open
+
+    def _wait(self, robot: Robot) -> Answer:
+        presented = self.request.presented
+        if robot.fingerprint != presented.key.fingerprint:
+            enrolment.adopt_key(self.tx, robot, presented)
+            # The key is new, so it waits even in a row that was active without one.
+            robots.set_state(self.tx, robot.id, "pending")
+            audit.record(
+                self.tx, self.source, Event("robot_pending", robot.name, _details(presented))
+            )
+        return Answer(
+            robot.name,
+            "approval_pending",
+            f"robot {robot.name} waits for approval; an admin approves it with: "
+            f"robotether robot approve {robot.name}",
+        )
+
+    def _claim(self, robot: Robot) -> Answer:
+        """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
+        presented = self.request.presented
+        if claims.find(self.tx, presented.key.fingerprint) is None:
+            self._check_room()
+            claims.add(self.tx, robot, presented.key, presented.report)
+            audit.record(
+                self.tx, self.source, Event("key_claimed", robot.name, _details(presented))
+            )
+        return Answer(
+            next(enrolment.usual_names(presented.mac)),
+            "mac_in_use",
+            f"a robot with MAC {presented.mac} and another key is known and goes on with that one; an admin "
+            f"decides about this key, {presented.key.fingerprint}, in the page of waiting robots",
+        )
+
+    def _check_room(self) -> None:
+        """Raise TooManyPending when all, or one network, have as much waiting as may."""
+        waiting = robots.unknown_addresses(self.tx)
+        waiting += [claim.report.address for claim in claims.waiting(self.tx)]
+        network = network_of(self.request.presented.report.address)
+        from_there = sum(network_of(other) == network for other in waiting)
+        is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
+        whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
+        if is_crowded or len(waiting) >= self.rules.max_pending:
+            raise TooManyPending(
+                f"cannot take another unknown robot: {whose} wait for approval already; an admin approves or "
+                "rejects some, or lets this one in beforehand with: robotether robot add NAME --mac MAC"
+            )
+
+
+def _forget_old(tx: Transaction) -> None:
+    before = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
+    robots.remove_unknown(tx, before)
+    claims.remove_old(tx, before)
+
+
+def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
+    if robot.state != "disabled":
+        return
+    if not is_known:
+        raise RobotDisabled(
+            f"cannot join with MAC {presented.mac}: its robot is disabled; ask an admin"
+        )
+    raise RobotDisabled(
+        f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
+        f"robotether robot enable {robot.name}"
+    )
+
+
+def _still_active(tx: Transaction, request: JoinRequest, robot: Robot) -> Answer:
+    if not request.mac_present:
+        _check_moved(tx, request, robot)
+    return _active(robot)
+
+
+def _check_moved(tx: Transaction, request: JoinRequest, robot: Robot) -> None:
+    """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
+    if sessions.is_online(tx, robot.id):
+        raise MacElsewhere(
+            f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
+            "copy of that robot's disk, and must join with its own MAC and a new key"
+        )
+    last = audit.find(tx, audit.AuditSearch(robot.name, kind="mac_changed"), limit=1)
+    if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
+        return
+    source = Source(enrolment_credentials.ROBOT, request.presented.report.address)
+    audit.record(tx, source, Event("mac_changed", robot.name, _details(request.presented)))
+
+
+def _credential(
+    tx: Transaction, request: JoinRequest, rules: JoinSettings
+) -> EnrolmentCredential | None:
+    """Return the credential of a robot that is not in yet; None: it has none, so it may only wait."""
+    credential = enrolment_credentials.find(tx, request.token) if request.token else None
+    if credential is not None and not enrolment.is_spent(tx, credential, request.presented.key):
+        return credential
+    if rules.policy != "token-only":
+        return None
+    if credential is not None:
+        raise TokenUsedUp(
+            "cannot join with this token: it has let this key in before, and an admin has undone that; "
+            "get another token"
+        )
+    raise TokenRequired(
+        "cannot join without a token: this server takes no other robots (JOIN_POLICY=token-only); an admin makes "
+        "one with: robotether robot invite"
+    )
+
+
+def _active(robot: Robot) -> Answer:
+    return Answer(robot.name, "active")
+
+
+def _details(presented: PresentedKey) -> dict[str, object]:
+    return {
+        "mac": presented.mac,
+        "fingerprint": presented.key.fingerprint,
+        "hostname": presented.report.hostname,
+    }

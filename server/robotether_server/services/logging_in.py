@@ -1,0 +1,133 @@
+"""Checks a name and a password, and starts or ends the login.
+
+Used by pages.py and the profile. An unknown name, a disabled user and a wrong password look the same, and take as long.
+A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at once would all
+pass the throttle before the first of them is recorded.
+"""
+
+import datetime as dt
+import math
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import takewhile
+
+from robotether_server import passwords
+from robotether_server.networks import Network, network_of
+from robotether_server.problems import LoginFailed, Throttled
+from robotether_server.services import throttle
+from robotether_server.services.throttle import Failures
+from robotether_server.store import Database, Transaction, audit, logins, users
+from robotether_server.store.audit import Event, Occurrence, Source
+from robotether_server.store.users import User
+
+FAILED = "login_failed"
+SUCCEEDED = "login"
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A password that is being checked."""
+
+    user: str
+    network: Network
+    at: dt.datetime
+
+
+class OpenGuesses:
+    """The guesses whose outcome is not in the log yet. web is one process, so its memory knows them all."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._open: list[Guess] = []
+
+    @contextmanager
+    def with_one_more(self, guess: Guess) -> Iterator[list[Guess]]:
+        """Count the guess inside the block, for those that come after it; give those that came before."""
+        with self._lock:
+            before = list(self._open)
+            self._open.append(guess)
+        try:
+            yield before
+        finally:
+            with self._lock:
+                self._open.remove(guess)
+
+
+_open_guesses = OpenGuesses()
+
+
+def log_in(database: Database, source: Source, password: str, lifetime: dt.timedelta) -> str:
+    """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name."""
+    with _guessed(database, source, password) as user, database.transaction() as tx:
+        if user is not None:
+            audit.record(tx, source, Event(SUCCEEDED))
+            return logins.create(tx, user, source.address or "", lifetime)
+        audit.record(tx, source, Event(FAILED))
+    raise LoginFailed("cannot log in: name and password do not fit")
+
+
+def confirm(database: Database, source: Source, password: str) -> None:
+    """Check the password of somebody who is logged in; raise LoginFailed or Throttled.
+
+    A browser that was left open must not be a way to guess it, so a failure counts as one of a login does.
+    """
+    with _guessed(database, source, password) as user:
+        if user is not None:
+            return
+        with database.transaction() as tx:
+            audit.record(tx, source, Event(FAILED))
+    raise LoginFailed("cannot go on: the present password is not right")
+
+
+@contextmanager
+def _guessed(database: Database, source: Source, password: str) -> Iterator[User | None]:
+    """Give the user of that name if the password is right; raise Throttled. The block writes the outcome to the log.
+
+    No transaction stays open while the password is hashed, which takes long on purpose.
+    """
+    guess = Guess(source.actor, network_of(source.address or ""), dt.datetime.now(dt.UTC))
+    with _open_guesses.with_one_more(guess) as before:
+        with database.transaction() as tx:
+            _check_throttle(tx, guess, before)
+            user = users.find(tx, guess.user)
+        right = passwords.matches(password, user.password_hash if user else None)
+        yield user if user is not None and right and not user.disabled else None
+
+
+def log_out(database: Database, source: Source, text: str) -> None:
+    """End one login."""
+    with database.transaction() as tx:
+        if logins.end(tx, text):
+            audit.record(tx, source, Event("logout"))
+
+
+def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:
+    free_at = throttle.free_at(_failures(tx, guess, before))
+    if free_at is None or free_at <= guess.at:
+        return
+    wait_s = math.ceil((free_at - guess.at).total_seconds())
+    raise Throttled(
+        f"cannot log in now: too many tries failed; try again at {free_at:%H:%M:%S} UTC "
+        f"(in {math.ceil(wait_s / 60)} min)",
+        wait_s,
+    )
+
+
+def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
+    """Return the failures of the log, and as the newest of them the guesses that are open."""
+    user, network, since = guess.user, guess.network, guess.at - throttle.WINDOW
+    tries = audit.recent_from(tx, (FAILED, SUCCEEDED), network, since)
+    tries += [Occurrence(FAILED, one.user, one.at) for one in before if one.network == network]
+    own = [one for one in tries if one.actor == user]
+    since_success = takewhile(lambda one: one.kind == FAILED, reversed(own))
+    of_user: list[dt.datetime] = []
+    if not audit.has_come_from(tx, SUCCEEDED, user, network):
+        of_user = audit.recent_of(tx, FAILED, user, since)
+        of_user += [one.at for one in before if one.user == user]
+    return Failures(
+        of_pair=[one.at for one in since_success][::-1],
+        of_network=[one.at for one in tries if one.kind == FAILED],
+        of_user=of_user,
+    )

@@ -1,0 +1,280 @@
+"""Robots' rows: added, approved, kept out, moved and removed by admins.
+
+Every action takes the enrolment lock first: joins and other actions wait for the end of its transaction.
+"""
+
+import json
+from collections.abc import Callable
+
+from robotether_server import macs, robot_settings
+from robotether_server.problems import NotPossible
+from robotether_server.services import enrolment
+from robotether_server.services.enrolment import Registration
+from robotether_server.setting_paths import Settings
+from robotether_server.store import Transaction, audit, claims, locks, robots
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.claims import Claim
+from robotether_server.store.robots import Robot, State
+
+
+def add(
+    tx: Transaction, source: Source, mac: str, name: str, *, allow_local_mac: bool = False
+) -> Robot:
+    """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
+
+    An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
+    """
+    locks.enrolment(tx)
+    normal = macs.normalise(mac, allow_local=allow_local_mac)
+    found = robots.find_by_mac(tx, normal)
+    if found is not None and found.is_unknown:
+        robots.rename(tx, found.id, name)
+        robots.announce(tx, found.id)
+    else:
+        robots.add(tx, normal, name)
+    audit.record(tx, source, Event("robot_added", name, {"mac": normal}))
+    return robots.get(tx, name)
+
+
+def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
+    """Make a robot active with this key; tell whether its row was made for it. Asking again changes nothing.
+
+    Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
+    """
+    locks.enrolment(tx)
+    return enrolment.register(tx, source, registration)
+
+
+def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Robot:
+    """Make this key the robot's own, be it the row's or a claim; raise NotPossible when it does not wait there.
+
+    Approving the key that an active robot has changes nothing.
+    """
+    found = _get(tx, name)
+    _check_not_disabled(found)
+    claim = _claim_of(tx, found, fingerprint)
+    if claim is not None:
+        claims.remove(tx, claim.id)
+        robots.set_key(tx, found.id, claim.key, claim.report)
+    elif found.fingerprint != fingerprint:
+        raise NotPossible(_no_such_key(found, fingerprint))
+    elif found.state == "active":
+        return found
+    robots.set_state(tx, found.id, "active")
+    details: dict[str, object] = {"was": found.state, "fingerprint": fingerprint}
+    if claim is not None:
+        details["replaced"] = found.fingerprint
+    audit.record(tx, source, Event("robot_approved", name, details))
+    return robots.get(tx, name)
+
+
+def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None:
+    """Turn a waiting key away for good; raise NotPossible when it does not wait there.
+
+    A row that nobody announced goes with it; an announced robot waits for its first key again.
+    """
+    found = _get(tx, name)
+    claim = _claim_of(tx, found, fingerprint)
+    if claim is not None:
+        claims.reject(tx, claim.id, found.name, source.actor)
+    else:
+        _reject_own(tx, source, found, fingerprint)
+    details: dict[str, object] = {"mac": found.mac, "fingerprint": fingerprint}
+    audit.record(tx, source, Event("key_rejected", name, details))
+
+
+def disable(tx: Transaction, source: Source, name: str) -> Robot:
+    """Keep a robot out, whatever its key."""
+    found = _get(tx, name)
+    if found.state != "disabled":
+        _change_state(tx, source, found, "disabled", "robot_disabled")
+    if found.state == "pending":
+        # Nobody approved this key, and `enable` must not do so in passing.
+        robots.forget_key(tx, found.id)
+    return robots.get(tx, name)
+
+
+def enable(tx: Transaction, source: Source, name: str) -> Robot:
+    """Let a disabled robot in again; raise NotPossible when it is not disabled."""
+    found = _get(tx, name)
+    if found.state != "disabled":
+        raise NotPossible(f"cannot enable robot {name}: it is {found.state}, not disabled")
+    # Without a key there is nothing yet that could prove to be this robot.
+    state: State = "active" if found.fingerprint else "pending"
+    _change_state(tx, source, found, state, "robot_enabled")
+    return robots.get(tx, name)
+
+
+def rename(tx: Transaction, source: Source, name: str, new_name: str) -> Robot:
+    """Give a robot another name; raise RecordExists or RecordRefused."""
+    found = _get(tx, name)
+    if new_name != name:
+        robots.rename(tx, found.id, new_name)
+        audit.record(tx, source, Event("robot_renamed", new_name, {"was": name}))
+    return robots.get(tx, new_name)
+
+
+def set_mac(
+    tx: Transaction, source: Source, name: str, mac: str, *, allow_local_mac: bool = False
+) -> Robot:
+    """Give a robot another MAC; raise FieldInvalid or RecordExists.
+
+    An unknown robot that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
+    """
+    found = _get(tx, name)
+    normal = macs.normalise(mac, allow_local=allow_local_mac)
+    if normal != found.mac:
+        waiting = robots.find_by_mac(tx, normal)
+        if waiting is not None and waiting.is_unknown:
+            robots.remove(tx, waiting.id)
+            released: dict[str, object] = {"mac": normal, "fingerprint": waiting.fingerprint}
+            audit.record(tx, source, Event("key_released", waiting.name, released))
+        robots.set_mac(tx, found.id, normal)
+        audit.record(tx, source, Event("robot_mac_set", name, {"was": found.mac, "mac": normal}))
+    return robots.get(tx, name)
+
+
+def move_ports(
+    tx: Transaction,
+    source: Source,
+    name: str,
+    ros_port: int | None = None,
+    video_port: int | None = None,
+) -> Robot:
+    """Move a robot to these ports, or to another free pair; raise RecordExists or RecordRefused."""
+    found = _get(tx, name)
+    robots.set_ports(tx, found.id, ros_port, video_port)
+    moved = robots.get(tx, name)
+    details: dict[str, object] = {
+        "was": [found.ros_port, found.video_port],
+        "ports": [moved.ros_port, moved.video_port],
+    }
+    audit.record(tx, source, Event("robot_ports_moved", name, details))
+    return moved
+
+
+def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
+    """Forward a port to the robot's sshd, or stop doing so; raise RecordRefused when no port is free."""
+    found = _get(tx, name)
+    if found.shell == on:
+        return found
+    robots.set_shell(tx, found.id, on=on)
+    changed = robots.get(tx, name)
+    details: dict[str, object] = {"shell": on, "port": changed.shell_port or found.shell_port}
+    audit.record(tx, source, Event("robot_shell_set", name, details))
+    return changed
+
+
+def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str, object]) -> Robot:
+    """Replace a robot's settings; {} means the defaults, and only what differs from them is kept. Raises FieldInvalid.
+
+    Relay and guard follow by themselves.
+    """
+    found = _get(tx, name)
+    given = robot_settings.parse(settings).as_given()
+    # As texts: to Python, true is 1.
+    if json.dumps(given, sort_keys=True) != json.dumps(found.settings, sort_keys=True):
+        robots.set_settings(tx, found.id, given)
+        details: dict[str, object] = {"was": found.settings, "settings": given}
+        audit.record(tx, source, Event("robot_settings_set", name, details))
+    return robots.get(tx, name)
+
+
+def change_settings(
+    tx: Transaction, source: Source, name: str, change: Callable[[Settings], Settings]
+) -> Robot:
+    """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalid.
+
+    No other change comes in between.
+    """
+    return set_settings(tx, source, name, change(_get(tx, name).settings))
+
+
+def rekey(tx: Transaction, source: Source, name: str) -> Robot:
+    """Forget a robot's key and end its connection; the next key that joins waits for approval."""
+    found = _get(tx, name)
+    robots.forget_key(tx, found.id)
+    if found.state == "active":
+        robots.set_state(tx, found.id, "pending")
+    details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
+    audit.record(tx, source, Event("robot_rekeyed", name, details))
+    return robots.get(tx, name)
+
+
+def rotate_key(tx: Transaction, source: Source, name: str) -> Robot:
+    """Ask the robot's agent to make a new key; raise NotPossible when the robot is not active."""
+    found = _get(tx, name)
+    if found.state != "active" or found.fingerprint is None:
+        raise NotPossible(
+            f"cannot rotate the key of robot {name}: it is {found.state}"
+            f"{'' if found.fingerprint else ' and has no key'}; only an active robot can prove a new key"
+        )
+    if found.rotate_requested_at is None:
+        robots.request_rotation(tx, found.id)
+        details: dict[str, object] = {"fingerprint": found.fingerprint}
+        audit.record(tx, source, Event("robot_rotation_requested", name, details))
+    return robots.get(tx, name)
+
+
+def remove(tx: Transaction, source: Source, name: str) -> Robot:
+    """Remove a robot with its grants and its history; return it as it was."""
+    found = _get(tx, name)
+    robots.remove(tx, found.id)
+    details: dict[str, object] = {
+        "was": found.state,
+        "mac": found.mac,
+        "fingerprint": found.fingerprint,
+    }
+    audit.record(tx, source, Event("robot_removed", name, details))
+    return found
+
+
+def _get(tx: Transaction, name: str) -> Robot:
+    locks.enrolment(tx)
+    return robots.get(tx, name)
+
+
+def _claim_of(tx: Transaction, found: Robot, fingerprint: str) -> Claim | None:
+    claim = claims.find(tx, fingerprint)
+    return claim if claim is not None and claim.robot_id == found.id else None
+
+
+def _check_not_disabled(found: Robot) -> None:
+    if found.state == "disabled":
+        raise NotPossible(
+            f"cannot approve robot {found.name}: it is disabled; "
+            f"use: robotether robot enable {found.name}"
+        )
+
+
+def _no_such_key(found: Robot, fingerprint: str) -> str:
+    if found.fingerprint is None:
+        return f"cannot approve robot {found.name}: no key {fingerprint} waits there; it has not joined yet"
+    return (
+        f"cannot approve robot {found.name}: its key is {found.fingerprint}, not {fingerprint}; if that is "
+        "not the key that robotether-agent status shows on the robot, somebody else joined in its "
+        f"name: robotether robot rekey {found.name}"
+    )
+
+
+def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str) -> None:
+    if found.key is None or found.fingerprint != fingerprint or found.report is None:
+        raise NotPossible(
+            f"cannot reject key {fingerprint}: it does not wait at robot {found.name}"
+        )
+    if found.state != "pending":
+        raise NotPossible(
+            f"cannot reject key {fingerprint}: robot {found.name} is {found.state} with it; forget the key "
+            f"with: robotether robot rekey {found.name}"
+        )
+    if found.is_unknown:
+        robots.remove(tx, found.id)
+    else:
+        robots.forget_key(tx, found.id)
+    claims.add_rejected(tx, found, source.actor)
+
+
+def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:
+    robots.set_state(tx, found.id, state)
+    details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
+    audit.record(tx, source, Event(kind, found.name, details))

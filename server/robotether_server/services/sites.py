@@ -1,0 +1,42 @@
+"""Sites of robots: made and removed by admins, who say which robot is where."""
+
+from robotether_server.problems import NotPossible
+from robotether_server.services.names import check_plain_name
+from robotether_server.store import Transaction, audit, robots, sites
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.robots import Robot
+from robotether_server.store.sites import Site
+
+
+def add(tx: Transaction, source: Source, name: str) -> Site:
+    """Add a site without robots; raise FieldInvalid or RecordExists."""
+    check_plain_name("name", name)
+    sites.add(tx, name)
+    audit.record(tx, source, Event("site_added", details={"site": name}))
+    return sites.get(tx, name)
+
+
+def remove(tx: Transaction, source: Source, name: str) -> Site:
+    """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissing."""
+    found = sites.get(tx, name)
+    sites.remove(tx, found.id)
+    details: dict[str, object] = {"site": name, "robots": list(found.robots)}
+    audit.record(tx, source, Event("site_removed", details=details))
+    return found
+
+
+def place(tx: Transaction, source: Source, robot: str, site: str | None) -> Robot:
+    """Put a robot at a site, or at none; raise RecordMissing."""
+    found = robots.get(tx, robot)
+    if found.site != site:
+        sites.place(tx, found.id, None if site is None else sites.get(tx, site).id)
+        details: dict[str, object] = {"was": found.site, "site": site}
+        audit.record(tx, source, Event("robot_site_set", robot, details))
+    return robots.get(tx, robot)
+
+
+def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
+    """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
+    if robots.get(tx, robot).site != site:
+        raise NotPossible(f"cannot take robot {robot} out of site {site}: it is not there")
+    return place(tx, source, robot, None)

@@ -1,0 +1,42 @@
+"""People's SSH public keys, for shells on the robots that they manage."""
+
+from robotether_server import ssh_keys
+from robotether_server.problems import NotPossible
+from robotether_server.services.names import MAX_NAME_LENGTH, check_name
+from robotether_server.store import Transaction, audit, user_keys
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.user_keys import SshKey
+from robotether_server.store.users import User
+
+MAX_KEYS = 20
+
+
+def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
+    """Add a key; without a name it gets its comment's. Raises FieldInvalid, RecordExists or NotPossible."""
+    key = ssh_keys.parse_persons(line)
+    chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
+    check_name("name", chosen)
+    if len(user_keys.list_of(tx, user)) >= MAX_KEYS:
+        raise NotPossible(
+            f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
+        )
+    added = user_keys.add(tx, user, chosen, key)
+    audit.record(tx, source, Event("ssh_key_added", details=_details(user, added)))
+    return added
+
+
+def list_of(tx: Transaction, user: User) -> list[SshKey]:
+    """Return the user's keys, by name."""
+    return user_keys.list_of(tx, user)
+
+
+def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
+    """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
+    key = user_keys.get(tx, user, key_id)
+    user_keys.delete(tx, key.id)
+    audit.record(tx, source, Event("ssh_key_deleted", details=_details(user, key)))
+    return key
+
+
+def _details(user: User, key: SshKey) -> dict[str, object]:
+    return {"user": user.name, "key": key.name, "fingerprint": key.fingerprint}

@@ -1,0 +1,91 @@
+"""Users: who may log in, and who administers. The last enabled admin stays one.
+
+An admin who is one no more takes the join tokens along: they let robots in with that admin's rights.
+"""
+
+from robotether_server import passwords
+from robotether_server.problems import LastAdmin, RecordExists
+from robotether_server.services import join_tokens
+from robotether_server.store import Transaction, audit, logins, users
+from robotether_server.store.audit import Event, Source
+from robotether_server.store.users import Role, User
+
+FIRST_ADMIN = "admin"
+
+
+def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
+    """Add a user; raise FieldInvalid for the password, RecordExists or RecordRefused for the name."""
+    users.add(tx, name, passwords.hash_password(password), role)
+    audit.record(tx, source, Event("user_added", details={"user": name, "role": role}))
+    return users.get(tx, name)
+
+
+def add_first(tx: Transaction, source: Source, password: str) -> bool:
+    """Add the user admin if there is no user at all; tell whether it did. Of two at once one does."""
+    if users.list_all(tx):
+        return False
+    try:
+        add(tx, source, FIRST_ADMIN, password, "admin")
+    except RecordExists:
+        return False
+    return True
+
+
+def set_password(tx: Transaction, source: Source, name: str, password: str) -> None:
+    """Give a user a new password and end the logins made with the old one; raise FieldInvalid."""
+    found = users.get(tx, name)
+    users.set_password(tx, found.id, passwords.hash_password(password))
+    audit.record(tx, source, Event("password_set", details={"user": name}))
+
+
+def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
+    """Make a user an admin, or an admin a user; raise LastAdmin."""
+    found = users.get(tx, name)
+    if found.role == role:
+        return found
+    if role != "admin":
+        _check_not_last(tx, name, f"cannot make {name} a user")
+        join_tokens.delete_of(tx, source, name)
+    users.set_role(tx, found.id, role)
+    details: dict[str, object] = {"user": name, "was": found.role, "role": role}
+    audit.record(tx, source, Event("user_role_set", details=details))
+    return users.get(tx, name)
+
+
+def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) -> User:
+    """Keep a user out, or let the user in again; raise LastAdmin."""
+    found = users.get(tx, name)
+    if found.disabled == disabled:
+        return found
+    if disabled:
+        _check_not_last(tx, name, f"cannot disable user {name}")
+        join_tokens.delete_of(tx, source, name)
+    users.set_disabled(tx, found.id, disabled=disabled)
+    kind = "user_disabled" if disabled else "user_enabled"
+    audit.record(tx, source, Event(kind, details={"user": name}))
+    return users.get(tx, name)
+
+
+def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
+    """End all logins of a user; return how many there were. API tokens stay."""
+    ended = logins.end_all(tx, users.get(tx, name).id)
+    audit.record(tx, source, Event("logins_ended", details={"user": name, "logins": ended}))
+    return ended
+
+
+def remove(tx: Transaction, source: Source, name: str) -> User:
+    """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdmin."""
+    found = users.get(tx, name)
+    _check_not_last(tx, name, f"cannot remove user {name}")
+    join_tokens.delete_of(tx, source, name)
+    users.remove(tx, found.id)
+    audit.record(tx, source, Event("user_removed", details={"user": name, "role": found.role}))
+    return found
+
+
+def _check_not_last(tx: Transaction, name: str, action: str) -> None:
+    # Locked, so that two admins who remove each other at once are not both heard.
+    if users.enabled_admins(tx) == [name]:
+        raise LastAdmin(
+            f"{action}: nobody else is an admin who is enabled; make another user an admin first"
+        )

@@ -1,0 +1,355 @@
+"""What a robot that shows a MAC and a key is told, and what a stranger cannot bring about."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime as dt
+
+import pytest
+from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
+from robotether_server.problems import (
+    FieldInvalid,
+    KeyInUse,
+    KeyRejected,
+    MacElsewhere,
+    RobotDisabled,
+    TokenExpired,
+    TokenInvalid,
+    TokenRequired,
+    TokenUsedUp,
+    TooManyPending,
+)
+from robotether_server.services import robots as robot_service
+from robotether_server.services.joining import MAX_UNKNOWN_PER_NETWORK, Answer
+from robotether_server.store import Database, claims, join_tokens
+from robotether_server.store.audit import Source
+from robotether_server.store.robots import Report
+
+ADMIN = Source("root")
+LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+
+
+@pytest.fixture
+def site(database: Database) -> Site:
+    """A server where an admin approves each key."""
+    return Site(database)
+
+
+def join_token(site: Site, uses: int, expires_at: dt.datetime = LATER) -> str:
+    with site.database.transaction() as tx:
+        return join_tokens.create(tx, "lab", uses, expires_at, "root")
+
+
+def used(site: Site) -> int:
+    with site.database.transaction() as tx:
+        return join_tokens.list_all(tx)[0].used
+
+
+def claimed(site: Site) -> list[str]:
+    with site.database.transaction() as tx:
+        return [claim.key.fingerprint for claim in claims.waiting(tx)]
+
+
+def reject(site: Site, name: str, fingerprint: str) -> None:
+    with site.database.transaction() as tx:
+        robot_service.reject(tx, ADMIN, name, fingerprint)
+
+
+def test_row_of_an_admin_takes_the_first_key_and_waits(site: Site) -> None:
+    """The admin's name stays; the MAC alone proves nothing, even for a row that was set active."""
+    for state in ("pending", "active"):
+        with site.database.transaction() as tx:
+            tx.change("DELETE FROM robots")
+        site.announce()
+        site.set_state("sim1", state)
+        answer = site.ask()
+        assert (answer.robot, answer.code) == ("sim1", "approval_pending")
+        assert (site.robot("sim1").state, site.robot("sim1").key) == ("pending", KEY)
+
+
+def test_approved_robot_stays_active(site: Site) -> None:
+    """Every later join with the same key says so, whatever token its image still has."""
+    name = site.ask().robot
+    site.set_state(name, "active")
+    for token in (None, "rj_deleted-since"):
+        assert site.ask(token=token) == Answer(name, "active")
+
+
+@pytest.mark.parametrize("state", ["pending", "active"])
+def test_second_key_of_a_mac_waits_beside_the_first(site: Site, state: str) -> None:
+    """The first goes on; the second learns nothing of that robot, and waits once however often it asks."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", state)
+    for _ in range(2):
+        answer = site.ask(key=OTHER_KEY)
+        assert (answer.code, answer.robot) == ("mac_in_use", "robot-006101")
+        assert "sim1" not in answer.detail
+    assert (site.robot("sim1").state, site.robot("sim1").key) == (state, KEY)
+    assert claimed(site) == ["SHA256:b"]
+    assert len(site.events("key_claimed")) == 1
+
+
+def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
+    """After the admin turned the first key away, or forgot it."""
+    site.announce()
+    site.ask()
+    site.ask(key=OTHER_KEY)
+    reject(site, "sim1", "SHA256:a")
+    assert site.ask(key=OTHER_KEY).code == "approval_pending"
+    assert site.robot("sim1").key == OTHER_KEY
+    assert claimed(site) == []
+
+
+def test_key_does_not_get_another_mac(site: Site) -> None:
+    """A cloned disk is told to make its own key, and leaves no row, be the key a robot's or a claim."""
+    site.ask()
+    with pytest.raises(KeyInUse):
+        site.ask(OTHER_MAC)
+    site.ask(key=OTHER_KEY)
+    with pytest.raises(KeyInUse):
+        site.ask(OTHER_MAC, OTHER_KEY)
+    assert site.names() == ["robot-006101"]
+
+
+def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
+    """The sentence has the admin's command; to another key it does not name the robot."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", "disabled")
+    with pytest.raises(RobotDisabled, match="robotether robot enable sim1"):
+        site.ask()
+    with pytest.raises(RobotDisabled) as refused:
+        site.ask(key=OTHER_KEY)
+    assert "sim1" not in refused.value.detail
+    assert claimed(site) == []
+
+
+def test_only_so_many_may_wait(site: Site) -> None:
+    """Strangers and claims together; those who wait go on waiting, and announced robots take no place."""
+    site = dataclasses.replace(site, limit=2)
+    for number in range(3):
+        site.announce(f"planned-{number}", f"00:1b:44:00:62:0{number}")
+    first = site.ask()
+    site.ask(key=OTHER_KEY)
+    for mac in (MAC, OTHER_MAC):
+        with pytest.raises(
+            TooManyPending, match=r"2 wait for approval already.*robotether robot add"
+        ):
+            site.ask(mac, key(3))
+    assert site.ask() == first
+    assert site.ask("00:1b:44:00:62:00", key(4)).robot == "planned-0"
+
+
+def test_one_network_leaves_ten_waiting(site: Site) -> None:
+    """Other networks, announced robots and an admin's token are not kept out by it."""
+    site = dataclasses.replace(site, limit=50)
+    for number in range(MAX_UNKNOWN_PER_NETWORK):
+        site.unknown_robot(number, f"2001:db8::{number + 1:x}")
+    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 wait for approval"):
+        site.unknown_robot(90, "2001:db8::99")
+    assert site.unknown_robot(0, "2001:db8::99").code == "approval_pending"
+    assert site.unknown_robot(91, "2001:db8:0:1::1").code == "approval_pending"
+    here = Report("turtle", "0.1.0", "2001:db8::99")
+    site.announce()
+    assert site.ask(report=here).code == "approval_pending"
+    with pytest.raises(TooManyPending):
+        site.ask(key=key(92), report=here)
+    token = site.admins_token()
+    assert site.ask(OTHER_MAC, OTHER_KEY, report=here, token=token).code == "active"
+
+
+def test_unknown_robots_and_claims_make_room_after_a_day(site: Site) -> None:
+    """The next join removes what nobody wanted; an announced robot waits for ever."""
+    site.announce()
+    site.ask()
+    site.ask(key=OTHER_KEY)
+    site.unknown_robot(1)
+    with site.database.transaction() as tx:
+        age(tx, 23)
+    site.unknown_robot(2)
+    with site.database.transaction() as tx:
+        age(tx, 2)
+    site.unknown_robot(3)
+    assert site.names() == ["robot-010002", "robot-010003", "sim1"]
+    assert claimed(site) == []
+
+
+def test_same_last_digits_make_a_longer_name(site: Site) -> None:
+    """Two unknown robots never want one name, and there is always another."""
+    assert site.ask().robot == "robot-006101"
+    assert site.ask("00:1b:54:00:61:01", key(1)).robot == "robot-4006101"
+    for number, digits in enumerate(("44006101", "b44006101", "1b44006101", "41b44006101")):
+        site.announce(f"robot-{digits}", f"00:1b:44:00:99:0{number}")
+    site.announce("robot-041b44006101", "00:1b:44:00:99:09")
+    assert site.ask("04:1b:44:00:61:01", key(2)).robot == "robot-041b44006101-2"
+
+
+def test_known_key_changes_nothing(site: Site) -> None:
+    """MAC and public key are no secrets, so a join with both tells nothing new about the robot."""
+    for state in ("pending", "active"):
+        site.set_state(site.ask().robot, state)
+        with site.database.transaction() as tx:
+            before = tx.row("SELECT * FROM robots")
+        site.ask(report=Report("evil", "6.6.6", "203.0.113.66"))
+        with site.database.transaction() as tx:
+            assert tx.row("SELECT * FROM robots") == before
+
+
+@pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
+def test_rejected_key_is_told_so(site: Site, policy: str) -> None:
+    """With a token too; the robot may come with another key."""
+    site.ask()
+    token = site.admins_token()
+    reject(site, "robot-006101", "SHA256:a")
+    site = dataclasses.replace(site, policy=policy)
+    for given in (None, token):
+        with pytest.raises(KeyRejected, match="make a new key"):
+            site.ask(token=given)
+    assert site.ask(key=OTHER_KEY, token=token).code == "active"
+
+
+def test_rekeyed_robot_takes_the_next_key_and_waits(site: Site) -> None:
+    """Under first-key too: whoever joined in its name must not be back at once."""
+    for policy in ("approve", "first-key"):
+        site = dataclasses.replace(site, policy=policy)
+        with site.database.transaction() as tx:
+            tx.change("DELETE FROM robots")
+        site.announce()
+        site.ask()
+        site.set_state("sim1", "active")
+        with site.database.transaction() as tx:
+            robot_service.rekey(tx, ADMIN, "sim1")
+        assert site.ask(key=OTHER_KEY).code == "approval_pending"
+
+
+def test_first_key_of_an_announced_robot_gets_in(site: Site) -> None:
+    """By that policy alone; the second key and a MAC that nobody announced wait."""
+    site = dataclasses.replace(site, policy="first-key")
+    site.announce()
+    assert site.ask() == Answer("sim1", "active")
+    assert site.ask(key=OTHER_KEY).code == "mac_in_use"
+    assert site.ask(OTHER_MAC, key(2)).code == "approval_pending"
+    assert [event["actor"] for event in site.events("robot_approved")] == ["robot"]
+
+
+def test_token_only_lets_nobody_wait(site: Site) -> None:
+    """An active robot goes on; announced rows and second keys need a token as well."""
+    site.announce("old", OTHER_MAC)
+    site.ask(OTHER_MAC, key(9))
+    site.set_state("old", "active")
+    site.announce()
+    site = dataclasses.replace(site, policy="token-only")
+    assert site.ask(OTHER_MAC, key(9)).code == "active"
+    for mac in (MAC, OTHER_MAC, "00:1b:44:00:61:03"):
+        with pytest.raises(TokenRequired, match="robotether robot invite"):
+            site.ask(mac)
+    assert site.ask(token=join_token(site, 1)).code == "active"
+
+
+def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
+    """Who joined first in a robot's name does not keep it out; an approved key stays."""
+    site.ask()
+    token = site.admins_token()
+    answer = site.ask(key=OTHER_KEY, token=token)
+    assert (answer.code, site.robot(answer.robot).key) == ("active", OTHER_KEY)
+    assert site.ask(token=token).code == "mac_in_use"
+    assert site.robot(answer.robot).key == OTHER_KEY
+    (event,) = site.events("robot_approved")
+    assert event["actor"] == "root"
+
+
+def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site) -> None:
+    """A public key is no secret: whoever shows it under another MAC does not keep the robot out."""
+    site.announce()
+    site.ask(OTHER_MAC)
+    token = site.admins_token()
+    assert site.ask(token=token) == Answer("sim1", "active")
+    assert site.names() == ["sim1"]
+    site.ask(key=OTHER_KEY)
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
+    assert claimed(site) == []
+
+
+def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
+    """A robot that asks again uses none up, and neither does one that is not let in."""
+    token = join_token(site, 2)
+    for _ in range(2):
+        assert site.ask(token=token).code == "active"
+    assert used(site) == 1
+    assert site.ask(key=key(5), token=token).code == "mac_in_use"
+    with pytest.raises(KeyInUse):
+        site.ask("00:1b:44:00:61:09", token=token)
+    assert used(site) == 1
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
+    with pytest.raises(TokenUsedUp, match="was good for 2 robots"):
+        site.ask("00:1b:44:00:61:09", key(6), token=token)
+    assert len(site.names()) == 2
+    assert site.ask(token=token).code == "active"
+
+
+def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
+    """A robot that was removed waits as any unknown robot, though its image still has the token."""
+    token = join_token(site, 9)
+    site.ask(token=token)
+    with site.database.transaction() as tx:
+        robot_service.remove(tx, ADMIN, "robot-006101")
+    assert site.ask(token=token).code == "approval_pending"
+    assert used(site) == 1
+    with pytest.raises(TokenUsedUp, match="an admin has undone that"):
+        dataclasses.replace(site, policy="token-only").ask(token=token)
+
+
+def test_wrong_tokens_are_told_apart(site: Site) -> None:
+    """And no row is left."""
+    over = join_token(site, 1, dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1))
+    with pytest.raises(TokenExpired, match="its time was over at"):
+        site.ask(token=over)
+    for wrong in ("rj_nobodys", "rt_nobodys", "nobodys"):
+        with pytest.raises(TokenInvalid):
+            site.ask(token=wrong)
+    assert site.names() == []
+
+
+@pytest.mark.parametrize(
+    ("wish", "name"),
+    [
+        ("turtle", "turtle"),
+        ("taken", "robot-006101"),
+        ("No Name", "robot-006101"),
+        ("x" * 64, "robot-006101"),
+    ],
+)
+def test_wished_name_is_given_with_a_token(site: Site, wish: str, name: str) -> None:
+    """Where it can be; without a token, and for a MAC that has a row, nobody hears it."""
+    site.announce("taken", "00:1b:44:00:61:09")
+    token = site.admins_token()
+    assert site.ask(OTHER_MAC, OTHER_KEY, name=wish).robot == "robot-006102"
+    assert site.ask(name=wish, token=token).robot == name
+    assert site.ask("00:1b:44:00:61:09", key(3), name=wish, token=token).robot == "taken"
+
+
+def test_local_macs_are_for_announced_robots(site: Site) -> None:
+    """Unless they are allowed; a token does not make one unique."""
+    local = "02:42:ac:11:00:02"
+    for token in (None, site.admins_token()):
+        with pytest.raises(FieldInvalid, match="locally administered"):
+            site.ask(local, token=token)
+    assert dataclasses.replace(site, local=True).ask(local).code == "approval_pending"
+    site.announce(mac="02:42:ac:11:00:03")
+    assert site.ask("02:42:ac:11:00:03", OTHER_KEY).robot == "sim1"
+
+
+def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Database) -> None:
+    """Once a day the log says so; while the robot is online, who asks is a copy."""
+    site.announce()
+    site.ask()
+    site.set_state("sim1", "active")
+    for _ in range(2):
+        assert site.ask(mac_present=False).code == "active"
+    assert [event["robot"] for event in site.events("mac_changed")] == ["sim1"]
+    with admin_database.transaction() as tx:
+        tx.change("INSERT INTO robot_sessions (robot_id, address) SELECT id, '::1' FROM robots")
+    with pytest.raises(MacElsewhere, match="copy of that robot's disk"):
+        site.ask(mac_present=False)
+    assert site.ask().code == "active"

@@ -1,0 +1,123 @@
+"""Logging in: the password is checked without holding the database."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from robotether_server import passwords
+from robotether_server.problems import LoginFailed, Throttled
+from robotether_server.services.logging_in import confirm, log_in, log_out
+from robotether_server.store import Database, audit, logins, users
+from robotether_server.store.audit import Event, Source
+from web_visitor import HASH, PASSWORD
+
+HOUR = dt.timedelta(hours=1)
+ANN = Source("ann", "192.0.2.1")
+
+
+@pytest.fixture(autouse=True)
+def _ann(database: Database) -> None:
+    with database.transaction() as tx:
+        users.add(tx, "ann", HASH, "user")
+
+
+def test_right_password_makes_a_login(database: Database) -> None:
+    """Which ends with the log-out."""
+    text = log_in(database, ANN, PASSWORD, HOUR)
+    with database.transaction() as tx:
+        user = logins.find_user(tx, text)
+    assert user is not None
+    assert user.name == "ann"
+    log_out(database, ANN, text)
+    with database.transaction() as tx:
+        assert logins.find_user(tx, text) is None
+
+
+def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
+    """The same sentence for all three."""
+    sentences = set()
+    with database.transaction() as tx:
+        users.add(tx, "gone", HASH, "user")
+        users.set_disabled(tx, users.get(tx, "gone").id, disabled=True)
+    for name, password in (("ann", "wrong"), ("nobody", PASSWORD), ("gone", PASSWORD)):
+        with pytest.raises(LoginFailed) as failed:
+            log_in(database, Source(name, "192.0.2.1"), password, HOUR)
+        sentences.add(failed.value.detail)
+    assert len(sentences) == 1
+
+
+def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An attacker cannot keep the processor busy."""
+    for _ in range(5):
+        with pytest.raises(LoginFailed):
+            log_in(database, ANN, "wrong", HOUR)
+    monkeypatch.setattr(passwords, "matches", None)
+    with pytest.raises(Throttled):
+        log_in(database, ANN, PASSWORD, HOUR)
+
+
+def test_confirming_makes_no_login(database: Database) -> None:
+    """A failure counts as one of a login does."""
+    confirm(database, ANN, PASSWORD)
+    with database.transaction() as tx:
+        assert tx.row("SELECT 1 FROM logins") is None
+    for _ in range(5):
+        with pytest.raises(LoginFailed, match="present password"):
+            confirm(database, ANN, "wrong")
+    with pytest.raises(Throttled):
+        log_in(database, ANN, PASSWORD, HOUR)
+
+
+def fail(database: Database, name: str, address: str, times: int = 1) -> None:
+    """Failures as the log has them; hashing so many passwords would take long."""
+    with database.transaction() as tx:
+        for _ in range(times):
+            audit.record(tx, Source(name, address), Event("login_failed"))
+
+
+def is_heard(database: Database, name: str, address: str) -> bool:
+    try:
+        log_in(database, Source(name, address), PASSWORD, HOUR)
+    except Throttled:
+        return False
+    except LoginFailed:
+        return True
+    return True
+
+
+def test_addresses_of_one_ipv6_network_count_together(database: Database) -> None:
+    """Who has a whole /64 gets no more tries than who has one address."""
+    for host in range(5):
+        fail(database, "ann", f"2001:db8::{host:x}")
+    assert not is_heard(database, "ann", "2001:db8::99")
+    assert is_heard(database, "ann", "2001:db8:0:1::1")
+
+
+def test_success_ends_what_the_pair_failed_before(database: Database) -> None:
+    """A user who mistypes now and then is not added up; the network's own count goes on."""
+    fail(database, "ann", "192.0.2.1", 4)
+    assert is_heard(database, "ann", "192.0.2.1")
+    fail(database, "ann", "192.0.2.1", 4)
+    assert is_heard(database, "ann", "192.0.2.1")
+    fail(database, "bob", "192.0.2.1", 22)
+    assert not is_heard(database, "ann", "192.0.2.1")
+
+
+def test_success_of_one_does_not_clear_another(database: Database) -> None:
+    """An attacker's own account is no way to more tries with somebody else's."""
+    with database.transaction() as tx:
+        users.add(tx, "mallory", HASH, "user")
+    fail(database, "ann", "192.0.2.1", 5)
+    assert is_heard(database, "mallory", "192.0.2.1")
+    assert not is_heard(database, "ann", "192.0.2.1")
+
+
+def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Database) -> None:
+    """New addresses wait, for that user alone; where the user has logged in before all goes on."""
+    assert is_heard(database, "ann", "192.0.2.1")
+    for host in range(50):
+        fail(database, "ann", f"198.51.100.{host}")
+    assert not is_heard(database, "ann", "203.0.113.5")
+    assert is_heard(database, "nobody", "203.0.113.5")
+    assert is_heard(database, "ann", "192.0.2.1")

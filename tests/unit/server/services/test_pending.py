@@ -1,0 +1,59 @@
+"""Keys that wait, and those that were turned away."""
+
+from __future__ import annotations
+
+import pytest
+from joins import MAC, OTHER_KEY, OTHER_MAC, Site, age
+from robotether_server.problems import RecordMissing
+from robotether_server.services import pending
+from robotether_server.services import robots as robot_service
+from robotether_server.ssh_keys import PublicKey
+from robotether_server.store.audit import Source
+
+ADMIN = Source("root")
+THIRD_KEY = PublicKey("ssh-ed25519 C", "SHA256:c")
+
+
+def test_waiting_keys_of_both_kinds_stand_oldest_first(site: Site) -> None:
+    """Robots that are active, or have shown no key, are not among them."""
+    site.announce("planned", "00:1b:44:00:61:09")
+    site.ask(key=OTHER_KEY)
+    with site.database.transaction() as tx:
+        age(tx, 1)
+    name = site.ask(OTHER_MAC, THIRD_KEY).robot
+    with site.database.transaction() as tx:
+        found = pending.waiting(tx)
+    assert [(one.robot, one.mac, one.fingerprint, one.reason) for one in found] == [
+        ("sim1", MAC, "SHA256:b", "mac_in_use"),
+        (name, OTHER_MAC, "SHA256:c", "approval_pending"),
+    ]
+    assert {(one.hostname, one.address, one.agent_version) for one in found} == {
+        ("turtle", "192.0.2.1", "0.1.0")
+    }
+
+
+def test_key_that_somebody_wrote_by_sql_waits_too(site: Site) -> None:
+    """It came with no join, so it stands first."""
+    site.announce("planned", OTHER_MAC)
+    with site.database.transaction() as tx:
+        tx.change(
+            "UPDATE robots SET public_key = 'k', fingerprint = 'SHA256:k' WHERE name = 'planned'"
+        )
+        (found,) = pending.waiting(tx)
+    assert (found.robot, found.hostname, found.fingerprint) == ("planned", "", "SHA256:k")
+
+
+def test_forgiven_key_may_ask_again(site: Site) -> None:
+    """The log says who let it."""
+    name = site.ask(OTHER_MAC, OTHER_KEY).robot
+    with site.database.transaction() as tx:
+        robot_service.reject(tx, ADMIN, name, "SHA256:b")
+        (rejected,) = pending.rejected(tx)
+        assert (rejected.robot, rejected.mac, rejected.rejected_by) == (name, OTHER_MAC, "root")
+        assert pending.forgive(tx, ADMIN, rejected.id) == rejected
+        assert pending.rejected(tx) == []
+        with pytest.raises(RecordMissing):
+            pending.forgive(tx, ADMIN, rejected.id)
+    assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
+    (event,) = site.events("key_forgiven")
+    assert (event["actor"], event["robot"]) == ("root", name)

@@ -1,0 +1,282 @@
+"""What admins do with robots, each with its line in the audit log."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+
+import pytest
+from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site
+from robotether_server.problems import (
+    FieldInvalid,
+    NotPossible,
+    RecordExists,
+    RecordMissing,
+    RecordRefused,
+)
+from robotether_server.services import robots as robot_service
+from robotether_server.store import Transaction, audit, claims, robots
+from robotether_server.store.audit import Source
+from robotether_server.store.robots import Robot
+
+ADMIN = Source("root", "192.0.2.9")
+
+
+def do(site: Site, action: Callable[..., Robot], *args: object, **options: object) -> Robot:
+    with site.database.transaction() as tx:
+        return action(tx, ADMIN, *args, **options)
+
+
+def logged(site: Site) -> list[tuple[str, str | None, str | None]]:
+    """Kind, robot and address of what admins did, the oldest first."""
+    with site.database.transaction() as tx:
+        found = audit.find(tx, audit.AuditSearch(actor="root"))
+    return [(event.kind, event.robot, event.address) for event in reversed(found)]
+
+
+def details(site: Site, kind: str) -> dict[str, object]:
+    found: dict[str, object] = json.loads(str(site.events(kind)[0]["details"]))
+    return found
+
+
+def test_added_robot_waits_for_its_key(site: Site) -> None:
+    """A local MAC only when the admin says so."""
+    assert do(site, robot_service.add, "001b.4400.6102", "turtle").mac == OTHER_MAC
+    with pytest.raises(FieldInvalid, match="--allow-local-mac"):
+        do(site, robot_service.add, "02:00:00:00:00:01", "local")
+    assert do(site, robot_service.add, "02:00:00:00:00:01", "local", allow_local_mac=True).id
+    with pytest.raises(RecordExists):
+        do(site, robot_service.add, "00:1b:44:00:61:03", "turtle")
+    assert logged(site) == [
+        ("robot_added", "turtle", "192.0.2.9"),
+        ("robot_added", "local", "192.0.2.9"),
+    ]
+
+
+def test_unknown_robot_does_not_keep_its_mac_from_being_announced(site: Site) -> None:
+    """Its key waits on under the admin's name, also where first keys get in unseen."""
+    first_key = dataclasses.replace(site, policy="first-key")
+    first_key.ask(OTHER_MAC, OTHER_KEY)
+    robot = do(site, robot_service.add, OTHER_MAC, "turtle")
+    assert (robot.state, robot.key, robot.is_unknown) == ("pending", OTHER_KEY, False)
+    assert first_key.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
+    assert site.names() == ["sim1", "turtle"]
+
+
+def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site: Site) -> None:
+    """Anybody who knows the new card's MAC could; asking again, its key is a claim."""
+    assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
+    assert do(site, robot_service.set_mac, "sim1", OTHER_MAC).mac == OTHER_MAC
+    assert site.names() == ["sim1"]
+    assert details(site, "key_released")["fingerprint"] == OTHER_KEY.fingerprint
+    assert site.ask(OTHER_MAC, OTHER_KEY).code == "mac_in_use"
+
+
+def test_approved_is_the_key_that_was_compared(site: Site) -> None:
+    """Whatever else waits there; approving it again changes nothing."""
+    site.announce("turtle", OTHER_MAC)
+    with pytest.raises(NotPossible, match="it has not joined yet"):
+        do(site, robot_service.approve, "turtle", "SHA256:b")
+    site.ask(OTHER_MAC, OTHER_KEY)
+    with pytest.raises(NotPossible, match="its key is SHA256:b, not SHA256:c"):
+        do(site, robot_service.approve, "turtle", "SHA256:c")
+    for _ in range(2):
+        robot = do(site, robot_service.approve, "turtle", "SHA256:b")
+        assert (robot.state, robot.key) == ("active", OTHER_KEY)
+    assert logged(site) == [("robot_approved", "turtle", "192.0.2.9")]
+
+
+def test_approved_claim_replaces_the_key(site: Site) -> None:
+    """The connections of the old key end, those of a rotation before it too."""
+    site.ask(key=OTHER_KEY)
+    robot = do(site, robot_service.approve, "sim1", "SHA256:b")
+    assert (robot.state, robot.key, robot.report) == ("active", OTHER_KEY, REPORT)
+    with site.database.transaction() as tx:
+        assert claims.waiting(tx) == []
+        assert tx.rows("SELECT previous_fingerprint AS p FROM robots") == [{"p": None}]
+    assert details(site, "robot_approved")["replaced"] == "SHA256:a"
+    assert site.ask().code == "mac_in_use"
+
+
+def test_claim_of_another_robot_is_not_approved_here(site: Site) -> None:
+    """Nor that of a disabled one."""
+    site.ask(key=OTHER_KEY)
+    site.announce("turtle", OTHER_MAC)
+    for action in (robot_service.approve, robot_service.reject):
+        with pytest.raises(NotPossible):
+            do(site, action, "turtle", "SHA256:b")  # type: ignore[arg-type] # reject returns nothing
+    do(site, robot_service.disable, "sim1")
+    with pytest.raises(NotPossible, match="robotether robot enable sim1"):
+        do(site, robot_service.approve, "sim1", "SHA256:b")
+
+
+@pytest.mark.parametrize("is_announced", [True, False])
+def test_rejected_key_is_remembered(site: Site, is_announced: bool) -> None:
+    """An unknown robot's row goes with it; an announced robot waits for its first key again."""
+    if is_announced:
+        site.announce("robot-006102", OTHER_MAC)
+    site.ask(OTHER_MAC, OTHER_KEY)
+    with site.database.transaction() as tx:
+        robot_service.reject(tx, ADMIN, "robot-006102", "SHA256:b")
+        (rejected,) = claims.rejected(tx)
+    assert (rejected.robot, rejected.key, rejected.rejected_by) == (
+        "robot-006102",
+        OTHER_KEY,
+        "root",
+    )
+    assert site.names() == (["robot-006102", "sim1"] if is_announced else ["sim1"])
+    if is_announced:
+        assert site.robot("robot-006102").key is None
+    assert logged(site) == [("key_rejected", "robot-006102", "192.0.2.9")]
+
+
+def test_rejected_claim_leaves_the_robot_as_it_is(site: Site) -> None:
+    """An approved key is not rejected but forgotten."""
+    site.ask(key=OTHER_KEY)
+    with site.database.transaction() as tx:
+        robot_service.reject(tx, ADMIN, "sim1", "SHA256:b")
+        assert [claim.key for claim in claims.rejected(tx)] == [OTHER_KEY]
+        with pytest.raises(NotPossible, match="robotether robot rekey sim1"):
+            robot_service.reject(tx, ADMIN, "sim1", "SHA256:a")
+        with pytest.raises(NotPossible, match="does not wait"):
+            robot_service.reject(tx, ADMIN, "sim1", "SHA256:c")
+    assert (site.robot("sim1").state, site.robot("sim1").key) == ("active", KEY)
+
+
+def test_disabled_robot_comes_back_as_it_was(site: Site) -> None:
+    """With its key, if that was approved; once more makes no second line."""
+    for _ in range(2):
+        assert do(site, robot_service.disable, "sim1").state == "disabled"
+    assert do(site, robot_service.enable, "sim1").state == "active"
+    with pytest.raises(NotPossible, match="it is active, not disabled"):
+        do(site, robot_service.enable, "sim1")
+    assert [kind for kind, _, _ in logged(site)] == ["robot_disabled", "robot_enabled"]
+
+
+def test_key_that_waited_is_not_approved_by_the_way(site: Site) -> None:
+    """Disable and enable leave a robot without a key."""
+    name = site.ask(OTHER_MAC, OTHER_KEY).robot
+    do(site, robot_service.disable, name)
+    robot = do(site, robot_service.enable, name)
+    assert (robot.state, robot.key) == ("pending", None)
+
+
+def test_changes_keep_the_rest_and_are_logged_once(site: Site) -> None:
+    """Asking for what is so already changes nothing."""
+    for _ in range(2):
+        robot = do(site, robot_service.set_mac, "sim1", "001b.4400.6102")
+        do(site, robot_service.set_shell, "sim1", True)
+        do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
+        do(site, robot_service.rotate_key, "sim1")
+        do(site, robot_service.rename, "sim1", "sim1")
+    moved = do(site, robot_service.move_ports, "sim1")
+    chosen = do(site, robot_service.move_ports, "sim1", 30000, 30005)
+    renamed = do(site, robot_service.rename, "sim1", "turtle")
+    assert robot.mac == OTHER_MAC
+    assert moved.ros_port != robot.ros_port
+    assert (chosen.ros_port, chosen.video_port) == (30000, 30005)
+    assert (renamed.id, renamed.name, renamed.key) == (robot.id, "turtle", KEY)
+    assert (renamed.shell_port, renamed.settings) == (24000, {"shell_user": "pi"})
+    assert renamed.rotate_requested_at is not None
+    assert logged(site) == [
+        ("robot_mac_set", "sim1", "192.0.2.9"),
+        ("robot_shell_set", "sim1", "192.0.2.9"),
+        ("robot_settings_set", "sim1", "192.0.2.9"),
+        ("robot_rotation_requested", "sim1", "192.0.2.9"),
+        ("robot_ports_moved", "sim1", "192.0.2.9"),
+        ("robot_ports_moved", "sim1", "192.0.2.9"),
+        ("robot_renamed", "turtle", "192.0.2.9"),
+    ]
+    assert details(site, "robot_mac_set") == {"was": MAC, "mac": OTHER_MAC}
+    assert do(site, robot_service.set_shell, "turtle", False).shell_port is None
+    assert do(site, robot_service.set_settings, "turtle", {}).settings == {}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"shell_user": "pi\n  ProxyCommand sh"},
+        {"shell_user": "-x"},
+        {"shell_user": "x" * 33},
+        {"shell_user": ""},
+        {"shell_user": None},
+        {"other": 1},
+    ],
+)
+def test_wrong_settings_are_refused(site: Site, settings: dict[str, object]) -> None:
+    """The sentence names what is wrong, and nothing is written."""
+    with pytest.raises(FieldInvalid, match=r"cannot use (shell_user|settings): "):
+        do(site, robot_service.set_settings, "sim1", settings)
+    assert site.robot("sim1").settings == {}
+
+
+def test_settings_are_changed_from_what_they_are(site: Site) -> None:
+    """With one line in the log that has both; a change that is wrong does nothing."""
+    do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
+    changed = do(
+        site,
+        robot_service.change_settings,
+        "sim1",
+        lambda present: present | {"guard": {"deadman_ms": 400}},
+    )
+    assert changed.settings == {"shell_user": "pi", "guard": {"deadman_ms": 400}}
+    with pytest.raises(FieldInvalid, match=r"cannot use guard\.deadman_ms: "):
+        do(site, robot_service.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
+    assert site.robot("sim1").settings == changed.settings
+    assert [json.loads(str(one["details"])) for one in site.events("robot_settings_set")] == [
+        {"was": {}, "settings": {"shell_user": "pi"}},
+        {"was": {"shell_user": "pi"}, "settings": changed.settings},
+    ]
+
+
+def test_wrong_changes_are_refused(site: Site) -> None:
+    """What the database refuses comes with its sentence."""
+    site.announce("other", OTHER_MAC)
+    with pytest.raises(FieldInvalid, match="locally administered"):
+        do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
+    for action, args, problem in (
+        (robot_service.rename, ("other",), RecordExists),
+        (robot_service.rename, ("No",), RecordRefused),
+        (robot_service.set_mac, (OTHER_MAC,), RecordExists),
+        (robot_service.move_ports, (80, 81), RecordRefused),
+        (robot_service.move_ports, (30000, None), RecordRefused),
+    ):
+        with pytest.raises(problem, match="cannot"):
+            do(site, action, "sim1", *args)
+    assert do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01", allow_local_mac=True).id
+
+
+def test_rekeyed_robot_has_no_key(site: Site) -> None:
+    """And waits; only an active robot is asked to rotate its own."""
+    robot = do(site, robot_service.rekey, "sim1")
+    assert (robot.state, robot.key) == ("pending", None)
+    assert details(site, "robot_rekeyed") == {"was": "active", "fingerprint": "SHA256:a"}
+    with pytest.raises(NotPossible, match="only an active robot"):
+        do(site, robot_service.rotate_key, "sim1")
+
+
+def test_removed_robot_is_told_as_it_was(site: Site) -> None:
+    """The log keeps its MAC and key."""
+    robot = do(site, robot_service.remove, "sim1")
+    assert (robot.name, robot.key) == ("sim1", KEY)
+    assert site.names() == []
+    assert details(site, "robot_removed")["mac"] == MAC
+
+
+ACTIONS: list[Callable[[Transaction], object]] = [
+    lambda tx: robot_service.approve(tx, ADMIN, "ghost", "SHA256:a"),
+    lambda tx: robot_service.reject(tx, ADMIN, "ghost", "SHA256:a"),
+    lambda tx: robot_service.disable(tx, ADMIN, "ghost"),
+    lambda tx: robot_service.rename(tx, ADMIN, "ghost", "a"),
+    lambda tx: robot_service.remove(tx, ADMIN, "ghost"),
+]
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_unknown_robot_is_said_so(site: Site, action: Callable[[Transaction], object]) -> None:
+    """By every deed."""
+    with site.database.transaction() as tx, pytest.raises(RecordMissing, match="robot ghost"):
+        action(tx)
+    with site.database.transaction() as tx:
+        assert len(robots.list_all(tx)) == 1

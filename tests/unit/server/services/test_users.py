@@ -1,0 +1,175 @@
+"""Users, of whom one stays an admin."""
+
+from __future__ import annotations
+
+import datetime as dt
+import threading
+from collections.abc import Callable
+
+import pytest
+from joins import OTHER_KEY, OTHER_MAC, Site
+from robotether_server import passwords
+from robotether_server.problems import (
+    FieldInvalid,
+    LastAdmin,
+    Problem,
+    RecordExists,
+    RecordMissing,
+    TokenInvalid,
+)
+from robotether_server.services import join_tokens
+from robotether_server.services import users as user_service
+from robotether_server.store import Database, Transaction, logins, users
+from robotether_server.store.audit import Source
+
+ADMIN = Source("root")
+PASSWORD = "a long enough password"
+
+
+def test_user_is_added_with_a_password(site: Site) -> None:
+    """A short password or a name that is taken leaves nothing."""
+    with site.database.transaction() as tx:
+        bob = user_service.add(tx, ADMIN, "bob", PASSWORD, "user")
+        assert passwords.matches(PASSWORD, bob.password_hash)
+        with pytest.raises(FieldInvalid):
+            user_service.add(tx, ADMIN, "eve", "short", "user")
+        with pytest.raises(RecordExists):
+            user_service.add(tx, ADMIN, "bob", PASSWORD, "admin")
+    assert [event["actor"] for event in site.events("user_added")] == ["root"]
+
+
+def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
+    """Of several servers that start at once one makes it, and none where there is any user."""
+    together = threading.Barrier(4)
+    made: list[str] = []
+
+    def start(password: str) -> None:
+        with database.transaction() as tx:
+            # What the transaction sees is settled before any of them adds.
+            assert users.list_all(tx) == []
+            together.wait(10)
+            if user_service.add_first(tx, ADMIN, password):
+                made.append(password)
+
+    threads = [threading.Thread(target=start, args=(f"{PASSWORD} {n}",)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    with database.transaction() as tx:
+        [admin] = users.list_all(tx)
+        assert (admin.name, admin.role) == ("admin", "admin")
+        [password] = made
+        assert passwords.matches(password, admin.password_hash)
+        user_service.add(tx, ADMIN, "ann", PASSWORD, "admin")
+        user_service.remove(tx, ADMIN, "admin")
+        assert not user_service.add_first(tx, ADMIN, PASSWORD)
+
+
+def test_new_password_and_log_out_end_logins(site: Site) -> None:
+    """Each says so in the log, without the password."""
+    with site.database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        for _ in range(2):
+            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        assert user_service.log_out_everywhere(tx, ADMIN, "ann") == 2
+        text = logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        user_service.set_password(tx, ADMIN, "ann", PASSWORD)
+        assert logins.find_user(tx, text) is None
+        assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
+    assert PASSWORD not in repr(site.events("password_set"))
+    assert len(site.events("logins_ended")) == 1
+
+
+def test_role_and_state_change_once(site: Site) -> None:
+    """Asking for what is so already leaves no line."""
+    with site.database.transaction() as tx:
+        for _ in range(2):
+            assert user_service.set_role(tx, ADMIN, "ann", "admin").role == "admin"
+            assert user_service.set_disabled(tx, ADMIN, "ann", disabled=True).disabled
+        for _ in range(2):
+            assert not user_service.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
+        assert user_service.remove(tx, ADMIN, "ann").name == "ann"
+        with pytest.raises(RecordMissing):
+            user_service.remove(tx, ADMIN, "ann")
+    for kind in ("user_role_set", "user_disabled", "user_enabled", "user_removed"):
+        assert len(site.events(kind)) == 1, kind
+
+
+LAST: list[Callable[[Transaction], object]] = [
+    lambda tx: user_service.remove(tx, ADMIN, "root"),
+    lambda tx: user_service.set_disabled(tx, ADMIN, "root", disabled=True),
+    lambda tx: user_service.set_role(tx, ADMIN, "root", "user"),
+]
+
+
+@pytest.mark.parametrize("action", LAST)
+def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -> None:
+    """Another admin who is disabled does not count; one who is enabled does."""
+    with site.database.transaction() as tx:
+        user_service.set_role(tx, ADMIN, "ann", "admin")
+        user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
+        with pytest.raises(LastAdmin, match="make another user an admin first"):
+            action(tx)
+        user_service.set_disabled(tx, ADMIN, "ann", disabled=False)
+        action(tx)
+
+
+@pytest.mark.parametrize("name", ["root ", "root\t", "ROOT"])
+def test_last_admin_stays_under_a_name_that_only_looks_the_same(site: Site, name: str) -> None:
+    """To database and rule alike such a name is nobody's."""
+    for action in (
+        lambda tx: user_service.remove(tx, ADMIN, name),
+        lambda tx: user_service.set_disabled(tx, ADMIN, name, disabled=True),
+        lambda tx: user_service.set_role(tx, ADMIN, name, "user"),
+    ):
+        with site.database.transaction() as tx, pytest.raises(RecordMissing):
+            action(tx)
+    with site.database.transaction() as tx:
+        assert users.enabled_admins(tx) == ["root"]
+
+
+def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None:
+    """One of them is left."""
+    with site.database.transaction() as tx:
+        user_service.set_role(tx, ADMIN, "ann", "admin")
+    together = threading.Barrier(2)
+    problems: list[Problem] = []
+
+    def remove(name: str) -> None:
+        try:
+            with site.database.transaction() as tx:
+                together.wait(20)
+                user_service.remove(tx, ADMIN, name)
+        except Problem as problem:
+            problems.append(problem)
+
+    threads = [threading.Thread(target=remove, args=(name,)) for name in ("ann", "root")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    with site.database.transaction() as tx:
+        assert len(users.list_all(tx)) == 1
+    assert len(problems) == 1
+
+
+@pytest.mark.parametrize("end", ["role", "disabled", "removed"])
+def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end: str) -> None:
+    """Whoever wrote one down lets no more robots in with it; other admins' tokens stay."""
+    later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+    with site.database.transaction() as tx:
+        user_service.set_role(tx, ADMIN, "ann", "admin")
+        tokens = [
+            join_tokens.create(tx, Source(maker), maker, 10, later) for maker in ("ann", "root")
+        ]
+        if end == "role":
+            user_service.set_role(tx, ADMIN, "ann", "user")
+        elif end == "disabled":
+            user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
+        else:
+            user_service.remove(tx, ADMIN, "ann")
+    with pytest.raises(TokenInvalid):
+        site.ask(OTHER_MAC, OTHER_KEY, token=tokens[0])
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=tokens[1]).code == "active"
+    assert len(site.events("join_token_deleted")) == 1
