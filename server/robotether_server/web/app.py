@@ -5,6 +5,8 @@ import datetime as dt
 from flask import Flask
 from werkzeug.middleware.proxy_fix import ProxyFix
 
+from robotether_server import api
+from robotether_server.api.context import AppContext, csrf
 from robotether_server.settings import WebSettings
 from robotether_server.site_certificate import SiteCertificates
 from robotether_server.store import Database
@@ -12,7 +14,6 @@ from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import (
     admin,
-    api,
     cors,
     current_user,
     drive_settings,
@@ -24,7 +25,6 @@ from robotether_server.web import (
     pages,
     profile,
 )
-from robotether_server.web.context import AppContext, csrf
 
 MAX_REQUEST_BYTES = 64 * 1024
 

@@ -11,11 +11,11 @@ from http import HTTPStatus
 from flask import flash, make_response, redirect, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
+from robotether_server.api.context import context
 from robotether_server.problems import Problem
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import current_user
-from robotether_server.web.context import context
 
 METHODS = ["GET", "POST"]
 

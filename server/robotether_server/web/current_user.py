@@ -9,13 +9,13 @@ from urllib.parse import quote
 from flask import Flask, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
+from robotether_server.api import auth
+from robotether_server.api.context import context
 from robotether_server.problems import GrantMissing
 from robotether_server.services import pending
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.store.users import User
-from robotether_server.web import access
-from robotether_server.web.context import context
 
 
 def register(app: Flask) -> None:
@@ -26,7 +26,7 @@ def register(app: Flask) -> None:
 def require_user() -> AnyResponse | None:
     """Find out who asks; send a visitor without a login to the log-in page."""
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
         if user is None:
             return to_login()
         remember(tx, user)
@@ -36,7 +36,7 @@ def require_user() -> AnyResponse | None:
 def require_admin() -> AnyResponse | None:
     """Find out who asks, as `require_user` does; raise GrantMissing for everybody but admins."""
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
         if user is None:
             return to_login()
         remember(tx, user)

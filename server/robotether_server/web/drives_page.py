@@ -4,12 +4,12 @@ from http import HTTPStatus
 
 from flask import Blueprint, Response, render_template
 
+from robotether_server.api.context import context
+from robotether_server.api.drives import download
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import drives
 from robotether_server.store.drives import Drive, DriveSearch
 from robotether_server.web import current_user, filters
-from robotether_server.web.api.drives import download
-from robotether_server.web.context import context
 from robotether_server.web.filters import Asked
 
 blueprint = Blueprint("drives", __name__, url_prefix="/drives")

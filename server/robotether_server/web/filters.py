@@ -8,9 +8,9 @@ from urllib.parse import urlencode
 from flask import request
 
 from robotether_server import times
+from robotether_server.api import exports, fields
+from robotether_server.api.exports import R
 from robotether_server.problems import FieldInvalid
-from robotether_server.web import exports, fields
-from robotether_server.web.exports import R
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50

@@ -9,8 +9,8 @@ from http import HTTPStatus
 
 from flask import Blueprint, Response, request
 
+from robotether_server.api.context import context
 from robotether_server.problems import HttpProblem
-from robotether_server.web.context import context
 
 blueprint = Blueprint("installer", __name__)
 

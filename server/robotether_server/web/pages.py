@@ -18,14 +18,15 @@ from flask import (
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
+from robotether_server.api import auth
+from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
 from robotether_server.services import logging_in
 from robotether_server.store import robots
 from robotether_server.store.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.store.robots import SeenRobot
 from robotether_server.times import rfc3339
-from robotether_server.web import access, current_user
-from robotether_server.web.context import context
+from robotether_server.web import current_user
 
 blueprint = Blueprint("pages", __name__)
 
@@ -46,7 +47,7 @@ def favicon() -> Response:
 def show_login() -> AnyResponse:
     """Show the form, or go on when the visitor has a login."""
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
     if user is not None:
         return redirect(_next_page())
     return make_response(render_template("login.html", error=None))
@@ -70,21 +71,21 @@ def log_in() -> AnyResponse:
     # Form tokens of the time before the login end with it.
     session.clear()
     onward = redirect(_next_page(), HTTPStatus.SEE_OTHER)
-    access.set_login(onward, text)
+    auth.set_login(onward, text)
     return onward
 
 
 @blueprint.post("/logout")
 def log_out() -> AnyResponse:
     """End the login, here and in the database."""
-    text = request.cookies.get(access.COOKIE, "")
+    text = request.cookies.get(auth.COOKIE, "")
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
     if user is not None:
         logging_in.log_out(context().database, Source(user.name, request.remote_addr), text)
     session.clear()
     onward = redirect("/login", HTTPStatus.SEE_OTHER)
-    access.clear_login(onward)
+    auth.clear_login(onward)
     return onward
 
 
@@ -92,7 +93,7 @@ def log_out() -> AnyResponse:
 def show_fleet() -> AnyResponse:
     """Show the robots that the user may see; the page goes on with /api/v1/events."""
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
         seen = robots.list_seen(tx, user)
@@ -105,7 +106,7 @@ def show_fleet() -> AnyResponse:
 def show_robot(name: str) -> AnyResponse:
     """Show the page from which one robot is driven or watched."""
     with context().database.transaction() as tx:
-        user = access.page_user(tx, request)
+        user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
         seen = robots.find_seen(tx, user, name)

@@ -4,12 +4,12 @@ from http import HTTPStatus
 
 from flask import Blueprint, Response, render_template
 
+from robotether_server.api.audit import download
+from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalid
 from robotether_server.store import audit
 from robotether_server.store.audit import AuditEvent, AuditSearch
 from robotether_server.web import filters
-from robotether_server.web.api.audit import download
-from robotether_server.web.context import context
 from robotether_server.web.filters import Asked
 
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")

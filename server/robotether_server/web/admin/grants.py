@@ -6,6 +6,7 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import times
+from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Holder, Scope
@@ -14,7 +15,6 @@ from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import groups, robot_page, sites, users
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.context import context
 from robotether_server.web.page_texts import timestamp_words
 
 blueprint = Blueprint("grants", __name__)

@@ -2,13 +2,13 @@
 
 from flask import Blueprint, render_template, request
 
+from robotether_server.api.context import context
 from robotether_server.problems import Problem, RobotUnknown
 from robotether_server.store import Transaction, audit, control_states, robots, sessions, sites
 from robotether_server.store.grants import LEVELS
 from robotether_server.store.robots import SeenRobot
 from robotether_server.web import current_user
 from robotether_server.web.admin import grant_lists, robot_setting_texts
-from robotether_server.web.context import context
 
 blueprint = Blueprint("robot_page", __name__)
 

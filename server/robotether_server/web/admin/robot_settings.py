@@ -11,6 +11,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
+from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import robots
 from robotether_server.setting_paths import Settings, get_path, put_path
@@ -21,7 +22,6 @@ from robotether_server.web.admin import robot_page
 from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
 from robotether_server.web.admin.robot_setting_texts import line_of, text_of
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.context import context
 
 blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/settings")
 

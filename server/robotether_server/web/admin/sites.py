@@ -3,6 +3,7 @@
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
+from robotether_server.api.context import context
 from robotether_server.problems import Problem
 from robotether_server.services import sites as site_service
 from robotether_server.services.names import MAX_NAME_LENGTH
@@ -11,7 +12,6 @@ from robotether_server.store.grants import LEVELS
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_page
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.context import context
 
 blueprint = Blueprint("sites", __name__)
 

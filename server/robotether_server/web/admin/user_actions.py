@@ -4,6 +4,7 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
+from robotether_server.api.context import context
 from robotether_server.services import users as user_service
 from robotether_server.store import Transaction, users
 from robotether_server.store.audit import Source
@@ -11,7 +12,6 @@ from robotether_server.store.users import ROLES, User
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin.users import page_of, show_password
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
-from robotether_server.web.context import context
 
 blueprint = Blueprint("user_actions", __name__, url_prefix="/users/<name>")
 

@@ -4,6 +4,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
+from robotether_server.api.context import context
 from robotether_server.problems import Problem
 from robotether_server.services import tokens
 from robotether_server.services import users as user_service
@@ -13,7 +14,6 @@ from robotether_server.store.grants import LEVELS
 from robotether_server.store.users import ROLES
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists
-from robotether_server.web.context import context
 
 blueprint = Blueprint("users", __name__, url_prefix="/users")
 

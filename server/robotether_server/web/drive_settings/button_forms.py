@@ -7,6 +7,7 @@ from flask import Blueprint, redirect, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import buttons, robot_settings
+from robotether_server.api.context import context
 from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS, Button
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
 from robotether_server.services import drive_pages, permissions
@@ -15,7 +16,6 @@ from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.context import context
 from robotether_server.web.drive_settings.page_form import path_of
 
 blueprint = Blueprint("button_forms", __name__, url_prefix="/buttons")

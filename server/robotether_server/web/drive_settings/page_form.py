@@ -7,13 +7,13 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
+from robotether_server.api.context import context
 from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import drive_pages, permissions
 from robotether_server.setting_paths import Settings
 from robotether_server.web import confirmation, current_user
 from robotether_server.web.confirmation import METHODS
-from robotether_server.web.context import context
 from robotether_server.web.drive_settings import page_fields
 from robotether_server.web.drive_settings.page_fields import FIELDS, PageField
 

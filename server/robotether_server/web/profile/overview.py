@@ -4,11 +4,11 @@ import datetime as dt
 
 from flask import Blueprint, render_template, request
 
+from robotether_server.api.context import context
 from robotether_server.install_line import site_of
 from robotether_server.problems import Problem
 from robotether_server.services import ssh_config, ssh_keys, tokens
 from robotether_server.web import current_user
-from robotether_server.web.context import context
 
 blueprint = Blueprint("overview", __name__)
 

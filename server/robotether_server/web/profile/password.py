@@ -4,12 +4,13 @@ from flask import Blueprint
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
+from robotether_server.api import auth
+from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import logging_in, users
 from robotether_server.store import logins
-from robotether_server.web import access, confirmation, current_user, forms
+from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
-from robotether_server.web.context import context
 from robotether_server.web.profile.overview import PAGE
 
 blueprint = Blueprint("password", __name__)
@@ -43,7 +44,7 @@ def change() -> AnyResponse:
     new_login: list[str] = []
     response = confirmation.ask_first(action, lambda: new_login.append(_change()))
     for text in new_login:
-        access.set_login(response, text)
+        auth.set_login(response, text)
     return response
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
-from robotether_server.web import access
+from robotether_server.api import auth
 from web_visitor import Browser
 
 
@@ -37,7 +37,7 @@ def test_mistake_of_ours_is_logged_and_not_shown(
     def fail(*_: object) -> None:
         raise ZeroDivisionError("the inner reason")
 
-    monkeypatch.setattr(access, "page_user", fail)
+    monkeypatch.setattr(auth, "page_user", fail)
     with caplog.at_level(logging.ERROR):
         answer = browser.ask("GET", path)
     assert (answer.status_code, answer.mimetype) == (500, mimetype)

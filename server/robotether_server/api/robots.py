@@ -5,6 +5,12 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import macs
+from robotether_server.api import auth, callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.callers import Caller
+from robotether_server.api.context import context
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import plain, robot_object, ssh_object
 from robotether_server.problems import FieldInvalid, RobotUnknown
 from robotether_server.services import robots as robot_service
 from robotether_server.services import sites
@@ -14,13 +20,6 @@ from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store import control_states, robots, sessions
 from robotether_server.store.audit import Source
-from robotether_server.web import access, fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.callers import Caller
-from robotether_server.web.api.objects import plain, robot_object, ssh_object
-from robotether_server.web.context import context
-from robotether_server.web.fields import Fields
 
 MAX_HOSTNAME_LENGTH = 253
 MAX_VERSION_LENGTH = 32
@@ -62,7 +61,7 @@ def show_robot(robot: str) -> Response:
 def register_robot(robot: str) -> tuple[Response, int]:
     """Enrol a robot with its key, or find it enrolled."""
     with context().database.transaction() as tx:
-        credential = access.enrolment_credential(tx, request)
+        credential = auth.enrolment_credential(tx, request)
         registration = _registration(robot, credential)
         ssh = ssh_object(context().join)
         source = Source(credential.actor, request.remote_addr)

@@ -5,14 +5,13 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.objects import robot_object
 from robotether_server.services import robots as robot_service
 from robotether_server.store import Transaction, control_states, robots
 from robotether_server.store.audit import Source
 from robotether_server.store.robots import Robot
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.objects import robot_object
 
 MAX_FINGERPRINT_LENGTH = 64
 

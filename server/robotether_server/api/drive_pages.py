@@ -2,11 +2,10 @@
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
 from robotether_server.page_settings import NAMES
 from robotether_server.services import drive_pages, permissions
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
 
 
 @blueprint.put("/robots/<robot>/page")

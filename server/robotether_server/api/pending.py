@@ -5,10 +5,10 @@ from http import HTTPStatus
 
 from flask import Response, jsonify
 
+from robotether_server.api import callers
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.objects import plain
 from robotether_server.services import pending
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.objects import plain
 
 
 @blueprint.get("/pending")

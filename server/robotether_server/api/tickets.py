@@ -4,13 +4,13 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import auth, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.context import context
 from robotether_server.problems import GrantMissing, RobotUnknown
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import grants, robots
 from robotether_server.tickets import MODES, Ticket, new_id
-from robotether_server.web import access, fields
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.context import context
 
 MEMBERS = ("robot", "mode")
 
@@ -19,7 +19,7 @@ MEMBERS = ("robot", "mode")
 def create_ticket() -> tuple[Response, int]:
     """Sign a ticket for one WebSocket to one robot, if the user's grant includes the mode."""
     with context().database.transaction() as tx:
-        user = access.api_user(tx, request)
+        user = auth.api_user(tx, request)
         body = fields.json_object(request, MEMBERS, any_type=True)
         name = fields.text(body, "robot", MAX_NAME_LENGTH)
         mode = fields.choice(body, "mode", MODES)
@@ -29,7 +29,7 @@ def create_ticket() -> tuple[Response, int]:
     if not grants.includes(seen.level, mode):
         raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
     signer = context().signer
-    kind, sha256 = access.credential_of(request)
+    kind, sha256 = auth.credential_of(request)
     text = signer.sign(
         Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode, kind, sha256)
     )

@@ -4,17 +4,16 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.callers import Caller
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import grant_object
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
 from robotether_server.services.grants import ALL, Holder, Scope
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store.grants import LEVELS, Grant
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.callers import Caller
-from robotether_server.web.api.objects import grant_object
-from robotether_server.web.fields import Fields
 
 REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from robotether_server.api import host_keys
 from robotether_server.problems import StoreUnavailable
-from robotether_server.web import host_keys
 
 
 def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:

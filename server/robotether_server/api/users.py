@@ -5,17 +5,16 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import passwords
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.callers import Caller
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import user_object
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import users as user_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import users
 from robotether_server.store.users import ROLES
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.callers import Caller
-from robotether_server.web.api.objects import user_object
-from robotether_server.web.fields import Fields
 
 MEMBERS = ("name", "role", "password")
 CHANGES = ("role", "disabled", "password")

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from flask import Flask
 from jsonschema import Draft202012Validator
+from robotether_server.api.description import joined
 from robotether_server.settings import WebSettings
 from robotether_server.web import create_app
-from robotether_server.web.api.description import joined
 from web_visitor import Browser
 
 # nginx gives these to the relay.

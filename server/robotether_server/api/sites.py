@@ -7,13 +7,12 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
 from robotether_server.services import sites as site_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import sites
 from robotether_server.store.sites import Site
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
 
 
 @blueprint.get("/sites")

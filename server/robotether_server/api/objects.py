@@ -6,13 +6,13 @@ What only admins may know of a robot stands in `_for_admins`, and nowhere else.
 import datetime as dt
 from collections.abc import Mapping
 
+from robotether_server.api import host_keys
 from robotether_server.settings import JoinSettings
 from robotether_server.store.control_states import ControlState
 from robotether_server.store.grants import Grant
 from robotether_server.store.robots import SeenRobot
 from robotether_server.store.users import User
 from robotether_server.times import rfc3339
-from robotether_server.web import host_keys
 
 Object = dict[str, object]
 SSH_USER = "tunnel"

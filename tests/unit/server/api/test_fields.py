@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from flask import Request
+from robotether_server.api import fields
 from robotether_server.problems import FieldInvalid, HttpProblem
-from robotether_server.web import fields
 from werkzeug.test import EnvironBuilder
 
 

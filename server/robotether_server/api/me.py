@@ -2,8 +2,8 @@
 
 from flask import Response, jsonify
 
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
+from robotether_server.api import callers
+from robotether_server.api.blueprint import blueprint
 
 
 @blueprint.get("/me")

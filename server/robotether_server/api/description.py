@@ -12,7 +12,7 @@ from typing import Any
 from flask import Response
 
 from robotether_server import __version__
-from robotether_server.web.api.blueprint import blueprint
+from robotether_server.api.blueprint import blueprint
 
 FOLDER = Path(__file__).parent / "openapi"
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from robotether_server.api import auth
 from robotether_server.relay.auth.access import LOGIN_COOKIE
 from robotether_server.store import Database, digests, users
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import access
 from web_visitor import Browser, bearer
 
 
@@ -40,7 +40,7 @@ def test_login_tells_who_asks(browser: Browser) -> None:
     parts = cookie.split("; ")
     assert {"Secure", "HttpOnly", "SameSite=Lax", "Path=/", "Max-Age=43200"} <= set(parts)
     assert "Domain" not in cookie
-    assert access.COOKIE == LOGIN_COOKIE
+    assert auth.COOKIE == LOGIN_COOKIE
     assert browser.ask("GET", "/api/v1/me").json == {"name": "ann", "role": "user"}
 
 

@@ -4,7 +4,7 @@ docs/protocols.md says what they agree on, and openapi/ every path in full. The 
 write objects; what may be done and what it changes is decided in `services`.
 """
 
-from robotether_server.web.api import (
+from robotether_server.api import (
     audit,
     description,
     drive_pages,
@@ -23,7 +23,7 @@ from robotether_server.web.api import (
     tokens,
     users,
 )
-from robotether_server.web.api.blueprint import blueprint
+from robotether_server.api.blueprint import blueprint
 
 # Each puts its paths on the blueprint when it is loaded.
 RESOURCES = (

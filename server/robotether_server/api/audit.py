@@ -4,15 +4,14 @@ from dataclasses import asdict
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, exports, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.context import context
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import plain
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import audit
 from robotether_server.store.audit import AuditEvent, AuditSearch
-from robotether_server.web import exports, fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.objects import plain
-from robotether_server.web.context import context
-from robotether_server.web.fields import Fields
 
 MAX_KIND_LENGTH = 40
 MAX_ID = 2**63 - 1

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from flask import request
 
+from robotether_server.api import auth
+from robotether_server.api.context import context
 from robotether_server.problems import GrantMissing
 from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.store.users import User
-from robotether_server.web import access
-from robotether_server.web.context import context
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Caller:
 def any_user() -> Iterator[Caller]:
     """Let in whoever has a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
     with context().database.transaction() as tx:
-        user = access.api_user(tx, request)
+        user = auth.api_user(tx, request)
         yield Caller(tx, user, Source(user.name, request.remote_addr))
 
 

@@ -5,16 +5,15 @@ from dataclasses import fields as members_of
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, exports, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.context import context
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import plain
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import drives
 from robotether_server.store.drives import Drive, DriveSearch
 from robotether_server.store.users import User
-from robotether_server.web import exports, fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.objects import plain
-from robotether_server.web.context import context
-from robotether_server.web.fields import Fields
 
 MAX_ID = 2**63 - 1
 USUAL_DRIVES = 100

@@ -6,17 +6,16 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.callers import Caller
+from robotether_server.api.fields import Fields
+from robotether_server.api.objects import plain
 from robotether_server.problems import RecordMissing
 from robotether_server.services import tokens as token_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store import users
 from robotether_server.store.users import User
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.callers import Caller
-from robotether_server.web.api.objects import plain
-from robotether_server.web.fields import Fields
 
 MAX_DAYS = 3650
 MEMBERS = ("name", "days", "user")

@@ -8,7 +8,7 @@ import json
 from dataclasses import dataclass
 
 import pytest
-from robotether_server.web import exports
+from robotether_server.api import exports
 
 COLUMNS = ("id", "actor", "details")
 

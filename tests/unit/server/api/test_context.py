@@ -5,10 +5,10 @@ from __future__ import annotations
 import datetime as dt
 
 from flask import Flask
+from robotether_server.api.context import context
 from robotether_server.settings import WebSettings
 from robotether_server.store.logins import Lifetime
 from robotether_server.web import create_app
-from robotether_server.web.context import context
 
 
 def test_each_application_has_its_own(app: Flask, web_settings: WebSettings) -> None:

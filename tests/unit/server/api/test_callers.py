@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import pytest
 from api_visitor import Program
 from flask import Flask
+from robotether_server.api.callers import check_admin
 from robotether_server.problems import GrantMissing
 from robotether_server.store import Database
 from robotether_server.store.users import User
-from robotether_server.web.api.callers import check_admin
 from web_visitor import Browser, audit_kinds
 
 IN_PATHS = {"robot": "sim1", "user": "root", "group": "crew", "site": "lab"}

@@ -5,16 +5,15 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
+from robotether_server.api import callers, fields
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.context import context
+from robotether_server.api.objects import plain
 from robotether_server.install_line import site_of
 from robotether_server.services import ssh_config
 from robotether_server.services import ssh_keys as ssh_key_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
-from robotether_server.web import fields
-from robotether_server.web.api import callers
-from robotether_server.web.api.blueprint import blueprint
-from robotether_server.web.api.objects import plain
-from robotether_server.web.context import context
 
 MEMBERS = ("name", "public_key")
 
