@@ -1,8 +1,8 @@
 """Checks a name and a password, and starts or ends the login.
 
-Used by pages.py and the profile. An unknown name, a disabled user and a wrong password look the same, and take as long.
-A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at once would all
-pass the throttle before the first of them is recorded.
+Used by the log-in page and the profile. An unknown name, a disabled user and a wrong password look the same, and
+take as long. A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at
+once would all pass the throttle before the first of them is recorded.
 """
 
 import datetime as dt

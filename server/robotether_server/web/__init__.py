@@ -1,4 +1,4 @@
-"""The pages and the REST API: a Flask application behind nginx, run by gunicorn.
+"""The pages, and the Flask application that serves them and the REST API; it runs under gunicorn, behind nginx.
 
 The only writer of users' logins and of what robots tell when they join. Must never talk to the
 relay: what web permits, it signs into a ticket.

@@ -12,19 +12,8 @@ from robotether_server.site_certificate import SiteCertificates
 from robotether_server.store import Database
 from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import (
-    admin,
-    cors,
-    current_user,
-    drive_settings,
-    drives_page,
-    errors,
-    headers,
-    installer,
-    page_texts,
-    pages,
-    profile,
-)
+from robotether_server.web import admin, cors, current_user, errors, headers, page_texts
+from robotether_server.web.pages import drive_settings, drives, home, installer, profile
 
 MAX_REQUEST_BYTES = 64 * 1024
 
@@ -64,11 +53,11 @@ def create_app(settings: WebSettings) -> Flask:
     cors.register(app, settings.allowed_origins)
     page_texts.register(app)
     current_user.register(app)
-    app.register_blueprint(pages.blueprint)
+    app.register_blueprint(home.blueprint)
     app.register_blueprint(api.blueprint)
     app.register_blueprint(installer.blueprint)
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
-    app.register_blueprint(drives_page.blueprint)
+    app.register_blueprint(drives.blueprint)
     app.register_blueprint(drive_settings.blueprint)
     return app

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from robotether_server.settings import WebSettings
-from robotether_server.web.installer import listed
+from robotether_server.web.pages.installer import listed
 from web_visitor import Browser
 
 WHEEL = "robotether_agent-0.1.0-py3-none-any.whl"

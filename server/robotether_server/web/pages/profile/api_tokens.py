@@ -12,7 +12,7 @@ from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.store.tokens import Token
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.profile.overview import PAGE, render
+from robotether_server.web.pages.profile.overview import PAGE, render
 
 blueprint = Blueprint("api_tokens", __name__, url_prefix="/tokens")
 

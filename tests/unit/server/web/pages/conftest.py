@@ -1,4 +1,4 @@
-"""A manager who is no admin, and an admin, in browsers."""
+"""A manager who is no admin, in a browser."""
 
 from __future__ import annotations
 
@@ -18,12 +18,4 @@ def manager(app: Flask, database: Database) -> Browser:
         tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (policy,))
     browser = Browser(app.test_client())
     browser.log_in("may")
-    return browser
-
-
-@pytest.fixture
-def admin(app: Flask) -> Browser:
-    """root, logged in."""
-    browser = Browser(app.test_client())
-    browser.log_in("root")
     return browser

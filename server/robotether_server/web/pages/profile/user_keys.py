@@ -11,7 +11,7 @@ from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.store.user_keys import SshKey
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.profile.overview import PAGE, render
+from robotether_server.web.pages.profile.overview import PAGE, render
 
 blueprint = Blueprint("user_keys", __name__, url_prefix="/ssh-keys")
 

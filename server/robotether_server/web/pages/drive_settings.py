@@ -6,9 +6,9 @@ For whoever manages the robot, admins included. docs/protocols.md describes `pag
 from flask import Blueprint
 
 from robotether_server.web import current_user
-from robotether_server.web.drive_settings import button_forms, page_form
+from robotether_server.web.pages import button_forms, drive_page_form
 
 blueprint = Blueprint("drive_settings", __name__, url_prefix="/robots/<name>/settings")
 blueprint.before_request(current_user.require_user)
-for part in (page_form, button_forms):
+for part in (drive_page_form, button_forms):
     blueprint.register_blueprint(part.blueprint)

@@ -3,7 +3,7 @@
 from flask import Blueprint
 
 from robotether_server.web import current_user
-from robotether_server.web.profile import api_tokens, overview, password, user_keys
+from robotether_server.web.pages.profile import api_tokens, overview, password, user_keys
 
 blueprint = Blueprint("profile", __name__, url_prefix="/profile")
 blueprint.before_request(current_user.require_user)

@@ -14,8 +14,8 @@ from robotether_server.services import drive_pages, permissions
 from robotether_server.setting_paths import Settings
 from robotether_server.web import confirmation, current_user
 from robotether_server.web.confirmation import METHODS
-from robotether_server.web.drive_settings import page_fields
-from robotether_server.web.drive_settings.page_fields import FIELDS, PageField
+from robotether_server.web.pages import drive_page_fields
+from robotether_server.web.pages.drive_page_fields import FIELDS, PageField
 
 blueprint = Blueprint("page_form", __name__)
 
@@ -58,7 +58,7 @@ def _page(name: str, present: Mapping[str, object], problem: Problem | None = No
         "drive_settings.html",
         name=name,
         problem=problem,
-        words=page_fields,
+        words=drive_page_fields,
         texts=_texts(page),
         defaults={field.name: _text(DEFAULTS.as_dict()[field.name]) for field in FIELDS},
         turns=TURNS,

@@ -16,7 +16,7 @@ from robotether_server.store import Transaction
 from robotether_server.store.audit import Source
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
-from robotether_server.web.drive_settings.page_form import path_of
+from robotether_server.web.pages.drive_page_form import path_of
 
 blueprint = Blueprint("button_forms", __name__, url_prefix="/buttons")
 

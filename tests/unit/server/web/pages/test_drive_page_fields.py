@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import get_args
 
 from robotether_server.page_settings import MAY_BE_NULL, NAMES, Kind
-from robotether_server.web.drive_settings.page_fields import FIELDS, KIND_WORDS
+from robotether_server.web.pages.drive_page_fields import FIELDS, KIND_WORDS
 
 
 def test_every_member_of_the_page_has_a_field() -> None:

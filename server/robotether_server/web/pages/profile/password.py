@@ -11,7 +11,7 @@ from robotether_server.services import logging_in, users
 from robotether_server.store import logins
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
-from robotether_server.web.profile.overview import PAGE
+from robotether_server.web.pages.profile.overview import PAGE
 
 blueprint = Blueprint("password", __name__)
 

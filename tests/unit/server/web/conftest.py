@@ -1,4 +1,4 @@
-"""An admin in a browser, for every test of the admin pages."""
+"""An admin in a browser."""
 
 from __future__ import annotations
 
