@@ -16,9 +16,9 @@ from yoyo.connections import DatabaseURI
 from yoyo.exceptions import BadMigration
 from yoyo.migrations import default_migration_table
 
+from robotether_server.db import Database, ports, retention
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import Database, ports, retention
 
 logger = logging.getLogger(__name__)
 

@@ -35,8 +35,8 @@ from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
 from robotether_agent.enrolment import Enrolment, EnrolmentStore, SshAccess, parse_host_keys
 from robotether_agent.keys import ensure_key
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.main import Timing
-from robotether_server.store.fleet import Robot
 from sections import Section, percentile
 
 AGENT = Path(__file__).resolve().parents[2] / "agent"

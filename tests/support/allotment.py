@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from robotether_server.db import Database, Transaction, robots
 from robotether_server.problems import Problem
-from robotether_server.store import Database, Transaction, robots
 
 
 def mac(number: int) -> str:

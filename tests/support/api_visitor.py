@@ -7,7 +7,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
-from robotether_server.store import Database
+from robotether_server.db import Database
 from web_visitor import Browser, bearer
 from werkzeug.test import TestResponse
 

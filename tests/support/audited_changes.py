@@ -7,8 +7,8 @@ from typing import Any
 
 from api_visitor import Program, new_public_key
 from drive_settings import DOCK
+from robotether_server.db import Database
 from robotether_server.ssh_keys import parse
-from robotether_server.store import Database
 
 KEY = new_public_key()
 OTHER_KEY = new_public_key()

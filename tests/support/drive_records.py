@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 
 def add_drive(admin_database: Database, robot: str, user: str, **changes: object) -> int:

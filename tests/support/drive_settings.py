@@ -6,7 +6,7 @@ import html
 import re
 from typing import Any
 
-from robotether_server.store import Database, audit, robots
+from robotether_server.db import Database, audit, robots
 from web_visitor import Browser
 
 SETTINGS = "/robots/sim1/settings"

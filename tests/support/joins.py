@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from robotether_server.db import Database, Transaction, robots, tokens, users
+from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
 from robotether_server.services.joining import Answer
 from robotether_server.services.rotation import PreviousKey
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Database, Transaction, robots, tokens, users
-from robotether_server.store.robots import Report, Robot
 
 MAC = "00:1b:44:00:61:01"
 OTHER_MAC = "00:1b:44:00:61:02"

@@ -8,7 +8,7 @@ import aiohttp
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer
-from robotether_server.store.fleet import AuditEntry, Robot
+from robotether_server.db.fleet import AuditEntry, Robot
 
 # As the relay writes it anew.
 PUBLISH = '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}'

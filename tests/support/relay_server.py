@@ -14,14 +14,8 @@ from datetime import datetime, timezone
 
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
-from robotether_server.problems import StoreUnavailable
-from robotether_server.relay.auth.credentials import credential_of
-from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.http.liveness import LivenessLimits
-from robotether_server.relay.main import Listen, Relay, Timing
-from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
-from robotether_server.store.control import Kept, NewLease, Stop
-from robotether_server.store.fleet import (
+from robotether_server.db.control import Kept, NewLease, Stop
+from robotether_server.db.fleet import (
     Changes,
     Credential,
     Entry,
@@ -30,7 +24,13 @@ from robotether_server.store.fleet import (
     Snapshot,
     User,
 )
-from robotether_server.store.grants import Level
+from robotether_server.db.grants import Level
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.http.liveness import LivenessLimits
+from robotether_server.relay.main import Listen, Relay, Timing
+from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
 
 SESSION_KEY = "the session key of the tests, long enough"

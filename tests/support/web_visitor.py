@@ -8,7 +8,7 @@ from typing import Any
 
 from flask.testing import FlaskClient
 from robotether_server import passwords
-from robotether_server.store import Database, tokens, users
+from robotether_server.db import Database, tokens, users
 from werkzeug.test import TestResponse
 
 PASSWORD = "a long enough password"

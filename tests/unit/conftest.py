@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from mariadb_server import MariaDb
 from outside import marks_of
+from robotether_server.db import Database, ports
 from robotether_server.migrate import migrate
 from robotether_server.settings import MigrateSettings
-from robotether_server.store import Database, ports
 
 # The first and the last judge the speed of the machine that tests, and not what is tested. Continuous integration plays
 # the same examples each time, so that a failure is the change's; elsewhere new ones are looked for. For a mutant

@@ -17,15 +17,15 @@ PACKAGES = {
     "sim_robot": ROOT / "images" / "sim_robot" / "sim_robot",
 }
 # A layer may import from itself and from those before it. Names that no layer claims are `base`.
-LAYERS = ("base", "store", "services", "api", "web", "relay", "cli")
+LAYERS = ("base", "db", "services", "api", "web", "relay", "cli")
 MAY_IMPORT = {
-    "base": {"base", "store"},  # migrate and the like stand beside the store's users
-    "store": {"base", "store"},
-    "services": {"base", "store", "services"},
-    "api": {"base", "store", "services", "api"},
-    "web": {"base", "store", "services", "api", "web"},
-    "relay": {"base", "store", "relay"},
-    "cli": {"base", "store", "services", "cli"},
+    "base": {"base", "db"},  # migrate and the like stand beside its users
+    "db": {"base", "db"},
+    "services": {"base", "db", "services"},
+    "api": {"base", "db", "services", "api"},
+    "web": {"base", "db", "services", "api", "web"},
+    "relay": {"base", "db", "relay"},
+    "cli": {"base", "db", "services", "cli"},
 }
 FOUNDATION = ("problems", "settings", "variables", "tickets", "macs", "ssh_keys")
 
@@ -88,7 +88,7 @@ def test_no_import_hides_in_a_function(name: str) -> None:
 
 
 def test_servers_imports_go_one_way() -> None:
-    """Settings and problems, the store, services, the API, then web and cli; the relay meets none of these four."""
+    """Settings and problems, the database, services, the API, then web and cli; the relay meets none of these four."""
     wrong = [
         f"{module} imports {imported}"
         for module, imported_modules in graph("server").items()
@@ -98,8 +98,8 @@ def test_servers_imports_go_one_way() -> None:
     assert wrong == []
 
 
-def test_servers_foundation_imports_no_store() -> None:
-    """What the store itself stands on does not need it."""
+def test_servers_foundation_imports_no_database() -> None:
+    """What the database layer stands on does not need it."""
     links = graph("server")
     for module in FOUNDATION:
         assert all(layer(name) == "base" for name in links[f"robotether_server.{module}"]), module

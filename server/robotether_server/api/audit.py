@@ -9,9 +9,9 @@ from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain
+from robotether_server.db import audit
+from robotether_server.db.audit import AuditEvent, AuditSearch
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import audit
-from robotether_server.store.audit import AuditEvent, AuditSearch
 
 MAX_KIND_LENGTH = 40
 MAX_ID = 2**63 - 1

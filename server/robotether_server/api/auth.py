@@ -7,11 +7,11 @@ from flask import Request
 from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
+from robotether_server.db import Transaction, digests, logins, tokens
+from robotether_server.db.users import User
 from robotether_server.problems import LoginMissing, TokenInvalid
 from robotether_server.services import enrolment_credentials
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
-from robotether_server.store import Transaction, digests, logins, tokens
-from robotether_server.store.users import User
 from robotether_server.tickets import CredentialKind
 
 COOKIE = "__Host-robotether_login"

@@ -11,10 +11,10 @@ from flask import request
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing
-from robotether_server.store import Transaction
-from robotether_server.store.audit import Source
-from robotether_server.store.users import User
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain
+from robotether_server.db import drives
+from robotether_server.db.drives import Drive, DriveSearch
+from robotether_server.db.users import User
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import drives
-from robotether_server.store.drives import Drive, DriveSearch
-from robotether_server.store.users import User
 
 MAX_ID = 2**63 - 1
 USUAL_DRIVES = 100

@@ -6,10 +6,10 @@ from flask import Response, jsonify, request
 
 from robotether_server.api import callers, fields
 from robotether_server.api.blueprint import blueprint
+from robotether_server.db import groups
+from robotether_server.db.groups import Group
 from robotether_server.services import groups as group_service
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import groups
-from robotether_server.store.groups import Group
 
 
 @blueprint.get("/groups")

@@ -9,12 +9,12 @@ from robotether_server.api import fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.objects import ssh_object
+from robotether_server.db.robots import Report
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
 from robotether_server.services.joining import Answer
 from robotether_server.services.rotation import PreviousKey
-from robotether_server.store.robots import Report
 
 MAX_HOSTNAME_LENGTH = 253
 MAX_VERSION_LENGTH = 32

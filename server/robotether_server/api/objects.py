@@ -7,11 +7,11 @@ import datetime as dt
 from collections.abc import Mapping
 
 from robotether_server.api import host_keys
+from robotether_server.db.control_states import ControlState
+from robotether_server.db.grants import Grant
+from robotether_server.db.robots import SeenRobot
+from robotether_server.db.users import User
 from robotether_server.settings import JoinSettings
-from robotether_server.store.control_states import ControlState
-from robotether_server.store.grants import Grant
-from robotether_server.store.robots import SeenRobot
-from robotether_server.store.users import User
 from robotether_server.times import rfc3339
 
 Object = dict[str, object]

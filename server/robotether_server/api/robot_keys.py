@@ -8,10 +8,10 @@ from flask import Response, jsonify, request
 from robotether_server.api import callers, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.objects import robot_object
+from robotether_server.db import Transaction, control_states, robots
+from robotether_server.db.audit import Source
+from robotether_server.db.robots import Robot
 from robotether_server.services import robots as robot_service
-from robotether_server.store import Transaction, control_states, robots
-from robotether_server.store.audit import Source
-from robotether_server.store.robots import Robot
 
 MAX_FINGERPRINT_LENGTH = 64
 

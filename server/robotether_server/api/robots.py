@@ -11,6 +11,8 @@ from robotether_server.api.callers import Caller
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain, robot_object, ssh_object
+from robotether_server.db import control_states, robots, sessions
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, RobotUnknown
 from robotether_server.services import robots as robot_service
 from robotether_server.services import sites
@@ -18,8 +20,6 @@ from robotether_server.services.enrolment import Registration
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
-from robotether_server.store import control_states, robots, sessions
-from robotether_server.store.audit import Source
 
 MAX_HOSTNAME_LENGTH = 253
 MAX_VERSION_LENGTH = 32

@@ -9,10 +9,10 @@ from flask import Response, jsonify, request
 
 from robotether_server.api import callers, fields
 from robotether_server.api.blueprint import blueprint
+from robotether_server.db import sites
+from robotether_server.db.sites import Site
 from robotether_server.services import sites as site_service
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import sites
-from robotether_server.store.sites import Site
 
 
 @blueprint.get("/sites")

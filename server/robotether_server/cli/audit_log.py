@@ -11,8 +11,8 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
-from robotether_server.store import audit
-from robotether_server.store.audit import AuditEvent
+from robotether_server.db import audit
+from robotether_server.db.audit import AuditEvent
 
 MAX_EVENTS = 10000
 

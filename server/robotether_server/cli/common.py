@@ -11,9 +11,9 @@ from typing import TypeVar
 import click
 
 from robotether_server import settings
+from robotether_server.db import Database
+from robotether_server.db.audit import Source
 from robotether_server.problems import Problem
-from robotether_server.store import Database
-from robotether_server.store.audit import Source
 
 T = TypeVar("T")
 

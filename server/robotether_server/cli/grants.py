@@ -13,9 +13,9 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
+from robotether_server.db.grants import LEVELS, Grant, Level
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Holder, Scope
-from robotether_server.store.grants import LEVELS, Grant, Level
 
 GIVE = "give"
 Command = Callable[..., None]

@@ -10,8 +10,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.db import groups as db_groups
 from robotether_server.services import groups
-from robotether_server.store import groups as db_groups
 
 
 @click.group()

@@ -18,11 +18,11 @@ from robotether_server.cli.common import (
     print_table,
     wait_for,
 )
+from robotether_server.db import Database
+from robotether_server.db import robots as db_robots
+from robotether_server.db.robots import Robot
 from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey
-from robotether_server.store import Database
-from robotether_server.store import robots as db_robots
-from robotether_server.store.robots import Robot
 
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
 

@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping
 
 from robotether_server.cli.common import timestamp
+from robotether_server.db.robots import Robot, SeenRobot
+from robotether_server.db.sessions import Session
 from robotether_server.services.pending import PendingKey
-from robotether_server.store.robots import Robot, SeenRobot
-from robotether_server.store.sessions import Session
 
 HEADS = ("NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "SHELL", "KEY")
 WAITING_HEADS = ("ROBOT", "MAC", "HOST NAME", "ADDRESS", "JOINED", "WHY", "KEY")

@@ -31,9 +31,9 @@ from robotether_server.cli.robot_keys import (
     rotate_key,
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
+from robotether_server.db import Database, sessions
+from robotether_server.db import robots as db_robots
 from robotether_server.services import pending, robots
-from robotether_server.store import Database, sessions
-from robotether_server.store import robots as db_robots
 
 SESSIONS_SHOWN = 5
 

@@ -10,8 +10,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.db import sites as db_sites
 from robotether_server.services import sites
-from robotether_server.store import sites as db_sites
 
 
 @click.group()

@@ -14,8 +14,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.db import users
 from robotether_server.services import ssh_config, ssh_keys
-from robotether_server.store import users
 
 USER = click.option("--user", "user_name", required=True, help="Whose key it is.")
 

@@ -12,8 +12,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.db import users
 from robotether_server.services import tokens
-from robotether_server.store import users
 
 MAX_DAYS = 3650
 

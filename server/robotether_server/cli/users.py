@@ -13,13 +13,13 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
+from robotether_server.db import Database
+from robotether_server.db import users as db_users
+from robotether_server.db.users import ROLES, Role
 from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailable
 from robotether_server.services import users
 from robotether_server.settings import WebSettings
-from robotether_server.store import Database
-from robotether_server.store import users as db_users
-from robotether_server.store.users import ROLES, Role
 
 PASSWORD_STDIN = click.option(
     "--password-stdin",

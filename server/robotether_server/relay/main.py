@@ -17,6 +17,8 @@ from typing import cast
 import uvloop
 from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
 
+from robotether_server.db import Database
+from robotether_server.db.fleet import FormerSessions, Snapshot
 from robotether_server.problems import SettingsError
 from robotether_server.relay.app import Cors, Handlers, inside_app, public_app, server_log
 from robotether_server.relay.auth.access import Access
@@ -47,8 +49,6 @@ from robotether_server.relay.video.frames_handler import FramesHandler
 from robotether_server.relay.video.handler import VideoHandler
 from robotether_server.relay.video.viewers import VideoContext
 from robotether_server.settings import RelaySettings, load_relay
-from robotether_server.store import Database
-from robotether_server.store.fleet import FormerSessions, Snapshot
 from robotether_server.tickets import TicketSigner
 
 log = logging.getLogger(__name__)

@@ -10,13 +10,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 
+from robotether_server.db.control import DriveEntry
+from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.robots.sessions import Change, utc_now
 from robotether_server.relay.rosbridge.handler import ConnectionReport
-from robotether_server.store.control import DriveEntry
-from robotether_server.store.fleet import AuditEntry, SessionEntry, Snapshot
 
 log = logging.getLogger(__name__)
 

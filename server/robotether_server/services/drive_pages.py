@@ -11,12 +11,12 @@ from dataclasses import replace
 from robotether_server import buttons as button_settings
 from robotether_server import robot_settings
 from robotether_server.buttons import Button
+from robotether_server.db import Transaction, audit, locks, robots
+from robotether_server.db.audit import Event, Source
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.robot_settings import RobotSettings
 from robotether_server.services import robots as robot_service
 from robotether_server.setting_paths import Settings, put_path
-from robotether_server.store import Transaction, audit, locks, robots
-from robotether_server.store.audit import Event, Source
 
 # The buttons before a change, to those after it.
 Change = Callable[[list[Button]], list[Button]]

@@ -11,6 +11,10 @@ from dataclasses import dataclass
 from itertools import chain, count
 
 from robotether_server import macs, ssh_keys
+from robotether_server.db import Transaction, audit, claims, join_tokens, robots
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.claims import Claim
+from robotether_server.db.robots import Report, Robot
 from robotether_server.problems import (
     KeyInUse,
     KeyRejected,
@@ -21,10 +25,6 @@ from robotether_server.problems import (
 )
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import Transaction, audit, claims, join_tokens, robots
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.claims import Claim
-from robotether_server.store.robots import Report, Robot
 
 ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
 MIN_SUFFIX_LENGTH = 6

@@ -6,10 +6,10 @@ Used by joins and by PUT /api/v1/robots/NAME. Reveals nothing about tokens that 
 import datetime as dt
 from dataclasses import dataclass
 
+from robotether_server.db import Transaction, join_tokens, tokens
+from robotether_server.db.join_tokens import JoinToken
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, TokenExpired, TokenInvalid
-from robotether_server.store import Transaction, join_tokens, tokens
-from robotether_server.store.join_tokens import JoinToken
-from robotether_server.store.users import User
 
 ROBOT = "robot"
 

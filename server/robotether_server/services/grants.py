@@ -4,10 +4,10 @@ import datetime as dt
 from typing import Literal, NamedTuple
 
 from robotether_server import times
+from robotether_server.db import Transaction, audit, grants, groups, robots, sites, users
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.grants import Grant, Level, Pair
 from robotether_server.problems import RecordMissing
-from robotether_server.store import Transaction, audit, grants, groups, robots, sites, users
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.grants import Grant, Level, Pair
 
 
 class Holder(NamedTuple):

@@ -1,10 +1,10 @@
 """Groups of users: made, filled and removed by admins."""
 
+from robotether_server.db import Transaction, audit, groups, users
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.groups import Group
 from robotether_server.problems import RecordMissing
 from robotether_server.services.names import check_plain_name
-from robotether_server.store import Transaction, audit, groups, users
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.groups import Group
 
 
 def add(tx: Transaction, source: Source, name: str) -> Group:

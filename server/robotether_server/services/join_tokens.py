@@ -2,11 +2,11 @@
 
 import datetime as dt
 
+from robotether_server.db import Transaction, audit, join_tokens
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.join_tokens import JoinToken
 from robotether_server.problems import FieldInvalid
 from robotether_server.services.names import check_name
-from robotether_server.store import Transaction, audit, join_tokens
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.join_tokens import JoinToken
 
 MAX_USES = 10000
 MAX_LIFETIME = dt.timedelta(hours=8760)

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server import macs
+from robotether_server.db import Transaction, audit, claims, locks, robots, sessions
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.robots import Robot
 from robotether_server.networks import network_of
 from robotether_server.problems import (
     MacElsewhere,
@@ -23,9 +26,6 @@ from robotether_server.services.enrolment import PresentedKey
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.services.rotation import PreviousKey, rotate
 from robotether_server.settings import JoinSettings
-from robotether_server.store import Transaction, audit, claims, locks, robots, sessions
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.robots import Robot
 
 # What nobody announced: how much one network may leave waiting, and for how long.
 MAX_UNKNOWN_PER_NETWORK = 10

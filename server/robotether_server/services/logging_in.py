@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 from robotether_server import passwords
+from robotether_server.db import Database, Transaction, audit, logins, users
+from robotether_server.db.audit import Event, Occurrence, Source
+from robotether_server.db.users import User
 from robotether_server.networks import Network, network_of
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services import throttle
 from robotether_server.services.throttle import Failures
-from robotether_server.store import Database, Transaction, audit, logins, users
-from robotether_server.store.audit import Event, Occurrence, Source
-from robotether_server.store.users import User
 
 FAILED = "login_failed"
 SUCCEEDED = "login"

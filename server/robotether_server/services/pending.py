@@ -4,10 +4,10 @@ import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.store import Transaction, audit, claims, robots
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.claims import Claim
-from robotether_server.store.robots import Robot
+from robotether_server.db import Transaction, audit, claims, robots
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.claims import Claim
+from robotether_server.db.robots import Robot
 
 Reason = Literal["approval_pending", "mac_in_use"]
 

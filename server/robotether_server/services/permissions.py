@@ -1,9 +1,9 @@
 """Whether somebody manages a robot, for what its managers may change of it."""
 
+from robotether_server.db import Transaction, robots
+from robotether_server.db.robots import SeenRobot
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, RobotUnknown
-from robotether_server.store import Transaction, robots
-from robotether_server.store.robots import SeenRobot
-from robotether_server.store.users import User
 
 
 def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:

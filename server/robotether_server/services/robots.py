@@ -7,14 +7,14 @@ import json
 from collections.abc import Callable
 
 from robotether_server import macs, robot_settings
+from robotether_server.db import Transaction, audit, claims, locks, robots
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.claims import Claim
+from robotether_server.db.robots import Robot, State
 from robotether_server.problems import NotPossible
 from robotether_server.services import enrolment
 from robotether_server.services.enrolment import Registration
 from robotether_server.setting_paths import Settings
-from robotether_server.store import Transaction, audit, claims, locks, robots
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.claims import Claim
-from robotether_server.store.robots import Robot, State
 
 
 def add(

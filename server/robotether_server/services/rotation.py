@@ -6,12 +6,12 @@ Used by joining.py, which holds the enrolment lock. Must never change a key that
 from dataclasses import dataclass
 
 from robotether_server import signatures
+from robotether_server.db import Transaction, audit, claims, robots
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.robots import Robot
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import enrolment, enrolment_credentials
 from robotether_server.services.enrolment import PresentedKey
-from robotether_server.store import Transaction, audit, claims, robots
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.robots import Robot
 
 NAMESPACE = "robotether-rotation"
 

@@ -1,11 +1,11 @@
 """Sites of robots: made and removed by admins, who say which robot is where."""
 
+from robotether_server.db import Transaction, audit, robots, sites
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.robots import Robot
+from robotether_server.db.sites import Site
 from robotether_server.problems import NotPossible
 from robotether_server.services.names import check_plain_name
-from robotether_server.store import Transaction, audit, robots, sites
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.robots import Robot
-from robotether_server.store.sites import Site
 
 
 def add(tx: Transaction, source: Source, name: str) -> Site:

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from robotether_server.db import Transaction, robots
+from robotether_server.db.grants import includes
+from robotether_server.db.robots import Robot
+from robotether_server.db.users import User
 from robotether_server.robot_settings import SHELL_USER
-from robotether_server.store import Transaction, robots
-from robotether_server.store.grants import includes
-from robotether_server.store.robots import Robot
-from robotether_server.store.users import User
 
 JUMP_USER = "jump"
 

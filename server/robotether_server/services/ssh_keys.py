@@ -1,12 +1,12 @@
 """People's SSH public keys, for shells on the robots that they manage."""
 
 from robotether_server import ssh_keys
+from robotether_server.db import Transaction, audit, user_keys
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.user_keys import SshKey
+from robotether_server.db.users import User
 from robotether_server.problems import NotPossible
 from robotether_server.services.names import MAX_NAME_LENGTH, check_name
-from robotether_server.store import Transaction, audit, user_keys
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.user_keys import SshKey
-from robotether_server.store.users import User
 
 MAX_KEYS = 20
 

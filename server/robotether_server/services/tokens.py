@@ -2,12 +2,12 @@
 
 import datetime as dt
 
+from robotether_server.db import Transaction, audit, tokens
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.tokens import Token
+from robotether_server.db.users import User
 from robotether_server.problems import NotPossible
 from robotether_server.services.names import check_name
-from robotether_server.store import Transaction, audit, tokens
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.tokens import Token
-from robotether_server.store.users import User
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000

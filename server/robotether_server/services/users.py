@@ -4,11 +4,11 @@ An admin who is one no more takes the join tokens along: they let robots in with
 """
 
 from robotether_server import passwords
+from robotether_server.db import Transaction, audit, logins, users
+from robotether_server.db.audit import Event, Source
+from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
 from robotether_server.services import join_tokens
-from robotether_server.store import Transaction, audit, logins, users
-from robotether_server.store.audit import Event, Source
-from robotether_server.store.users import Role, User
 
 FIRST_ADMIN = "admin"
 

@@ -7,10 +7,10 @@ from werkzeug.middleware.proxy_fix import ProxyFix
 
 from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
+from robotether_server.db import Database
+from robotether_server.db.logins import Lifetime
 from robotether_server.settings import WebSettings
 from robotether_server.site_certificate import SiteCertificates
-from robotether_server.store import Database
-from robotether_server.store.logins import Lifetime
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, cors, current_user, errors, headers, page_texts
 from robotether_server.web.pages import drive_settings, drives, home, installer, profile

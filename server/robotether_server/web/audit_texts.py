@@ -5,7 +5,7 @@ A kind that is not here is shown by its code and details alone, as all are in th
 
 from collections.abc import Mapping
 
-from robotether_server.store.audit import AuditEvent
+from robotether_server.db.audit import AuditEvent
 
 # {robot} is the line's robot; the others are its details, `?` where one is missing.
 SENTENCES: Mapping[str, str] = {

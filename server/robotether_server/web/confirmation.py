@@ -12,9 +12,9 @@ from flask import flash, make_response, redirect, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
 from robotether_server.problems import Problem
-from robotether_server.store import Transaction
-from robotether_server.store.audit import Source
 from robotether_server.web import current_user
 
 METHODS = ["GET", "POST"]

@@ -11,11 +11,11 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing
 from robotether_server.services import pending
-from robotether_server.store import Transaction
-from robotether_server.store.audit import Source
-from robotether_server.store.users import User
 
 
 def register(app: Flask) -> None:

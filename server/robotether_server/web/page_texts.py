@@ -4,7 +4,7 @@ import datetime as dt
 
 from flask import Flask
 
-from robotether_server.store.robots import Robot
+from robotether_server.db.robots import Robot
 from robotether_server.times import rfc3339
 from robotether_server.web import audit_texts, close_reason_texts, refusal_texts
 

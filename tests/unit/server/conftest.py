@@ -8,13 +8,13 @@ import pytest
 from flask import Flask
 from granted import give
 from mariadb_server import MariaDb
+from robotether_server.db import Database, robots, users
 from robotether_server.settings import (
     JoinSettings,
     SiteAddressSettings,
     TicketSettings,
     WebSettings,
 )
-from robotether_server.store import Database, robots, users
 from robotether_server.web import create_app
 from web_visitor import HASH, Browser
 

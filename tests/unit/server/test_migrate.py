@@ -11,10 +11,7 @@ import pytest
 import sqlparse
 from granted import give
 from mariadb_server import MariaDb
-from robotether_server.migrate import migrate
-from robotether_server.problems import MigrationFailed, StoreUnavailable
-from robotether_server.settings import DatabaseSettings, MigrateSettings
-from robotether_server.store import (
+from robotether_server.db import (
     Database,
     Transaction,
     audit,
@@ -24,7 +21,10 @@ from robotether_server.store import (
     robots,
     users,
 )
-from robotether_server.store.audit import Event, Source
+from robotether_server.db.audit import Event, Source
+from robotether_server.migrate import migrate
+from robotether_server.problems import MigrationFailed, StoreUnavailable
+from robotether_server.settings import DatabaseSettings, MigrateSettings
 
 
 def settings(

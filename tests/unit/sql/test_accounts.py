@@ -8,7 +8,7 @@ import pymysql
 import pytest
 from mariadb_server import MariaDb
 from pymysql.constants import ER
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 DENIED = {
     ER.TABLEACCESS_DENIED_ERROR,

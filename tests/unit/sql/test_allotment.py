@@ -7,8 +7,8 @@ import threading
 import pytest
 from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
 from mariadb_server import MariaDb
+from robotether_server.db import Database, Transaction, ports, robots
 from robotether_server.problems import RecordExists, RecordRefused
-from robotether_server.store import Database, Transaction, ports, robots
 
 
 @pytest.fixture

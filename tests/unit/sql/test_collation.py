@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from robotether_server.db import Database, Transaction, groups, robots, sites, users
+from robotether_server.db.audit import AuditSearch, Event, Source, find, record
 from robotether_server.problems import RecordMissing, RobotUnknown
-from robotether_server.store import Database, Transaction, groups, robots, sites, users
-from robotether_server.store.audit import AuditSearch, Event, Source, find, record
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
     users.get,

@@ -7,9 +7,7 @@ import itertools
 
 import pytest
 from mariadb_server import MariaDb
-from robotether_server.problems import RecordRefused
-from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import (
+from robotether_server.db import (
     Database,
     Transaction,
     fleet,
@@ -20,8 +18,10 @@ from robotether_server.store import (
     user_keys,
     users,
 )
-from robotether_server.store.grants import Level, Pair
-from robotether_server.store.robots import Report
+from robotether_server.db.grants import Level, Pair
+from robotether_server.db.robots import Report
+from robotether_server.problems import RecordRefused
+from robotether_server.ssh_keys import PublicKey
 
 HOUR = dt.timedelta(hours=1)
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")

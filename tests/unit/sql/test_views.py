@@ -7,8 +7,7 @@ import datetime as dt
 import pytest
 from granted import give
 from mariadb_server import MariaDb
-from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import (
+from robotether_server.db import (
     Database,
     Transaction,
     logins,
@@ -17,7 +16,8 @@ from robotether_server.store import (
     user_keys,
     users,
 )
-from robotether_server.store.robots import Report, State
+from robotether_server.db.robots import Report, State
+from robotether_server.ssh_keys import PublicKey
 
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 HOUR = dt.timedelta(hours=1)

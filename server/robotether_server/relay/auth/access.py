@@ -15,6 +15,8 @@ from urllib.parse import urlsplit
 
 from aiohttp import ClientSession
 
+from robotether_server.db.fleet import Credential, Robot, Snapshot, User
+from robotether_server.db.grants import Level
 from robotether_server.problems import (
     CsrfRefused,
     GrantMissing,
@@ -30,8 +32,6 @@ from robotether_server.problems import (
 from robotether_server.relay.auth.connections import Connections, Use, permits
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.relay.robots.sessions import SessionRegistry
-from robotether_server.store.fleet import Credential, Robot, Snapshot, User
-from robotether_server.store.grants import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "__Host-robotether_login"

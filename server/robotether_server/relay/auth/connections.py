@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.grants import Level, includes
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change
-from robotether_server.store.fleet import Robot, Snapshot
-from robotether_server.store.grants import Level, includes
 
 Use = Literal["observe", "drive", "video"]
 

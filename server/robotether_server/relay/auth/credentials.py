@@ -12,9 +12,9 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from robotether_server.db.digests import digest
+from robotether_server.db.fleet import Credential, User
 from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.store.digests import digest
-from robotether_server.store.fleet import Credential, User
 from robotether_server.tickets import CredentialKind
 
 KEEP_S = 3.0

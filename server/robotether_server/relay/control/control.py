@@ -9,6 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from robotether_server.db.control import Kept
+from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.grants import includes
 from robotether_server.relay.control.leases import Driver, Now, Reserved
 from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
@@ -16,9 +19,6 @@ from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
-from robotether_server.store.control import Kept
-from robotether_server.store.fleet import Robot, Snapshot
-from robotether_server.store.grants import includes
 from robotether_server.times import rfc3339
 
 ControlObject = dict[str, Any]

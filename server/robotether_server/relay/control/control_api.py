@@ -14,13 +14,13 @@ from typing import Any
 
 from aiohttp import web
 
+from robotether_server.db.fleet import Robot, Snapshot, User
+from robotether_server.db.grants import Level, includes
 from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.stops import ShownStop
-from robotether_server.store.fleet import Robot, Snapshot, User
-from robotether_server.store.grants import Level, includes
 
 MAX_REASON = 255
 MAX_SITE = 63

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Protocol
 
+from robotether_server.db.fleet import User
 from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
 from robotether_server.relay.http.rate_limiter import RateLimiter
-from robotether_server.store.fleet import User
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0

@@ -12,6 +12,8 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from robotether_server.db.control import LeaseEnd, NewLease
+from robotether_server.db.fleet import AuditEntry, Robot, User
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control.leases import Driver, HeldError, Lease, Now, Passed
@@ -21,8 +23,6 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
-from robotether_server.store.control import LeaseEnd, NewLease
-from robotether_server.store.fleet import AuditEntry, Robot, User
 
 log = logging.getLogger(__name__)
 

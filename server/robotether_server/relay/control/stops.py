@@ -15,14 +15,14 @@ import secrets
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from robotether_server.db.control import MAX_NAME, Stop, StopEntry
+from robotether_server.db.fleet import AuditEntry, Robot
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.sessions import Change, SessionRegistry, utc_now
-from robotether_server.store.control import MAX_NAME, Stop, StopEntry
-from robotether_server.store.fleet import AuditEntry, Robot
 from robotether_server.times import rfc3339
 
 log = logging.getLogger(__name__)

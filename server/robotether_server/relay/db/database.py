@@ -12,10 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from typing import Protocol, TypeVar
 
+from robotether_server.db import Database, Transaction, control, fleet
+from robotether_server.db.control import Kept, NewLease
+from robotether_server.db.fleet import Changes, Credential, Entry, Snapshot, User
 from robotether_server.problems import StoreUnavailable
-from robotether_server.store import Database, Transaction, control, fleet
-from robotether_server.store.control import Kept, NewLease
-from robotether_server.store.fleet import Changes, Credential, Entry, Snapshot, User
 
 T = TypeVar("T")
 

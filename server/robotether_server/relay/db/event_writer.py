@@ -11,11 +11,11 @@ import logging
 from collections import OrderedDict
 from collections.abc import Sequence
 
+from robotether_server.db.control import DriveEntry, StopEntry
+from robotether_server.db.fleet import Entry, SessionEntry
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.backoff import delays
-from robotether_server.store.control import DriveEntry, StopEntry
-from robotether_server.store.fleet import Entry, SessionEntry
 
 log = logging.getLogger(__name__)
 

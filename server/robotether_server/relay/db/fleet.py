@@ -11,10 +11,10 @@ import logging
 from collections.abc import Awaitable, Callable
 from datetime import datetime
 
+from robotether_server.db.control import Kept
+from robotether_server.db.fleet import Changes, Snapshot
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.store.control import Kept
-from robotether_server.store.fleet import Changes, Snapshot
 
 log = logging.getLogger(__name__)
 

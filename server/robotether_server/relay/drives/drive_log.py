@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
+from robotether_server.db.control import DriveEntry
 from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts
-from robotether_server.store.control import DriveEntry
 
 # Before the guard's kinds: some have the name of a kind of the policy's.
 GUARD = "guard_"

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
+from robotether_server.db.fleet import Robot, Snapshot
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
-from robotether_server.store.fleet import Robot, Snapshot
 from robotether_server.times import rfc3339
 
 RTT_NOTIFY_EVERY_S = 2.0

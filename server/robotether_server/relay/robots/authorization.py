@@ -7,9 +7,9 @@ away from a robot ends every connection that may still hold it.
 
 from __future__ import annotations
 
+from robotether_server.db.fleet import Robot, Snapshot
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.relay.robots.sessions import ByeCode, Kind
-from robotether_server.store.fleet import Robot, Snapshot
 
 
 class NotAuthorizedError(Exception):

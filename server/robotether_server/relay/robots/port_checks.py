@@ -13,8 +13,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.robots.sessions import Health
-from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
 

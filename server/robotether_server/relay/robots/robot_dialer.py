@@ -17,11 +17,11 @@ from aiohttp import (
     WSServerHandshakeError,
 )
 
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
 from robotether_server.relay.robots.sessions import Presence, SessionRegistry, utc_now
-from robotether_server.store.fleet import Robot
 
 # An operator is told within a second when rosbridge does not answer; a robot far away gets as
 # many of its round trips more as opening a channel and a WebSocket needs, and some to spare.

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
@@ -22,7 +23,6 @@ from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, 
 from robotether_server.relay.robots.robot_clock import RobotClock
 from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
 from robotether_server.relay.robots.sessions import ByeCode, Kind, SessionRegistry
-from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
 

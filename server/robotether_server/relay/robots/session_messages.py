@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
+from robotether_server.db.control import MAX_NAME
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.robots.sessions import (
     Battery,
     ByeCode,
@@ -20,8 +22,6 @@ from robotether_server.relay.robots.sessions import (
     Health,
     Kind,
 )
-from robotether_server.store.control import MAX_NAME
-from robotether_server.store.fleet import Robot
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_ID = 64

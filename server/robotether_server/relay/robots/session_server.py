@@ -10,6 +10,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from robotether_server.db.fleet import Robot, Snapshot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
@@ -17,7 +18,6 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.robots.session_messages import Preface, WrongKeyError
 from robotether_server.relay.robots.sessions import ByeCode, SessionRegistry
-from robotether_server.store.fleet import Robot, Snapshot
 
 log = logging.getLogger(__name__)
 

@@ -13,6 +13,8 @@ from functools import partial
 
 from aiohttp import web
 
+from robotether_server.db.control import DriveEntry
+from robotether_server.db.fleet import Credential
 from robotether_server.problems import HttpProblem, StoreUnavailable
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.auth.connections import Connection
@@ -29,8 +31,6 @@ from robotether_server.relay.rosbridge.bridge import Bridge, RobotEnd, Traffic
 from robotether_server.relay.rosbridge.drive_path import DriveLease
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.rosbridge.own_operations import OwnOperations
-from robotether_server.store.control import DriveEntry
-from robotether_server.store.fleet import Credential
 
 # What an observer may say is short, and parsing it holds up everybody else.
 OBSERVER_LIMIT = 64 * 1024

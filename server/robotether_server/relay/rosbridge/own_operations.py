@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.control.control import Control
-from robotether_server.store.fleet import Robot
 
 
 class OwnOperations:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
 
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change
@@ -28,7 +29,6 @@ from robotether_server.relay.video.frame_protocol import (
     StreamRequest,
     parse_frame,
 )
-from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
 

@@ -18,6 +18,7 @@ from urllib.parse import parse_qsl
 from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
+from robotether_server.db.fleet import Robot
 from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
@@ -31,7 +32,6 @@ from robotether_server.relay.video.headers import (
 )
 from robotether_server.relay.video.streams import Streams, is_for_feed
 from robotether_server.relay.video.viewers import VideoContext, connection_of, counted
-from robotether_server.store.fleet import Robot
 
 log = logging.getLogger(__name__)
 

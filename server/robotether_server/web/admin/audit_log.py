@@ -6,9 +6,9 @@ from flask import Blueprint, Response, render_template
 
 from robotether_server.api.audit import download
 from robotether_server.api.context import context
+from robotether_server.db import audit
+from robotether_server.db.audit import AuditEvent, AuditSearch
 from robotether_server.problems import FieldInvalid
-from robotether_server.store import audit
-from robotether_server.store.audit import AuditEvent, AuditSearch
 from robotether_server.web import filters
 from robotether_server.web.filters import Asked
 

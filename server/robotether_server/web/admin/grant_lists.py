@@ -1,10 +1,10 @@
 """Which grants a page shows, and what its form for one more offers. Pure, but for what it reads from the records."""
 
+from robotether_server.db import Transaction, groups, robots, sites, users
+from robotether_server.db.grants import Grant
+from robotether_server.db.robots import Robot
+from robotether_server.db.users import User
 from robotether_server.services import grants
-from robotether_server.store import Transaction, groups, robots, sites, users
-from robotether_server.store.grants import Grant
-from robotether_server.store.robots import Robot
-from robotether_server.store.users import User
 
 # Title, and value and words of what there is to choose from.
 Choices = list[tuple[str, list[tuple[str, str]]]]

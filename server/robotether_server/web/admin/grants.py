@@ -7,11 +7,11 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import times
 from robotether_server.api.context import context
+from robotether_server.db import grants as db_grants
+from robotether_server.db.grants import LEVELS, Grant
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Holder, Scope
-from robotether_server.store import grants as db_grants
-from robotether_server.store.grants import LEVELS, Grant
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import groups, robot_page, sites, users
 from robotether_server.web.confirmation import METHODS, ConfirmedAction

@@ -6,12 +6,12 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db import control_states, robots
+from robotether_server.db.control_states import FREE, ControlState
+from robotether_server.db.robots import SeenRobot
 from robotether_server.problems import Problem
 from robotether_server.services import robots as robot_service
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import control_states, robots
-from robotether_server.store.control_states import FREE, ControlState
-from robotether_server.store.robots import SeenRobot
 from robotether_server.web import confirmation, current_user, forms
 
 blueprint = Blueprint("robot_list", __name__)

@@ -3,10 +3,10 @@
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
+from robotether_server.db import Transaction, audit, control_states, robots, sessions, sites
+from robotether_server.db.grants import LEVELS
+from robotether_server.db.robots import SeenRobot
 from robotether_server.problems import Problem, RobotUnknown
-from robotether_server.store import Transaction, audit, control_states, robots, sessions, sites
-from robotether_server.store.grants import LEVELS
-from robotether_server.store.robots import SeenRobot
 from robotether_server.web import current_user
 from robotether_server.web.admin import grant_lists, robot_setting_texts
 

@@ -6,9 +6,9 @@ from flask import Blueprint, render_template
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db.tokens import Token
 from robotether_server.problems import RecordMissing
 from robotether_server.services import tokens
-from robotether_server.store.tokens import Token
 from robotether_server.web import confirmation
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 

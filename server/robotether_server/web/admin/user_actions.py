@@ -5,10 +5,10 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.api.context import context
+from robotether_server.db import Transaction, users
+from robotether_server.db.audit import Source
+from robotether_server.db.users import ROLES, User
 from robotether_server.services import users as user_service
-from robotether_server.store import Transaction, users
-from robotether_server.store.audit import Source
-from robotether_server.store.users import ROLES, User
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin.users import page_of, show_password
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field

@@ -5,13 +5,13 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.api.context import context
+from robotether_server.db import groups, robots, users
+from robotether_server.db.grants import LEVELS
+from robotether_server.db.users import ROLES
 from robotether_server.problems import Problem
 from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store import groups, robots, users
-from robotether_server.store.grants import LEVELS
-from robotether_server.store.users import ROLES
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists
 

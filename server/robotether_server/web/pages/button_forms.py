@@ -9,11 +9,11 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import buttons, robot_settings
 from robotether_server.api.context import context
 from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS, Button
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
 from robotether_server.services import drive_pages, permissions
 from robotether_server.setting_values import MAX_ROS_NAME_LENGTH
-from robotether_server.store import Transaction
-from robotether_server.store.audit import Source
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.pages.drive_page_form import path_of

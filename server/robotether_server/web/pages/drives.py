@@ -6,9 +6,9 @@ from flask import Blueprint, Response, render_template
 
 from robotether_server.api.context import context
 from robotether_server.api.drives import download
+from robotether_server.db import drives
+from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.problems import FieldInvalid
-from robotether_server.store import drives
-from robotether_server.store.drives import Drive, DriveSearch
 from robotether_server.web import current_user, filters
 from robotether_server.web.filters import Asked
 

@@ -20,11 +20,11 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import robot_settings
 from robotether_server.api import auth
 from robotether_server.api.context import context
+from robotether_server.db import robots
+from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
+from robotether_server.db.robots import SeenRobot
 from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
 from robotether_server.services import logging_in
-from robotether_server.store import robots
-from robotether_server.store.audit import MAX_ACTOR_LENGTH, Source
-from robotether_server.store.robots import SeenRobot
 from robotether_server.times import rfc3339
 from robotether_server.web import current_user
 

@@ -11,7 +11,7 @@ import pytest
 from api_visitor import Program
 from audited_changes import NO_CHANGE, PASSWORD, STEPS, Walk, take
 from flask import Flask
-from robotether_server.store import Database
+from robotether_server.db import Database
 from web_visitor import Browser
 
 

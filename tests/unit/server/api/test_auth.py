@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.api import auth
+from robotether_server.db import Database, digests, users
 from robotether_server.relay.auth.access import LOGIN_COOKIE
-from robotether_server.store import Database, digests, users
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, bearer
 

@@ -8,9 +8,9 @@ import pytest
 from api_visitor import Program
 from flask import Flask
 from robotether_server.api.callers import check_admin
+from robotether_server.db import Database
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing
-from robotether_server.store import Database
-from robotether_server.store.users import User
 from web_visitor import Browser, audit_kinds
 
 IN_PATHS = {"robot": "sim1", "user": "root", "group": "crew", "site": "lab"}

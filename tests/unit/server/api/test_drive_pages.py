@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from api_visitor import Program
 from drive_settings import DOCK, LIGHTS, audited, kept
+from robotether_server.db import Database
 from robotether_server.page_settings import DEFAULTS
-from robotether_server.store import Database
 
 PAGE, BUTTONS = "/robots/sim1/page", "/robots/sim1/buttons"
 

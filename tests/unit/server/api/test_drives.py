@@ -9,7 +9,7 @@ import json
 import pytest
 from api_visitor import Program
 from drive_records import add_drive
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 
 @pytest.fixture

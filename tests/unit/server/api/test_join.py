@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from api_visitor import new_public_key
 from robot_signer import RobotSigner
-from robotether_server.store import Database, robots
+from robotether_server.db import Database, robots
 from web_visitor import Browser, audit_kinds, bearer
 
 MAC = "02:00:00:00:61:01"

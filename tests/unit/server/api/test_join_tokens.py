@@ -6,7 +6,7 @@ import shlex
 
 import pytest
 from api_visitor import Program
-from robotether_server.store import Database
+from robotether_server.db import Database
 from web_visitor import audit_kinds
 
 BODY = {"name": "lab", "uses": 3, "hours": 24}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.store import Database
+from robotether_server.db import Database
 from web_visitor import Browser, bearer
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 from robotether_server.api.objects import plain, robot_object, ssh_object
+from robotether_server.db.control_states import FREE, ControlState, Driver, Stopped
+from robotether_server.db.robots import Report, Robot, SeenRobot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
-from robotether_server.store.control_states import FREE, ControlState, Driver, Stopped
-from robotether_server.store.robots import Report, Robot, SeenRobot
 
 TIMESTAMP = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
 ROBOT = Robot(

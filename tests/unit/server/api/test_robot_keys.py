@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from api_visitor import Program, new_public_key
+from robotether_server.db import Database
 from robotether_server.ssh_keys import parse
-from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 from api_visitor import Program, new_public_key
+from robotether_server.db import Database
 from robotether_server.ssh_keys import parse
-from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
 MAC = "00:1b:44:11:3a:b7"

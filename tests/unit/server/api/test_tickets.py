@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.store import Database, digests, robots, users
+from robotether_server.db import Database, digests, robots, users
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, bearer
 

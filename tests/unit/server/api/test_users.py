@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from api_visitor import Program
 from robotether_server import passwords
-from robotether_server.store import Database, users
+from robotether_server.db import Database, users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 

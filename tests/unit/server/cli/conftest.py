@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 from mariadb_server import MariaDb
 from robotether_server.cli import main
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 
 class Done(NamedTuple):

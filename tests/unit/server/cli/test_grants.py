@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from admin_records import kinds
-from robotether_server.store import Database, robots, users
+from robotether_server.db import Database, robots, users
 
 Run = Callable[..., Any]
 

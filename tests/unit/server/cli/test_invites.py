@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from admin_records import kinds
 from robotether_server.cli import invites
+from robotether_server.db import Database, join_tokens
 from robotether_server.problems import SiteCertificateUnavailable
 from robotether_server.site_certificate import Certificate, SiteCertificates
-from robotether_server.store import Database, join_tokens
 
 Run = Callable[..., Any]
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from mariadb_server import MariaDb
 from robotether_server import passwords
-from robotether_server.store import Database, users
+from robotether_server.db import Database, users
 
 Run = Callable[..., Any]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from admin_records import ADD, activate, kinds, robot, show_key
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 Run = Callable[..., Any]
 

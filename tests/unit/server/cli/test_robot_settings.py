@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from admin_records import ADD, details_of, events, kinds, robot
+from robotether_server.db import Database, robots
 from robotether_server.robot_settings import DEFAULTS
-from robotether_server.store import Database, robots
 
 Run = Callable[..., Any]
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from admin_records import ADD, MAC, activate, claim, details_of, events, show_key
 from granted import give
-from robotether_server.store import Database, robots, users
+from robotether_server.db import Database, robots, users
 
 Run = Callable[..., Any]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from admin_records import kinds, robot
-from robotether_server.store import Database
+from robotether_server.db import Database
 
 Run = Callable[..., Any]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from admin_records import ADD, activate, kinds
-from robotether_server.store import Database
+from robotether_server.db import Database
 from shell_hosts import make_key
 
 Run = Callable[..., Any]

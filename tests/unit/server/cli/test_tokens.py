@@ -6,7 +6,7 @@ import datetime as dt
 from collections.abc import Callable
 from typing import Any
 
-from robotether_server.store import Database, tokens
+from robotether_server.db import Database, tokens
 
 Run = Callable[..., Any]
 CI = ("--user", "ann", "--name", "ci")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from robotether_server import passwords
-from robotether_server.store import Database, logins, users
+from robotether_server.db import Database, logins, users
 
 Run = Callable[..., Any]
 

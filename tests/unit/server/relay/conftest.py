@@ -15,7 +15,7 @@ from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
-from robotether_server.store.fleet import Robot, User
+from robotether_server.db.fleet import Robot, User
 
 Connect = Callable[..., Awaitable[RobotSession]]
 

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from fake_robot import HOST, WAIT_S
 from relay_server import RelayServer
-from robotether_server.store.fleet import User
+from robotether_server.db.fleet import User
 from yarl import URL
 
 

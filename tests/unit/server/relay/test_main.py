@@ -15,8 +15,8 @@ import pytest
 from fake_robot import HOST, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
 from relay_server import SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
+from robotether_server.db.fleet import Entry, FormerSessions, User
 from robotether_server.relay.main import Listen, run
-from robotether_server.store.fleet import Entry, FormerSessions, User
 
 
 def test_a_missing_setting_stops_the_start_with_a_sentence():

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from relay_server import MemoryDatabase, utc
+from robotether_server.db.control import DriveEntry
+from robotether_server.db.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.drives.drive_log import DriveLog
@@ -19,8 +21,6 @@ from robotether_server.relay.observers import GuardCounts, RelayObserver
 from robotether_server.relay.robots.sessions import Change, GuardReport, Presence
 from robotether_server.relay.rosbridge.bridge import Traffic
 from robotether_server.relay.rosbridge.handler import ConnectionReport
-from robotether_server.store.control import DriveEntry
-from robotether_server.store.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
 
 CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
 ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from joins import KEY, MAC, REPORT, Site
-from robotether_server.store import Database, robots, users
+from robotether_server.db import Database, robots, users
 
 
 @pytest.fixture

@@ -10,6 +10,9 @@ from collections.abc import Callable
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
+from robotether_server.db import Database, audit, claims, join_tokens, robots
+from robotether_server.db.audit import Source
+from robotether_server.db.robots import Robot
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -27,9 +30,6 @@ from robotether_server.services import robots as robot_service
 from robotether_server.services.enrolment import Registration
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.services.joining import Answer
-from robotether_server.store import Database, audit, claims, join_tokens, robots
-from robotether_server.store.audit import Source
-from robotether_server.store.robots import Robot
 
 ADMIN = Source("root", "192.0.2.9")
 NEW_MAC = "00:1b:44:00:61:77"

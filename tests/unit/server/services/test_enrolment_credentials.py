@@ -6,9 +6,9 @@ import datetime as dt
 
 import pytest
 from joins import Site
+from robotether_server.db import join_tokens, tokens, users
 from robotether_server.problems import GrantMissing, TokenExpired, TokenInvalid
 from robotether_server.services import enrolment_credentials
-from robotether_server.store import join_tokens, tokens, users
 
 NOW = dt.datetime.now(dt.UTC)
 

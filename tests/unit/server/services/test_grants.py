@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from joins import Site
+from robotether_server.db.audit import Source
+from robotether_server.db.grants import Grant
 from robotether_server.problems import RecordMissing
 from robotether_server.services import grants
-from robotether_server.store.audit import Source
-from robotether_server.store.grants import Grant
 
 ADMIN = Source("root")
 

@@ -6,9 +6,9 @@ import datetime as dt
 
 import pytest
 from joins import Site
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, RecordMissing
 from robotether_server.services import join_tokens
-from robotether_server.store.audit import Source
 
 ADMIN = Source("root")
 

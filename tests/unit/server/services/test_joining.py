@@ -7,6 +7,9 @@ import datetime as dt
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
+from robotether_server.db import Database, claims, join_tokens
+from robotether_server.db.audit import Source
+from robotether_server.db.robots import Report
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -21,9 +24,6 @@ from robotether_server.problems import (
 )
 from robotether_server.services import robots as robot_service
 from robotether_server.services.joining import MAX_UNKNOWN_PER_NETWORK, Answer
-from robotether_server.store import Database, claims, join_tokens
-from robotether_server.store.audit import Source
-from robotether_server.store.robots import Report
 
 ADMIN = Source("root")
 LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)

@@ -6,10 +6,10 @@ import datetime as dt
 
 import pytest
 from robotether_server import passwords
+from robotether_server.db import Database, audit, logins, users
+from robotether_server.db.audit import Event, Source
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services.logging_in import confirm, log_in, log_out
-from robotether_server.store import Database, audit, logins, users
-from robotether_server.store.audit import Event, Source
 from web_visitor import HASH, PASSWORD
 
 HOUR = dt.timedelta(hours=1)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from flask import Flask
 from granted import give
+from robotether_server.db import Database, robots, users
 from robotether_server.problems import GrantMissing, RobotUnknown
 from robotether_server.services import permissions
-from robotether_server.store import Database, robots, users
 
 
 def test_managers_and_admins_manage(app: Flask, database: Database) -> None:

@@ -8,6 +8,9 @@ from collections.abc import Callable
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site
+from robotether_server.db import Transaction, audit, claims, robots
+from robotether_server.db.audit import Source
+from robotether_server.db.robots import Robot
 from robotether_server.problems import (
     FieldInvalid,
     NotPossible,
@@ -16,9 +19,6 @@ from robotether_server.problems import (
     RecordRefused,
 )
 from robotether_server.services import robots as robot_service
-from robotether_server.store import Transaction, audit, claims, robots
-from robotether_server.store.audit import Source
-from robotether_server.store.robots import Robot
 
 ADMIN = Source("root", "192.0.2.9")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site
 from robot_signer import RobotSigner
+from robotether_server.db import Database, claims, robots
 from robotether_server.problems import FieldInvalid, KeyInUse, KeyRejected, RobotDisabled
 from robotether_server.services.rotation import NAMESPACE, PreviousKey
-from robotether_server.store import Database, claims, robots
 
 
 @pytest.fixture

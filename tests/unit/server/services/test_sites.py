@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from joins import Site
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, RecordMissing
 from robotether_server.services import sites
-from robotether_server.store.audit import Source
 
 ADMIN = Source("root")
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from granted import give
 from joins import OTHER_MAC, Site
+from robotether_server.db import robots, users
 from robotether_server.services import ssh_config
 from robotether_server.services.ssh_config import ShellEntry
-from robotether_server.store import robots, users
 
 ENTRY = ShellEntry("sim1", 24000, None)
 

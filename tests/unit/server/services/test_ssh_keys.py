@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from joins import Site
 from robot_signer import RobotSigner
+from robotether_server.db import users
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
 from robotether_server.services import ssh_keys
-from robotether_server.store import users
-from robotether_server.store.audit import Source
 
 ANN = Source("ann")
 

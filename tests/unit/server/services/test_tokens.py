@@ -6,11 +6,11 @@ import datetime as dt
 
 import pytest
 from joins import Site
+from robotether_server.db import tokens as db_tokens
+from robotether_server.db import users
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
 from robotether_server.services import tokens
-from robotether_server.store import tokens as db_tokens
-from robotether_server.store import users
-from robotether_server.store.audit import Source
 
 ANN = Source("ann")
 

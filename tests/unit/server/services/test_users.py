@@ -9,6 +9,8 @@ from collections.abc import Callable
 import pytest
 from joins import OTHER_KEY, OTHER_MAC, Site
 from robotether_server import passwords
+from robotether_server.db import Database, Transaction, logins, users
+from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
     LastAdmin,
@@ -19,8 +21,6 @@ from robotether_server.problems import (
 )
 from robotether_server.services import join_tokens
 from robotether_server.services import users as user_service
-from robotether_server.store import Database, Transaction, logins, users
-from robotether_server.store.audit import Source
 
 ADMIN = Source("root")
 PASSWORD = "a long enough password"

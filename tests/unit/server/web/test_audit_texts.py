@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import robotether_server
-from robotether_server.store.audit import AuditEvent
+from robotether_server.db.audit import AuditEvent
 from robotether_server.web.audit_texts import SENTENCES, sentence
 
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)

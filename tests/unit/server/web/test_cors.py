@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from flask import Flask
+from robotether_server.db import Database
 from robotether_server.settings import WebSettings
-from robotether_server.store import Database
 from robotether_server.web import create_app
 from web_visitor import Browser, bearer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 
 import pytest
-from robotether_server.store.robots import Robot
+from robotether_server.db.robots import Robot
 from robotether_server.web.page_texts import key_groups, size_words, state_words, timestamp_words
 
 

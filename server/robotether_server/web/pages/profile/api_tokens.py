@@ -6,10 +6,10 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db.tokens import Token
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.services import tokens
 from robotether_server.services.names import MAX_NAME_LENGTH
-from robotether_server.store.tokens import Token
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.pages.profile.overview import PAGE, render

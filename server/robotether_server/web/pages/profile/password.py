@@ -6,9 +6,9 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import passwords
 from robotether_server.api import auth
 from robotether_server.api.context import context
+from robotether_server.db import logins
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import logging_in, users
-from robotether_server.store import logins
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
 from robotether_server.web.pages.profile.overview import PAGE

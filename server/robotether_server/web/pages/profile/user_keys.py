@@ -4,11 +4,11 @@ from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db.user_keys import SshKey
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.services import ssh_keys
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
-from robotether_server.store.user_keys import SshKey
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.pages.profile.overview import PAGE, render

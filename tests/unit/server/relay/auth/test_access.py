@@ -6,10 +6,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
+from robotether_server.db.fleet import Robot, Snapshot
 from robotether_server.problems import OriginRefused, TicketExpired, TicketUsed
 from robotether_server.relay.auth.access import Access, Request, UsedTickets
 from robotether_server.relay.auth.credentials import Credentials
-from robotether_server.store.fleet import Robot, Snapshot
 from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)

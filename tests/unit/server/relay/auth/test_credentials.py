@@ -7,10 +7,10 @@ from collections.abc import Collection
 
 import pytest
 from relay_server import MemoryDatabase
+from robotether_server.db.fleet import Credential, User
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
-from robotether_server.store.fleet import Credential, User
 
 ANN = User(1, "ann")
 

@@ -6,8 +6,8 @@ import pytest
 import pytest_asyncio
 from relay_clients import audit_lines, closing
 from relay_server import until
+from robotether_server.db.fleet import User
 from robotether_server.relay.auth import credentials
-from robotether_server.store.fleet import User
 
 ANN, BEN, CARL, EVE = User(1, "ann"), User(3, "ben"), User(4, "carl"), User(5, "eve")
 SIM1 = "/api/v1/robots/sim1"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import utc
+from robotether_server.db.fleet import User
 from robotether_server.problems import (
     AlreadyAsked,
     LeaseFree,
@@ -19,7 +20,6 @@ from robotether_server.problems import (
     Throttled,
 )
 from robotether_server.relay.control.leases import HeldError, Lease, Now
-from robotether_server.store.fleet import User
 
 ANN, BEN, CARL = User(1, "ann"), User(2, "ben"), User(3, "carl")
 NOON = utc(2026, 1, 1, 12, 0)

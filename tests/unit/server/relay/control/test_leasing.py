@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import pytest
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import until
+from robotether_server.db.control import DriveEntry, LeaseEnd
+from robotether_server.db.fleet import AuditEntry, User
 from robotether_server.problems import NobodyAsks, RecordMissing, RecordRefused
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
-from robotether_server.store.control import DriveEntry, LeaseEnd
-from robotether_server.store.fleet import AuditEntry, User
 
 ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
 
@@ -430,7 +430,9 @@ async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, 
     assert asked == [(BEN.id, sim1.id)] * 2
 
 
-async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(bare, sim1, memory_database, monkeypatch):
+async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
+    bare, sim1, memory_database, monkeypatch
+):
     """A manager takes the control while the driver's newer connection waits for its number."""
     await bare.drives(ANN)
     next_fence = memory_database.next_fence

@@ -8,11 +8,11 @@ import pytest
 from fake_robot import FakeRobot
 from relay_clients import audit_lines, closing, misbehaving
 from relay_server import SESSION_KEY, running_relay, until, utc
+from robotether_server.db.control import Stop, StopEntry
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop
 from robotether_server.relay.robots.sessions import GuardReport
-from robotether_server.store.control import Stop, StopEntry
 from stopwatch import Stopwatch
 
 NOON = utc(2026, 1, 1, 12, 0)

@@ -13,13 +13,7 @@ from granted import give, take
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.problems import StoreUnavailable
-from robotether_server.relay.auth.credentials import credential_of
-from robotether_server.relay.db.database import ThreadedDatabase
-from robotether_server.relay.main import Timing
-from robotether_server.settings import DatabaseSettings
-from robotether_server.ssh_keys import PublicKey
-from robotether_server.store import (
+from robotether_server.db import (
     Database,
     Transaction,
     logins,
@@ -27,7 +21,13 @@ from robotether_server.store import (
     tokens,
     users,
 )
-from robotether_server.store.fleet import Credential, User
+from robotether_server.db.fleet import Credential, User
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.db.database import ThreadedDatabase
+from robotether_server.relay.main import Timing
+from robotether_server.settings import DatabaseSettings
+from robotether_server.ssh_keys import PublicKey
 from stopwatch import Stopwatch
 
 PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'

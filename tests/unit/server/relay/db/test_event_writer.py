@@ -7,10 +7,10 @@ from collections.abc import AsyncIterator
 
 import pytest_asyncio
 from relay_server import MemoryDatabase, until, utc
+from robotether_server.db.control import Stop, StopEntry
+from robotether_server.db.fleet import AuditEntry, SessionEntry
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.db.event_writer import EventWriter
-from robotether_server.store.control import Stop, StopEntry
-from robotether_server.store.fleet import AuditEntry, SessionEntry
 
 NOW = utc(2026, 1, 1)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from relay_server import MemoryDatabase, utc
+from robotether_server.db.fleet import Snapshot, User
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.db.fleet import Fleet
-from robotether_server.store.fleet import Snapshot, User
 
 
 class Heard:

@@ -8,6 +8,7 @@ from collections import Counter
 
 import pytest
 from relay_server import utc
+from robotether_server.db.control import DriveEntry
 from robotether_server.relay.drives.drive_log import (
     LATENCY_STEP,
     MAX_LATENCY_MS,
@@ -17,7 +18,6 @@ from robotether_server.relay.drives.drive_log import (
     LatencyHistogram,
 )
 from robotether_server.relay.drives.viewer_stats import ViewerCounts
-from robotether_server.store.control import DriveEntry
 
 NOON = utc(2026, 1, 1, 12, 0)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 from relay_server import MemoryDatabase, utc
+from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.events import fleet_events as module
 from robotether_server.relay.events.fleet_events import FleetEvents, Subscriber
 from robotether_server.relay.robots.sessions import Change, Presence
-from robotether_server.store.fleet import Snapshot
 
 NOW = utc(2026, 1, 1, 12, 3)
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 import pytest
 from fake_robot import FakeRobot
 from relay_server import SESSION_KEY, until
+from robotether_server.db.fleet import User
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.events.handler import render
-from robotether_server.store.fleet import User
 
 
 class Events:

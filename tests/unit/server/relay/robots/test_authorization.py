@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from robotether_server.db.fleet import Robot, Snapshot
 from robotether_server.relay.robots.authorization import (
     NotAuthorizedError,
     authorize,
@@ -13,7 +14,6 @@ from robotether_server.relay.robots.authorization import (
 )
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.robot_settings import parse
-from robotether_server.store.fleet import Robot, Snapshot
 
 SIM1 = Robot(
     7,

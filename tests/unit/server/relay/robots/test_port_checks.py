@@ -11,13 +11,13 @@ import pytest_asyncio
 from fake_robot import HOST
 from local_network import free_port
 from relay_server import until
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.robots.port_checks import (
     LinkChecks,
     PortChecker,
     PortHealth,
     wait_released,
 )
-from robotether_server.store.fleet import Robot
 from stopwatch import Stopwatch
 
 Serve = Callable[[bytes, float], Awaitable[int]]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from relay_clients import closing, misbehaving
 from relay_server import utc
+from robotether_server.db.fleet import User
 from robotether_server.relay.robots import robot_dialer
 from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
 from robotether_server.relay.robots.sessions import Presence
-from robotether_server.store.fleet import User
 
 BOB = User(2, "bob")
 

@@ -11,9 +11,9 @@ from fake_robot import HOST
 from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryDatabase, RelayServer, until
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.robots.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
-from robotether_server.store.fleet import Robot
 from stopwatch import Stopwatch
 
 

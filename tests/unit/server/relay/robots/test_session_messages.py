@@ -8,6 +8,7 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.robots.session_messages import (
     BrokenLineError,
     Preface,
@@ -21,7 +22,6 @@ from robotether_server.relay.robots.session_messages import (
     pong_line,
     printable_field,
 )
-from robotether_server.store.fleet import Robot
 
 PREFACE = {
     "type": "preface",

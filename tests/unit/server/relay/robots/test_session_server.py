@@ -10,9 +10,9 @@ import pytest
 from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
+from robotether_server.db.fleet import Robot
 from robotether_server.relay.main import Timing
 from robotether_server.relay.robots.sessions import Presence
-from robotether_server.store.fleet import Robot
 
 KINDS = ("session", "media")
 

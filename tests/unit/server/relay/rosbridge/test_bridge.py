@@ -14,9 +14,9 @@ from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
 from robotether_server import robot_settings
+from robotether_server.db.fleet import Robot, User
 from robotether_server.relay.rosbridge import bridge, message_validator
 from robotether_server.relay.rosbridge.handler import OBSERVER_LIMIT
-from robotether_server.store.fleet import Robot, User
 
 BOB = User(2, "bob")
 

@@ -12,6 +12,7 @@ import pytest
 from fake_operator import FakeOperator
 from relay_clients import PUBLISH
 from relay_server import FAST, until, utc
+from robotether_server.db.control import DriveEntry
 from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.rosbridge.drive_path import (
     MAX_PINGS_OPEN,
@@ -21,7 +22,6 @@ from robotether_server.relay.rosbridge.drive_path import (
 )
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS
-from robotether_server.store.control import DriveEntry
 
 NOON = utc(2026, 1, 1, 12, 0)
 

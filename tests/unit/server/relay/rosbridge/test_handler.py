@@ -10,10 +10,10 @@ import pytest
 from aiohttp import web
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, running_relay, until
+from robotether_server.db.fleet import User
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
-from robotether_server.store.fleet import User
 from stopwatch import Stopwatch
 
 ANN = User(1, "ann")

@@ -7,7 +7,7 @@ import time
 from fake_operator import FakeOperator
 from relay_clients import closing
 from relay_server import until
-from robotether_server.store.fleet import User
+from robotether_server.db.fleet import User
 from stopwatch import Stopwatch
 
 BOB = User(2, "bob")

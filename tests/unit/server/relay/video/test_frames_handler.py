@@ -10,8 +10,8 @@ import aiohttp
 import pytest
 from relay_clients import closing
 from relay_server import until
+from robotether_server.db.fleet import User
 from robotether_server.relay.auth.connections import Caps
-from robotether_server.store.fleet import User
 
 ANN, BOB = User(1, "ann"), User(2, "bob")
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"

@@ -8,9 +8,9 @@ import aiohttp
 import pytest
 from fake_robot import HOST, JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
+from robotether_server.db.fleet import Robot, User
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.video.handler import path_for_robot
-from robotether_server.store.fleet import Robot, User
 from yarl import URL
 
 ANN = User(1, "ann")

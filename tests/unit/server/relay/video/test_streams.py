@@ -9,7 +9,7 @@ import aiohttp
 import pytest
 from fake_robot import JPEG
 from relay_server import until
-from robotether_server.store.fleet import User
+from robotether_server.db.fleet import User
 
 ANN = User(1, "ann")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from robotether_server.store import Database, audit
-from robotether_server.store.audit import Event, Source
+from robotether_server.db import Database, audit
+from robotether_server.db.audit import Event, Source
 from robotether_server.web.filters import PER_PAGE
 from web_visitor import Browser
 

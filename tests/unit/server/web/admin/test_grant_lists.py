@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from flask import Flask
+from robotether_server.db import Database, robots, users
+from robotether_server.db.audit import Source
 from robotether_server.services import grants, groups, sites
 from robotether_server.services.grants import ALL, Holder, Scope
-from robotether_server.store import Database, robots, users
-from robotether_server.store.audit import Source
 from robotether_server.web.admin import grant_lists
 
 ADMIN = Source("root")

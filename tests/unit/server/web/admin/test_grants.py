@@ -6,10 +6,10 @@ import datetime as dt
 
 import pytest
 from admin_visitor import send
+from robotether_server.db import Database
+from robotether_server.db.audit import Source
 from robotether_server.services import grants, groups, sites
 from robotether_server.services.grants import ALL, Holder, Scope
-from robotether_server.store import Database
-from robotether_server.store.audit import Source
 from web_visitor import Browser, audit_kinds
 
 ADMIN = Source("root")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from admin_visitor import send
-from robotether_server.store import Database, groups
+from robotether_server.db import Database, groups
 from web_visitor import Browser, audit_kinds
 
 

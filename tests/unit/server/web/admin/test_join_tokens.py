@@ -10,10 +10,10 @@ import pytest
 import tls_front
 from admin_visitor import send
 from flask import Flask
+from robotether_server.db import Database
 from robotether_server.services import join_tokens
 from robotether_server.settings import SiteAddressSettings
 from robotether_server.site_certificate import SiteCertificates
-from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
 FORM = {"name": "hall", "uses": "3", "hours": "24"}

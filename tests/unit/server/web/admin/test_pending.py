@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from admin_visitor import fingerprint, join, send
+from robotether_server.db import Database, robots
 from robotether_server.problems import RecordMissing
-from robotether_server.store import Database, robots
 from web_visitor import Browser, audit_kinds
 
 MAC = "02:00:00:00:51:01"

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 from admin_visitor import fingerprint, join, send
-from robotether_server.store import Database, robots
-from robotether_server.store.robots import Robot
+from robotether_server.db import Database, robots
+from robotether_server.db.robots import Robot
 from web_visitor import Browser, audit_kinds
 
 MAC = "02:00:00:00:51:01"

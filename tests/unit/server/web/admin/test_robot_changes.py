@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from admin_visitor import send
-from robotether_server.store import Database, robots
-from robotether_server.store.robots import Robot
+from robotether_server.db import Database, robots
+from robotether_server.db.robots import Robot
 from web_visitor import Browser
 
 

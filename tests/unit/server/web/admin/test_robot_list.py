@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from admin_visitor import join, send
-from robotether_server.store import Database, robots
-from robotether_server.store.robots import Report, Robot, SeenRobot
+from robotether_server.db import Database, robots
+from robotether_server.db.robots import Report, Robot, SeenRobot
 from robotether_server.web.admin.robot_list import RobotSearch
 from web_visitor import Browser, audit_kinds
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 
 import pytest
 from admin_visitor import send
+from robotether_server.db import Database, audit, robots
 from robotether_server.robot_settings import DEFAULTS
-from robotether_server.store import Database, audit, robots
 from robotether_server.web.admin.robot_setting_fields import SECTIONS
 from web_visitor import Browser
 

@@ -7,7 +7,7 @@ import re
 import pytest
 from admin_visitor import send
 from flask import Flask
-from robotether_server.store import Database, users
+from robotether_server.db import Database, users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from flask import Flask
 from granted import give
-from robotether_server.store import Database, robots, users
+from robotether_server.db import Database, robots, users
 from web_visitor import HASH, Browser
 
 

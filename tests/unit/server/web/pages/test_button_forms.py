@@ -15,7 +15,7 @@ from drive_settings import (
     names,
     problem_of,
 )
-from robotether_server.store import Database, robots
+from robotether_server.db import Database, robots
 from web_visitor import Browser
 
 NEW = f"{SETTINGS}/buttons/new"

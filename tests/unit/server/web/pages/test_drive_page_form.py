@@ -7,8 +7,8 @@ import re
 import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
+from robotether_server.db import Database
 from robotether_server.page_settings import MAX_CAMERAS
-from robotether_server.store import Database
 from robotether_server.web.pages.drive_page_fields import FIELDS
 from web_visitor import Browser
 

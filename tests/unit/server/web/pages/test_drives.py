@@ -9,7 +9,7 @@ import json
 import pytest
 from drive_records import add_drive
 from flask import Flask
-from robotether_server.store import Database
+from robotether_server.db import Database
 from robotether_server.web.filters import PER_PAGE
 from web_visitor import Browser
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 from flask import Flask
+from robotether_server.db import Database
 from robotether_server.robot_settings import parse
-from robotether_server.store import Database
 from web_visitor import Browser, audit_kinds
 
 

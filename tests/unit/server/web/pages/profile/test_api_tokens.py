@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from admin_visitor import send
-from robotether_server.store import Database
+from robotether_server.db import Database
 from web_visitor import Browser, bearer
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotether_server.store import Database, robots
+from robotether_server.db import Database, robots
 from web_visitor import Browser
 
 

@@ -1,0 +1,141 @@
+"""The audit log: who changed what, who was refused. Only ever added to; the database prunes what is old (retention.py).
+
+Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
+"""
+
+import datetime as dt
+import json
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from robotether_server.db.database import Transaction
+from robotether_server.networks import Network
+
+MAX_ACTOR_LENGTH = 63
+
+
+@dataclass(frozen=True)
+class Source:
+    """Who does something, and from where: a user's name or `cli`, and an IP address."""
+
+    actor: str
+    address: str | None = None
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened: a short code, perhaps a robot's name, and details that JSON can hold."""
+
+    kind: str
+    robot: str | None = None
+    details: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class AuditEvent:
+    """One event of the log as an admin reads it."""
+
+    id: int
+    at: dt.datetime
+    actor: str
+    kind: str
+    robot: str | None
+    address: str | None
+    details: dict[str, object]
+
+
+@dataclass(frozen=True)
+class AuditSearch:
+    """What is looked for: events that fit all that is given."""
+
+    robot: str | None = None
+    actor: str | None = None
+    kind: str | None = None
+    since: dt.datetime | None = None
+    until: dt.datetime | None = None
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One event that was found: what, whose, when."""
+
+    kind: str
+    actor: str
+    at: dt.datetime
+
+
+def record(tx: Transaction, source: Source, event: Event) -> None:
+    """Add one event, as of now."""
+    tx.insert(
+        "INSERT INTO audit_events (actor, kind, robot, address, details) "
+        "VALUES (%s, %s, %s, %s, %s)",
+        (
+            source.actor[:MAX_ACTOR_LENGTH],
+            event.kind,
+            event.robot,
+            source.address,
+            json.dumps(event.details),
+        ),
+    )
+
+
+def find(
+    tx: Transaction,
+    search: AuditSearch = AuditSearch(),
+    *,
+    before: int | None = None,
+    limit: int = 100,
+) -> list[AuditEvent]:
+    """Return the events that fit all that is given, the newest first; `before` is the id to go on from."""
+    given = {
+        "robot = %s": search.robot,
+        "actor = %s": search.actor,
+        "kind = %s": search.kind,
+        "at >= %s": search.since,
+        "at < %s": search.until,
+        "id < %s": before,
+    }
+    asked = {condition: value for condition, value in given.items() if value is not None}
+    rows = tx.rows(
+        "SELECT id, at, actor, kind, robot, address, details FROM audit_events WHERE "  # noqa: S608 - the conditions are the module's own
+        + " AND ".join(("TRUE", *asked))
+        + " ORDER BY id DESC LIMIT %s",
+        (*asked.values(), limit),
+    )
+    return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
+
+
+def recent_from(
+    tx: Transaction, kinds: Collection[str], network: Network, since: dt.datetime
+) -> list[Occurrence]:
+    """Return the events of these kinds that came from one network, the oldest first."""
+    rows = tx.rows(
+        "SELECT kind, actor, at FROM audit_events WHERE kind IN %s AND at > %s "
+        "AND INET6_ATON(address) BETWEEN %s AND %s ORDER BY at, id",
+        (tuple(kinds), since, *_bounds(network)),
+    )
+    return [Occurrence(row["kind"], row["actor"], row["at"]) for row in rows]
+
+
+def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> list[dt.datetime]:
+    """Return the moments of one actor's events of one kind, from anywhere, the oldest first."""
+    rows = tx.rows(
+        "SELECT at FROM audit_events WHERE actor = %s AND kind = %s AND at > %s ORDER BY at",
+        (actor, kind, since),
+    )
+    return [row["at"] for row in rows]
+
+
+def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> bool:
+    """Tell whether the log has an event of that kind and actor from that network."""
+    found = tx.row(
+        "SELECT 1 FROM audit_events WHERE actor = %s AND kind = %s "
+        "AND INET6_ATON(address) BETWEEN %s AND %s LIMIT 1",
+        (actor, kind, *_bounds(network)),
+    )
+    return found is not None
+
+
+def _bounds(network: Network) -> tuple[bytes, bytes]:
+    """Return the first and the last address as INET6_ATON has them: 4 bytes are IPv4, 16 are IPv6."""
+    return network[0].packed, network[-1].packed

@@ -1,0 +1,215 @@
+"""Leases with their numbers, drives and stops, as the relay writes and reads them.
+
+Used by the relay alone, with account relay. Nothing here decides who drives. A robot or user that is
+gone meanwhile is no error: what happened stays written, or there is nothing left to write.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from robotether_server.db.database import Transaction
+from robotether_server.problems import RecordMissing
+
+MAX_NAME = 63
+MAX_ADDRESS = 45
+MAX_REASON = 255
+
+
+@dataclass(frozen=True)
+class LeaseEnd:
+    """A lease that is over."""
+
+    robot_id: int
+    fence: int
+    ended_at: datetime
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A robot that is stopped; `by` is a user's name, or what the robot itself told (relay/control/stops.py)."""
+
+    robot_id: int
+    at: datetime
+    by: str
+    reason: str | None = None
+
+
+@dataclass
+class StopEntry:
+    """Whether a robot is stopped, None: it is not; one object a robot, so that only its newest state is written."""
+
+    robot_id: int
+    stop: Stop | None = None
+
+
+@dataclass
+class DriveEntry:
+    """A drive; written while it lasts and at its end."""
+
+    robot_id: int
+    robot: str
+    user: str
+    fence: int
+    started_at: datetime
+    address: str | None = None
+    ended_at: datetime | None = None
+    end_code: str | None = None
+    distance_m: float = 0.0
+    turned_rad: float = 0.0
+    top_speed_m_s: float = 0.0
+    top_turn_rad_s: float = 0.0
+    messages: int = 0
+    dropped_old: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
+    stops: int = 0
+    # None: nobody measured it.
+    latency_p50_ms: float | None = None
+    latency_p95_ms: float | None = None
+    bytes: int = 0
+    pictures: int = 0
+    picture_bytes: int = 0
+    viewed_s: float = 0.0
+    row_id: int | None = None
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a relay finds when it starts: each robot's newest number, and who is stopped."""
+
+    fences: dict[int, int]
+    stops: list[Stop]
+
+
+def kept(tx: Transaction) -> Kept:
+    """Read what outlived the relay before this one."""
+    fences = tx.rows("SELECT robot_id, fence FROM control_leases")
+    stops = tx.rows("SELECT robot_id, stopped_at AS at, by_name AS `by`, reason FROM robot_stops")
+    return Kept({row["robot_id"]: row["fence"] for row in fences}, [Stop(**row) for row in stops])
+
+
+@dataclass(frozen=True)
+class NewLease:
+    """A drive that is about to begin; `above` is the newest number that the relay knows."""
+
+    robot_id: int
+    user_id: int
+    user: str
+    since: datetime
+    above: int = 0
+
+
+def next_fence(tx: Transaction, lease: NewLease) -> int:
+    """Begin a lease; return its number, which holds once the transaction is committed."""
+    # A database that was restored from a copy must not give numbers that a guard has seen.
+    tx.change(
+        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since)"
+        " VALUES (%s, %s + 1, %s, %s, %s) ON DUPLICATE KEY UPDATE"
+        " fence = GREATEST(fence + 1, VALUES(fence)), user_id = VALUES(user_id), user_name = VALUES(user_name),"
+        " since = VALUES(since), ended_at = NULL",
+        (lease.robot_id, lease.above, lease.user_id, lease.user[:MAX_NAME], lease.since),
+    )
+    row = tx.row("SELECT fence FROM control_leases WHERE robot_id = %s", (lease.robot_id,))
+    if row is None:
+        raise RecordMissing("cannot number the drive: the robot was removed meanwhile")
+    return int(row["fence"])
+
+
+def end_lease(tx: Transaction, entry: LeaseEnd) -> None:
+    """Write that a lease is over, unless a newer one has its row."""
+    tx.change(
+        "UPDATE control_leases SET ended_at = %s WHERE robot_id = %s AND fence = %s",
+        (entry.ended_at, entry.robot_id, entry.fence),
+    )
+
+
+def end_former(tx: Transaction, before: datetime) -> None:
+    """End drives and leases that a relay before this one left open, when they were last written."""
+    tx.change(
+        "UPDATE drives SET ended_at = updated_at, end_code = 'relay_restarted'"
+        " WHERE ended_at IS NULL AND started_at < %s",
+        (before,),
+    )
+    tx.change(
+        "UPDATE control_leases SET ended_at = CURRENT_TIMESTAMP(6)"
+        " WHERE ended_at IS NULL AND since < %s",
+        (before,),
+    )
+
+
+def write_stop(tx: Transaction, entry: StopEntry) -> None:
+    """Write whether a robot is stopped."""
+    stop = entry.stop
+    if stop is None:
+        tx.change("DELETE FROM robot_stops WHERE robot_id = %s", (entry.robot_id,))
+        return
+    reason = None if stop.reason is None else stop.reason[:MAX_REASON]
+    tx.change(
+        "INSERT INTO robot_stops (robot_id, stopped_at, by_name, reason)"
+        " SELECT id, %s, %s, %s FROM relay_robots WHERE id = %s"
+        " ON DUPLICATE KEY UPDATE stopped_at = VALUES(stopped_at), by_name = VALUES(by_name),"
+        " reason = VALUES(reason)",
+        (stop.at, stop.by[:MAX_NAME], reason, stop.robot_id),
+    )
+
+
+# What of a drive changes while it lasts: the columns, and the members of the entry.
+PROGRESS = (
+    "ended_at",
+    "end_code",
+    "distance_m",
+    "turned_rad",
+    "top_speed_m_s",
+    "top_turn_rad_s",
+    "messages",
+    "dropped_old",
+    "refused",
+    "stops",
+    "latency_p50_ms",
+    "latency_p95_ms",
+    "bytes",
+    "pictures",
+    "picture_bytes",
+    "viewed_s",
+)
+
+
+def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
+    """Write a drive as it stands; return the id of a new row."""
+    if drive.row_id is None:
+        return _add_drive(tx, drive)
+    changes = ", ".join(f"{column} = %s" for column in PROGRESS)
+    tx.change(
+        f"UPDATE drives SET {changes} WHERE id = %s",  # noqa: S608 - the module's own text
+        (*_progress(drive), drive.row_id),
+    )
+    return None
+
+
+def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
+    columns, marks = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
+    # The same row again: the answer to the first writing was lost with its connection.
+    return tx.insert(
+        f"INSERT INTO drives (robot_id, robot, user_name, fence, started_at, address, {columns})"  # noqa: S608 - as above
+        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, {marks})"
+        " ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), ended_at = VALUES(ended_at),"
+        " end_code = VALUES(end_code)",
+        (
+            drive.robot_id,
+            drive.robot[:MAX_NAME],
+            drive.user[:MAX_NAME],
+            drive.fence,
+            drive.started_at,
+            None if drive.address is None else drive.address[:MAX_ADDRESS],
+            *_progress(drive),
+        ),
+    )
+
+
+def _progress(drive: DriveEntry) -> tuple[object, ...]:
+    return tuple(
+        json.dumps(drive.refused) if column == "refused" else getattr(drive, column)
+        for column in PROGRESS
+    )

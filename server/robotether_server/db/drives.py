@@ -1,0 +1,122 @@
+"""Drives as web shows them: who drove which robot, and how. Only the relay writes them (store/control.py)."""
+
+import datetime as dt
+import json
+from dataclasses import dataclass
+
+from robotether_server.db.database import Row, Transaction
+from robotether_server.db.users import User
+from robotether_server.problems import RecordMissing
+
+COLUMNS = (
+    "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "
+    "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address, "
+    "latency_p50_ms, latency_p95_ms, bytes, pictures, picture_bytes, viewed_s"
+)
+# A command other than zero went to the robot.
+MOVED = "(top_speed_m_s > 0 OR top_turn_rad_s > 0)"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive; without `ended_at` it goes on.
+
+    Distance, turn and speeds are what was commanded. `dropped_old` counts the commands that came too late,
+    `refused` the operations that the policy refused, by their kind, and those of the robot's guard (`guard_...`).
+    `latency_...`: round trip from the driver to the robot. `bytes`: rosbridge's, both ways. `viewed_s`: for so long
+    the driver had a video open. None of these: nobody measured it.
+    """
+
+    id: int
+    robot: str
+    user: str
+    fence: int
+    started_at: dt.datetime
+    ended_at: dt.datetime | None
+    end_code: str | None
+    distance_m: float
+    turned_rad: float
+    top_speed_m_s: float
+    top_turn_rad_s: float
+    messages: int
+    dropped_old: int
+    refused: dict[str, int]
+    stops: int
+    address: str | None
+    latency_p50_ms: float | None
+    latency_p95_ms: float | None
+    bytes: int | None
+    pictures: int | None
+    picture_bytes: int | None
+    viewed_s: float | None
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """How many pictures came while a video was open; None: none was."""
+        if not self.pictures or not self.viewed_s:
+            return None
+        return self.pictures / self.viewed_s
+
+
+@dataclass(frozen=True)
+class DriveSearch:
+    """What is looked for: drives that fit all that is given, by the moment at which they began.
+
+    Those that never moved the robot are found by their `fence` alone.
+    """
+
+    robot: str | None = None
+    user: str | None = None
+    since: dt.datetime | None = None
+    until: dt.datetime | None = None
+    fence: int | None = None
+
+
+def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
+    """Return one drive; raise RecordMissing when the viewer may not know of it, or there is none."""
+    found = _select(tx, viewer, "id = %s", (drive_id,), 1)
+    if not found:
+        raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
+    return found[0]
+
+
+def find(
+    tx: Transaction,
+    viewer: User,
+    search: DriveSearch,
+    *,
+    before: int | None = None,
+    limit: int = 100,
+) -> list[Drive]:
+    """Return the drives that fit and that the viewer may know of, the newest first.
+
+    Admins know of all; others of their own, and of all drives of the robots that they manage now.
+    """
+    given = {
+        "robot = %s": search.robot,
+        "user_name = %s": search.user,
+        "started_at >= %s": search.since,
+        "started_at < %s": search.until,
+        "fence = %s": search.fence,
+        "id < %s": before,
+    }
+    asked = {condition: value for condition, value in given.items() if value is not None}
+    conditions = " AND ".join((MOVED if search.fence is None else "TRUE", *asked))
+    return _select(tx, viewer, conditions, tuple(asked.values()), limit)
+
+
+def _select(
+    tx: Transaction, viewer: User, conditions: str, values: tuple[object, ...], limit: int
+) -> list[Drive]:
+    rows = tx.rows(
+        f"SELECT {COLUMNS} FROM drives WHERE "  # noqa: S608 - the texts are the module's own
+        "(%s OR user_name = %s OR robot_id IN "
+        "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
+        f"{conditions} ORDER BY id DESC LIMIT %s",
+        (viewer.is_admin, viewer.name, viewer.id, *values, limit),
+    )
+    return [_drive(row) for row in rows]
+
+
+def _drive(row: Row) -> Drive:
+    return Drive(**row | {"refused": json.loads(row["refused"])})

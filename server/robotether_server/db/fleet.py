@@ -1,0 +1,310 @@
+"""What the relay reads (robots, rights, credentials) and writes (sessions, audit lines, and what `control` has).
+
+Used by the relay alone, with account relay: it reads views and writes tables that nobody else writes.
+Moments are aware datetimes in UTC. Nothing here decides who may do what.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+
+from robotether_server import robot_settings
+from robotether_server.db import control
+from robotether_server.db.control import DriveEntry, LeaseEnd, StopEntry
+from robotether_server.db.database import Row, Transaction
+from robotether_server.db.grants import Level
+from robotether_server.problems import FieldInvalid
+from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
+from robotether_server.tickets import CredentialKind
+
+log = logging.getLogger(__name__)
+
+# For a robot whose settings cannot be read: nobody sends it anything that moves it.
+LOCKED = RobotSettings(policy=Policy(drive=LevelPolicy(), manage=LevelPolicy()))
+
+# Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says
+# about itself must not be able to refuse the row.
+MAX_VERSION = 32
+MAX_ADDRESS = 45
+MAX_ACTOR = 63
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot's row, as far as the relay needs it."""
+
+    id: int
+    name: str
+    state: str
+    ros_port: int
+    video_port: int
+    agent_version: str | None = None
+    # None: no forward to the robot's own sshd.
+    shell_port: int | None = None
+    # The key that may log in, and the one before it, whose connections live on.
+    fingerprint: str | None = None
+    previous_fingerprint: str | None = None
+    # The agent is asked for a new key.
+    rotate_key: bool = False
+    settings: RobotSettings = robot_settings.DEFAULTS
+    site: str | None = None
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Texts that differ whenever robots or rights, or logins or tokens, have changed."""
+
+    rights: str
+    credentials: str
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All robots and all rights that hold, at one moment."""
+
+    robots: Mapping[int, Robot]
+    grants: Mapping[tuple[int, int], Level]
+    rights: str = ""
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Robot]:
+        """Robots by their names."""
+        return {robot.name: robot for robot in self.robots.values()}
+
+    def level(self, user_id: int, robot_id: int) -> Level | None:
+        """What the user may do with the robot, at most; None: not even see it."""
+        return self.grants.get((user_id, robot_id))
+
+    def visible(self, user_id: int) -> list[Robot]:
+        """The robots that the user may see, by name."""
+        robots = self.robots.values()
+        seen = [robot for robot in robots if self.level(user_id, robot.id) is not None]
+        return sorted(seen, key=lambda robot: robot.name)
+
+
+@dataclass(frozen=True)
+class Credential:
+    """A login or an API token, as the SHA-256 that the database keeps."""
+
+    kind: CredentialKind
+    digest: bytes
+
+
+@dataclass(frozen=True)
+class User:
+    """Who a credential belongs to."""
+
+    id: int
+    name: str
+
+
+@dataclass
+class SessionEntry:
+    """A robot's session; written when it begins, again when something of it changes."""
+
+    robot_id: int
+    started_at: datetime
+    address: str
+    agent_version: str | None = None
+    ros_exposed: bool = False
+    ended_at: datetime | None = None
+    end_code: str | None = None
+    row_id: int | None = None
+
+
+@dataclass(frozen=True)
+class AuditEntry:
+    """A line of the audit log."""
+
+    at: datetime
+    actor: str
+    kind: str
+    robot: str | None = None
+    address: str | None = None
+    details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FormerSessions:
+    """All sessions, drives and leases that a relay before this one left open."""
+
+    before: datetime
+
+
+Entry = SessionEntry | AuditEntry | FormerSessions | DriveEntry | LeaseEnd | StopEntry
+
+_CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
+
+
+def changes(tx: Transaction) -> Changes:
+    """Read the texts that tell whether anything changed; cheap enough for once a second."""
+    row = tx.row("SELECT version FROM relay_changes") or {}
+    robots, users, grants, *credentials = str(row.get("version", "//")).split("/")
+    return Changes(
+        rights="/".join((robots, users, grants)), credentials="/".join((users, *credentials))
+    )
+
+
+def load(tx: Transaction) -> Snapshot:
+    """Read robots and rights, all of the same moment as the version in it; the first of its transaction.
+
+    Were they newer, a grant that is given and taken away around this moment would stay: its end leaves this version.
+    """
+    tx.change("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
+    rights = changes(tx).rights
+    robots = tx.rows(
+        "SELECT id, name, state, ros_port, video_port, agent_version, shell_port,"
+        " fingerprint, previous_fingerprint, rotate_key, settings, site FROM relay_robots"
+    )
+    grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")
+    return Snapshot(
+        robots={row["id"]: _robot_of(row) for row in robots},
+        grants={(row["user_id"], row["robot_id"]): row["level"] for row in grants},
+        rights=rights,
+    )
+
+
+def _robot_of(row: Row) -> Robot:
+    # MariaDB has no truth values of its own.
+    rotate_key, settings = bool(row["rotate_key"]), _settings_of(row)
+    return Robot(**{**row, "rotate_key": rotate_key, "settings": settings})
+
+
+def _settings_of(row: Row) -> RobotSettings:
+    try:
+        return robot_settings.parse(json.loads(row["settings"]))
+    except (FieldInvalid, ValueError, RecursionError) as problem:
+        # Somebody wrote the row past the page; what it was to limit is not known.
+        log.warning("robot %s: its settings are locked until mended: %s", row["name"], problem)
+        return LOCKED
+
+
+def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
+    """Read since when each robot that has ever connected is offline."""
+    rows = tx.rows(
+        "SELECT robot_id, MAX(IFNULL(ended_at, CURRENT_TIMESTAMP(6))) AS since"
+        " FROM robot_sessions GROUP BY robot_id"
+    )
+    return [(row["robot_id"], row["since"]) for row in rows]
+
+
+def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, User]:
+    """Read who these credentials belong to; those that no longer hold are left out."""
+    found: dict[Credential, User] = {}
+    for kind, view in _CREDENTIAL_VIEWS.items():
+        digests = [credential.digest for credential in credentials if credential.kind == kind]
+        for row in _holders(tx, view, digests):
+            user = User(id=row["user_id"], name=row["user_name"])
+            found[Credential(kind, bytes(row["token_hash"]))] = user
+    return found
+
+
+def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[Row]:
+    if not digests:
+        return ()
+    marks = ", ".join(["%s"] * len(digests))
+    # `view` is a name out of this module, and the digests go in as values.
+    sql = f"SELECT token_hash, user_id, user_name FROM {view} WHERE token_hash IN ({marks})"  # noqa: S608
+    return tx.rows(sql, digests)
+
+
+def write(tx: Transaction, entries: Iterable[Entry]) -> dict[int, int]:
+    """Write entries in their order; return the new rows' ids by the entry's place.
+
+    The caller sets `row_id` from it after the commit: before that the row may yet be rolled back.
+    """
+    new_rows: dict[int, int] = {}
+    for place, entry in enumerate(entries):
+        row_id = _write_one(tx, entry)
+        if row_id is not None:
+            new_rows[place] = row_id
+    return new_rows
+
+
+def _write_one(tx: Transaction, entry: Entry) -> int | None:
+    """Write one entry; return the id of a new row that will be written again."""
+    match entry:
+        case SessionEntry():
+            return _write_session(tx, entry)
+        case DriveEntry():
+            return control.write_drive(tx, entry)
+        case AuditEntry():
+            _add_audit(tx, entry)
+        case FormerSessions():
+            _end_former_sessions(tx, entry)
+            control.end_former(tx, entry.before)
+        case LeaseEnd():
+            control.end_lease(tx, entry)
+        case StopEntry():
+            control.write_stop(tx, entry)
+    return None
+
+
+def _end_former_sessions(tx: Transaction, entry: FormerSessions) -> None:
+    tx.change(
+        "UPDATE robot_sessions SET ended_at = CURRENT_TIMESTAMP(6), end_code = 'relay_restarted'"
+        " WHERE ended_at IS NULL AND started_at < %s",
+        (entry.before,),
+    )
+
+
+def _write_session(tx: Transaction, entry: SessionEntry) -> int | None:
+    if entry.row_id is None:
+        return _add_session(tx, entry)
+    _update_session(tx, entry)
+    return None
+
+
+def _add_session(tx: Transaction, entry: SessionEntry) -> int:
+    return tx.insert(
+        "INSERT INTO robot_sessions"
+        " (robot_id, started_at, address, agent_version, ros_exposed, ended_at, end_code)"
+        " VALUES (%s, %s, %s, %s, %s, %s, %s)",
+        (
+            entry.robot_id,
+            entry.started_at,
+            entry.address[:MAX_ADDRESS],
+            _cut(entry.agent_version, MAX_VERSION),
+            entry.ros_exposed,
+            entry.ended_at,
+            entry.end_code,
+        ),
+    )
+
+
+def _update_session(tx: Transaction, entry: SessionEntry) -> None:
+    tx.change(
+        "UPDATE robot_sessions SET agent_version = %s, ros_exposed = %s, ended_at = %s, end_code = %s"
+        " WHERE id = %s",
+        (
+            _cut(entry.agent_version, MAX_VERSION),
+            entry.ros_exposed,
+            entry.ended_at,
+            entry.end_code,
+            entry.row_id,
+        ),
+    )
+
+
+def _add_audit(tx: Transaction, entry: AuditEntry) -> None:
+    tx.insert(
+        "INSERT INTO audit_events (at, actor, kind, robot, address, details)"
+        " VALUES (%s, %s, %s, %s, %s, %s)",
+        (
+            entry.at,
+            entry.actor[:MAX_ACTOR],
+            entry.kind,
+            entry.robot,
+            _cut(entry.address, MAX_ADDRESS),
+            json.dumps(entry.details),
+        ),
+    )
+
+
+def _cut(text: str | None, length: int) -> str | None:
+    return None if text is None else text[:length]

@@ -1,0 +1,32 @@
+"""Robots' sessions as web shows them. Only the relay writes them (store/fleet.py)."""
+
+import datetime as dt
+from typing import NamedTuple
+
+from robotether_server.db.database import Transaction
+
+
+class Session(NamedTuple):
+    """One session; without `ended_at` it goes on."""
+
+    started_at: dt.datetime
+    ended_at: dt.datetime | None
+    end_code: str | None
+    address: str
+    agent_version: str | None
+
+
+def of_robot(tx: Transaction, robot_id: int, limit: int) -> list[Session]:
+    """Return a robot's sessions, the newest first, `limit` at most."""
+    rows = tx.rows(
+        "SELECT started_at, ended_at, end_code, address, agent_version FROM robot_sessions "
+        "WHERE robot_id = %s ORDER BY id DESC LIMIT %s",
+        (robot_id, limit),
+    )
+    return [Session(**row) for row in rows]
+
+
+def is_online(tx: Transaction, robot_id: int) -> bool:
+    """Tell whether the robot's newest session goes on."""
+    newest = of_robot(tx, robot_id, 1)
+    return bool(newest) and newest[0].ended_at is None

@@ -1,9 +1,0 @@
-"""All SQL of the server, one module a table, one function a question or a change.
-
-Used by web, relay and cli. Every function takes the open Transaction to work in, so that a change
-and its audit event are one. Nothing here decides who may do what.
-"""
-
-from robotether_server.store.database import Database, Transaction
-
-__all__ = ["Database", "Transaction"]

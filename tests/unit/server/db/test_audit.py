@@ -1,0 +1,112 @@
+"""The audit log in the real database."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from robotether_server.db import Database, Transaction, audit
+from robotether_server.db.audit import AuditSearch, Event, Source
+from robotether_server.networks import network_of
+
+
+def test_event_is_written_with_who_where_and_what(database: Database) -> None:
+    """A name that somebody claimed is cut to fit, whatever it is."""
+    with database.transaction() as tx:
+        audit.record(tx, Source("é" * 70, "192.0.2.1"), Event("login_failed", "sim1", {"a": "ü"}))
+        row = tx.row("SELECT actor, kind, robot, address, details FROM audit_events")
+    assert row == {
+        "actor": "é" * 63,
+        "kind": "login_failed",
+        "robot": "sim1",
+        "address": "192.0.2.1",
+        "details": '{"a": "\\u00fc"}',
+    }
+
+
+def record(tx: Transaction, kind: str, actor: str, address: str | None) -> None:
+    audit.record(tx, Source(actor, address), Event(kind))
+
+
+def test_recent_events_are_of_kinds_network_and_time(database: Database) -> None:
+    """The oldest comes first; an address without a place counts for none."""
+    now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
+    network = network_of("192.0.2.1")
+    with database.transaction() as tx:
+        record(tx, "login_failed", "ann", "192.0.2.1")
+        record(tx, "login_failed", "bob", "192.0.2.1")
+        record(tx, "login", "ann", "192.0.2.1")
+        record(tx, "logout", "ann", "192.0.2.1")
+        record(tx, "login_failed", "ann", "192.0.2.2")
+        record(tx, "login_failed", "ann", None)
+        kinds = ("login_failed", "login")
+        recent = audit.recent_from(tx, kinds, network, now - minute)
+        assert [(one.kind, one.actor) for one in recent] == [
+            ("login_failed", "ann"),
+            ("login_failed", "bob"),
+            ("login", "ann"),
+        ]
+        assert recent[0].at <= recent[1].at
+        assert audit.recent_from(tx, kinds, network, now + minute) == []
+
+
+@pytest.mark.parametrize(
+    ("address", "other", "same"),
+    [
+        ("2001:db8::1", "2001:db8:0:0:ffff:ffff:ffff:ffff", True),
+        ("2001:db8::1", "2001:db8:0:1::1", False),
+        ("2001:db8::1", "32.1.13.184", False),
+        ("::ffff:192.0.2.1", "::ffff:192.0.2.2", False),
+    ],
+)
+def test_network_of_ipv6_is_found_in_every_spelling(
+    database: Database, address: str, other: str, same: bool
+) -> None:
+    """All addresses of one /64 and no others, whatever of them begin with the same bytes."""
+    since = dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1)
+    with database.transaction() as tx:
+        record(tx, "login", "ann", other)
+        found = audit.recent_from(tx, ("login",), network_of(address), since)
+        assert (found != []) is same
+        assert audit.has_come_from(tx, "login", "ann", network_of(address)) is same
+        assert not audit.has_come_from(tx, "login", "bob", network_of(other))
+
+
+def test_events_of_one_actor_come_from_anywhere(database: Database) -> None:
+    """But not those of others, of other kinds, or from before."""
+    now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
+    with database.transaction() as tx:
+        for kind, actor, address in (
+            ("login_failed", "ann", "192.0.2.1"),
+            ("login_failed", "ann", "2001:db8::1"),
+            ("login_failed", "bob", "192.0.2.1"),
+            ("login", "ann", "192.0.2.1"),
+        ):
+            record(tx, kind, actor, address)
+        assert len(audit.recent_of(tx, "login_failed", "ann", now - minute)) == 2
+        assert audit.recent_of(tx, "login_failed", "ann", now + minute) == []
+
+
+def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
+    """The newest first, page by page; all conditions hold together."""
+    with database.transaction() as tx:
+        for actor, kind, robot in (
+            ("root", "robot_added", "a"),
+            ("root", "robot_renamed", "a"),
+            ("ann", "robot_added", "b"),
+        ):
+            event = audit.Event(kind, robot, {"was": "x"})
+            audit.record(tx, audit.Source(actor, "192.0.2.1"), event)
+        newest, middle, oldest = audit.find(tx)
+        assert (newest.actor, newest.kind, newest.robot, newest.address, newest.details) == (
+            "ann",
+            "robot_added",
+            "b",
+            "192.0.2.1",
+            {"was": "x"},
+        )
+        assert audit.find(tx, AuditSearch(kind="robot_added")) == [newest, oldest]
+        assert audit.find(tx, AuditSearch("a", "root", "robot_added")) == [oldest]
+        assert audit.find(tx, AuditSearch(kind="robot_added", actor="nobody")) == []
+        assert audit.find(tx, limit=1) == [newest]
+        assert audit.find(tx, before=newest.id, limit=1) == [middle]

@@ -1,0 +1,166 @@
+"""Leases, drives and stops in the real database, with the relay's own account."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+
+import pytest
+from mariadb_server import MariaDb
+from robotether_server.db import Database, control, fleet, robots, users
+from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease, Stop, StopEntry
+from robotether_server.db.fleet import FormerSessions
+from robotether_server.problems import RecordRefused
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+HOUR = dt.timedelta(hours=1)
+
+
+@pytest.fixture
+def relay_database(mariadb: MariaDb, database: Database) -> Database:
+    """The emptied database as account relay."""
+    return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
+def sim1(database: Database) -> int:
+    """The id of robot sim1."""
+    with database.transaction() as tx:
+        return robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+
+
+@pytest.fixture
+def ann(database: Database) -> int:
+    """The id of user ann."""
+    with database.transaction() as tx:
+        return users.add(tx, "ann", "x", "user")
+
+
+def fence(database: Database, robot_id: int, user_id: int, above: int = 0) -> int:
+    with database.transaction() as tx:
+        return control.next_fence(tx, NewLease(robot_id, user_id, "ann", NOON, above))
+
+
+def write(database: Database, *entries: fleet.Entry) -> dict[int, int]:
+    with database.transaction() as tx:
+        return fleet.write(tx, entries)
+
+
+def rows(database: Database, table: str) -> list[dict[str, object]]:
+    with database.transaction() as tx:
+        return tx.rows(f"SELECT * FROM {table}")
+
+
+def test_numbers_grow_and_are_never_given_again(relay_database, sim1, ann):
+    """Each lease has a higher number than the one before, also after the end of that one."""
+    assert [fence(relay_database, sim1, ann) for _ in range(2)] == [1, 2]
+    write(relay_database, LeaseEnd(sim1, 2, NOON + HOUR))
+    assert rows(relay_database, "control_leases")[0]["ended_at"] == NOON + HOUR
+    assert fence(relay_database, sim1, ann) == 3
+    assert rows(relay_database, "control_leases")[0]["ended_at"] is None
+
+
+def test_a_number_that_was_rolled_back_is_not_given(relay_database, sim1, ann):
+    """What was not committed leaves no trace."""
+
+    def fail_late() -> None:
+        with relay_database.transaction() as tx:
+            control.next_fence(tx, NewLease(sim1, ann, "ann", NOON))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_late()
+    assert fence(relay_database, sim1, ann) == 1
+
+
+def test_numbers_are_above_what_the_relay_knows(relay_database, sim1, ann):
+    """A database that was restored from an older copy goes on where the relay is."""
+    assert fence(relay_database, sim1, ann) == 1
+    assert fence(relay_database, sim1, ann, above=7) == 8
+    assert fence(relay_database, sim1, ann, above=3) == 9
+
+
+def test_a_removed_robot_gets_no_number(relay_database, ann):
+    """The database refuses a lease of a robot without a row."""
+    with pytest.raises(RecordRefused):
+        fence(relay_database, 999, ann)
+
+
+def test_the_end_of_an_older_lease_leaves_the_newer(relay_database, sim1, ann):
+    """An end that is written late does not end the next lease."""
+    fence(relay_database, sim1, ann)
+    fence(relay_database, sim1, ann)
+    write(relay_database, LeaseEnd(sim1, 1, NOON))
+    assert rows(relay_database, "control_leases")[0]["ended_at"] is None
+
+
+def test_a_relay_finds_numbers_and_stops(relay_database, sim1, ann):
+    """What outlives a relay is read in one go; the newest stop stays, until the release."""
+    fence(relay_database, sim1, ann)
+    stop = Stop(sim1, NOON, "ben", "smoke")
+    write(relay_database, StopEntry(sim1, Stop(sim1, NOON - HOUR, "ann")), StopEntry(sim1, stop))
+    with relay_database.transaction() as tx:
+        found = control.kept(tx)
+    assert (found.fences, found.stops) == ({sim1: 1}, [stop])
+    write(relay_database, StopEntry(sim1))
+    with relay_database.transaction() as tx:
+        assert control.kept(tx).stops == []
+
+
+def test_a_stop_of_a_removed_robot_writes_nothing(relay_database, sim1):
+    """There is nothing left to stop."""
+    write(relay_database, StopEntry(999, Stop(999, NOON, "ben")))
+    assert rows(relay_database, "robot_stops") == []
+
+
+def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
+    """The same row each time, with the newest figures."""
+    drive = DriveEntry(sim1, "sim1", "ann", 3, NOON, "198.51.100.7")
+    drive.row_id = write(relay_database, drive)[0]
+    drive.distance_m, drive.refused, drive.stops = 2.5, {"topic": 1}, 1
+    drive.ended_at, drive.end_code = NOON + HOUR, "client_left"
+    drive.latency_p50_ms, drive.latency_p95_ms, drive.bytes = 41.2, 80.5, 1234
+    drive.pictures, drive.picture_bytes, drive.viewed_s = 30, 90_000, 2.5
+    write(relay_database, drive)
+    (row,) = rows(relay_database, "drives")
+    assert (row["latency_p50_ms"], row["latency_p95_ms"], row["bytes"]) == (41.2, 80.5, 1234)
+    assert (row["pictures"], row["picture_bytes"], row["viewed_s"]) == (30, 90_000, 2.5)
+    assert (row["user_name"], row["fence"], row["address"]) == ("ann", 3, "198.51.100.7")
+    assert (row["distance_m"], row["end_code"], row["stops"]) == (2.5, "client_left", 1)
+    assert json.loads(str(row["refused"])) == {"topic": 1}
+
+
+def test_a_drive_whose_first_writing_got_no_answer_is_one_row(relay_database, sim1):
+    """Writing it as new once more finds its row."""
+    drive = DriveEntry(sim1, "sim1", "ann", 3, NOON)
+    first = write(relay_database, drive)
+    assert write(relay_database, drive) == first
+
+
+def test_a_drive_outlives_its_robot(database, relay_database, sim1):
+    """Names stay in the record of a robot that is gone, also when it is written first after that."""
+    drive = DriveEntry(sim1, "sim1", "ann", 3, NOON)
+    drive.row_id = write(relay_database, drive)[0]
+    with database.transaction() as tx:
+        tx.change("DELETE FROM robots")
+    write(relay_database, drive, DriveEntry(sim1, "sim1", "ann", 4, NOON))
+    assert [(row["robot_id"], row["robot"]) for row in rows(relay_database, "drives")] == [
+        (None, "sim1"),
+        (None, "sim1"),
+    ]
+
+
+def test_what_a_former_relay_left_open_is_ended(relay_database, sim1, ann):
+    """Its drives end when they were last written, its leases now; newer ones stay open."""
+    fence(relay_database, sim1, ann)
+    write(
+        relay_database,
+        DriveEntry(sim1, "sim1", "ann", 1, NOON),
+        DriveEntry(sim1, "sim1", "ann", 2, NOON + 2 * HOUR),
+        FormerSessions(NOON + HOUR),
+    )
+    old, new = rows(relay_database, "drives")
+    assert old["end_code"] == "relay_restarted"
+    assert old["ended_at"] is not None
+    assert new["ended_at"] is None
+    assert rows(relay_database, "control_leases")[0]["ended_at"] is not None

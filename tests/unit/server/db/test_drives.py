@@ -1,0 +1,124 @@
+"""Drives as they are shown, and to whom."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from drive_records import add_drive
+from granted import give
+from robotether_server.db import Database, drives, robots, users
+from robotether_server.db.drives import DriveSearch
+from robotether_server.problems import RecordMissing
+
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+
+
+@pytest.fixture(autouse=True)
+def _people(database: Database) -> None:
+    """Ann manages a and drives b; ben drives both."""
+    with database.transaction() as tx:
+        ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
+        users.add(tx, "root", "x", "admin")
+        for number, name in enumerate("ab"):
+            robot_id = robots.add(tx, f"02:00:00:00:00:0{number}", name)
+            give(tx, ids["ann"], robot_id, "manage" if name == "a" else "drive")
+            give(tx, ids["ben"], robot_id, "drive")
+
+
+def seen_by(
+    database: Database,
+    name: str,
+    search: DriveSearch = DriveSearch(),  # noqa: B008 - frozen
+) -> list[tuple[str, str]]:
+    """Robot and driver of what a user is shown."""
+    with database.transaction() as tx:
+        found = drives.find(tx, users.get(tx, name), search)
+    return [(one.robot, one.user) for one in found]
+
+
+def test_own_drives_and_those_of_managed_robots_are_shown(
+    database: Database, admin_database: Database
+) -> None:
+    """Admins see all, also of robots that are gone; the newest stands first."""
+    for robot, user in (("gone", "ben"), ("a", "ben"), ("b", "ben"), ("b", "ann")):
+        add_drive(admin_database, robot, user, fence=len(robot + user) + ord(user[0]))
+    assert seen_by(database, "ann") == [("b", "ann"), ("a", "ben")]
+    assert seen_by(database, "ben") == [("b", "ben"), ("a", "ben"), ("gone", "ben")]
+    assert len(seen_by(database, "root")) == 4
+
+
+def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
+    database: Database, admin_database: Database
+) -> None:
+    """Who only took the control fills no list; one that only turned the robot moved it."""
+    still = add_drive(admin_database, "a", "ann", fence=1, top_speed_m_s=0, distance_m=0)
+    add_drive(admin_database, "b", "ann", fence=2, top_speed_m_s=0, distance_m=0, top_turn_rad_s=1)
+    assert seen_by(database, "ann") == [("b", "ann")]
+    assert seen_by(database, "ann", DriveSearch(robot="a")) == []
+    assert seen_by(database, "ann", DriveSearch(robot="a", fence=1)) == [("a", "ann")]
+    with database.transaction() as tx:
+        assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
+
+
+@pytest.mark.parametrize(
+    ("search", "found"),
+    [
+        (DriveSearch(robot="a"), 1),
+        (DriveSearch(user="ann"), 1),
+        (DriveSearch(robot="b", user="ben"), 0),
+        (DriveSearch(robot="b", fence=13), 1),
+        (DriveSearch(fence=14), 0),
+        (DriveSearch(since=NOON), 2),
+        (DriveSearch(since=NOON + dt.timedelta(seconds=1)), 0),
+        (DriveSearch(until=NOON), 0),
+        (DriveSearch(until=NOON + dt.timedelta(seconds=1)), 2),
+    ],
+)
+def test_drives_are_found(
+    database: Database, admin_database: Database, search: DriveSearch, found: int
+) -> None:
+    """By robot, user and the moment at which they began."""
+    add_drive(admin_database, "a", "ben")
+    add_drive(admin_database, "b", "ann")
+    assert len(seen_by(database, "root", search)) == found
+
+
+def test_list_goes_on_before_a_drive(database: Database, admin_database: Database) -> None:
+    """And a drive has all that the relay wrote."""
+    first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
+    with database.transaction() as tx:
+        root = users.get(tx, "root")
+        assert [one.id for one in drives.find(tx, root, DriveSearch(), limit=1)] == [second]
+        (one,) = drives.find(tx, root, DriveSearch(), before=second)
+    assert (one.id, one.refused, one.distance_m, one.started_at) == (
+        first,
+        {"topic": 3},
+        12.34,
+        NOON,
+    )
+
+
+def test_picture_rate_is_that_of_the_time_with_a_video(
+    database: Database, admin_database: Database
+) -> None:
+    """A drive without a video has none, nor has one from before anybody counted."""
+    add_drive(admin_database, "a", "ben", fence=1, pictures=None, viewed_s=None)
+    add_drive(admin_database, "a", "ben", fence=2, pictures=0, viewed_s=0)
+    add_drive(admin_database, "a", "ben", fence=3, pictures=30, viewed_s=2)
+    with database.transaction() as tx:
+        found = drives.find(tx, users.get(tx, "root"), DriveSearch())
+    assert [one.frames_per_s for one in found] == [15, None, None]
+
+
+def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Database) -> None:
+    """Another's looks as one that there never was."""
+    own = add_drive(admin_database, "b", "ann", fence=1)
+    other = add_drive(admin_database, "b", "ben", fence=2)
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        assert drives.get(tx, ann, own).fence == 1
+        assert drives.get(tx, users.get(tx, "root"), other).user == "ben"
+        for number in (other, other + 1, 0):
+            with pytest.raises(RecordMissing, match=f"cannot show drive {number}"):
+                drives.get(tx, ann, number)

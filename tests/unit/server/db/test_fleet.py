@@ -1,0 +1,267 @@
+"""What the relay reads and writes, in the real database, with the relay's own account."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pymysql
+import pytest
+from granted import give
+from mariadb_server import MariaDb
+from robotether_server.db import (
+    Database,
+    Transaction,
+    fleet,
+    logins,
+    robots,
+    tokens,
+    users,
+)
+from robotether_server.db.fleet import (
+    AuditEntry,
+    Changes,
+    FormerSessions,
+    SessionEntry,
+    User,
+)
+from robotether_server.problems import RecordRefused
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.robot_settings import DEFAULTS
+
+HOUR = dt.timedelta(hours=1)
+MAC = "00:1b:44:11:3a:b{}"
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+
+
+@pytest.fixture
+def relay_database(mariadb: MariaDb, database: Database) -> Database:
+    """The emptied database as account relay."""
+    return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
+def sim1(database: Database) -> int:
+    """The id of robot sim1, active, which ann drives and admin root manages."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC.format(1), "sim1")
+        robots.set_state(tx, robot_id, "active")
+        ann = users.add(tx, "ann", "x", "user")
+        users.add(tx, "root", "x", "admin")
+        give(tx, ann, robot_id, "drive")
+    return robot_id
+
+
+def user_id(database: Database, name: str) -> int:
+    with database.transaction() as tx:
+        return users.get(tx, name).id
+
+
+def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
+    """Robots with their ports, grants, and admins as managers of all."""
+    with relay_database.transaction() as tx:
+        snapshot = fleet.load(tx)
+    robot = snapshot.by_name["sim1"]
+    assert (robot.id, robot.state) == (sim1, "active")
+    assert robot.video_port == robot.ros_port + 1
+    assert snapshot.level(user_id(database, "ann"), sim1) == "drive"
+    assert snapshot.level(user_id(database, "root"), sim1) == "manage"
+    assert snapshot.level(999, sim1) is None
+    assert snapshot.visible(user_id(database, "ann")) == [robot]
+    assert snapshot.visible(999) == []
+
+
+def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypatch):
+    """A grant that is given between its questions is not in it, nor anything else that its version does not tell of."""
+    really_changes, olga = fleet.changes, 0
+
+    def changes_then_grant(tx: Transaction) -> Changes:
+        nonlocal olga
+        found = really_changes(tx)
+        with database.transaction() as web:
+            olga = users.add(web, "olga", "x", "user")
+            give(web, olga, sim1, "observe")
+            robots.add(web, MAC.format(9), "sim9")
+        return found
+
+    with relay_database.transaction() as tx:
+        before = fleet.changes(tx).rights
+    monkeypatch.setattr(fleet, "changes", changes_then_grant)
+    with relay_database.transaction() as tx:
+        snapshot = fleet.load(tx)
+    assert snapshot.rights == before
+    assert snapshot.level(olga, sim1) is None
+    assert set(snapshot.by_name) == {"sim1"}
+
+
+def test_the_snapshot_has_shell_keys_and_wishes(database, relay_database, sim1):
+    """A shell port once the shell is on, the two keys, and whether the agent is asked for a new one."""
+    with relay_database.transaction() as tx:
+        before = fleet.load(tx).robots[sim1]
+    assert (before.shell_port, before.fingerprint, before.previous_fingerprint) == (None,) * 3
+    assert before.rotate_key is False
+    with database.transaction() as tx:
+        tx.change(
+            "UPDATE robots SET shell = TRUE, public_key = 'k', fingerprint = 'SHA256:b',"
+            " previous_fingerprint = 'SHA256:a', rotate_requested_at = CURRENT_TIMESTAMP(6)"
+        )
+    with relay_database.transaction() as tx:
+        after = fleet.load(tx).robots[sim1]
+    assert after.shell_port is not None
+    assert (after.fingerprint, after.previous_fingerprint) == ("SHA256:b", "SHA256:a")
+    assert after.rotate_key is True
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE robots SET name = 'turtle'",
+        "UPDATE robots SET state = 'disabled'",
+        "UPDATE robots SET shell = TRUE",
+        "UPDATE robots SET public_key = 'k', fingerprint = 'SHA256:b'",
+        "UPDATE robots SET rotate_requested_at = CURRENT_TIMESTAMP(6)",
+        "UPDATE robots SET ros_port = 30000, video_port = 30001",
+        "DELETE FROM robots",
+        "INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:c0', 'sim9')",
+        "UPDATE grants SET level = 'observe'",
+        "DELETE FROM grants",
+        "UPDATE users SET disabled = TRUE WHERE name = 'ann'",
+        "UPDATE users SET role = 'admin' WHERE name = 'ann'",
+    ],
+)
+def test_every_change_of_rights_shows(database, relay_database, sim1, change):
+    """The text for rights differs after each, and equals the one that a snapshot has."""
+    with relay_database.transaction() as tx:
+        before = fleet.changes(tx)
+    with database.transaction() as tx:
+        assert tx.change(change) > 0
+    with relay_database.transaction() as tx:
+        after = fleet.changes(tx)
+        assert after.rights != before.rights
+    with relay_database.transaction() as tx:
+        assert fleet.load(tx).rights == after.rights
+
+
+def test_a_login_changes_credentials_but_not_rights(database, relay_database, sim1):
+    """Logging in and out makes the relay ask for credentials, and not reload the fleet."""
+    with relay_database.transaction() as tx:
+        before = fleet.changes(tx)
+    with database.transaction() as tx:
+        logins.create(tx, users.get(tx, "ann"), "192.0.2.1", HOUR)
+    with relay_database.transaction() as tx:
+        after = fleet.changes(tx)
+    assert after.rights == before.rights
+    assert after.credentials != before.credentials
+
+
+def test_credentials_tell_their_users(database, relay_database, sim1):
+    """Login and token of the same call find who they belong to; unknown and old ones do not."""
+    with database.transaction() as tx:
+        ann, root = users.get(tx, "ann"), users.get(tx, "root")
+        login = credential_of("login", logins.create(tx, ann, "", HOUR))
+        token = credential_of("token", tokens.create(tx, root, "bench", None))
+        over = credential_of("token", tokens.create(tx, ann, "old", NOON - 100 * HOUR))
+    unknown = credential_of("login", "rubbish")
+    swapped = fleet.Credential("token", login.digest)
+    with relay_database.transaction() as tx:
+        found = fleet.users_of(tx, [login, token, over, unknown, swapped])
+    assert found == {login: User(ann.id, "ann"), token: User(root.id, "root")}
+
+
+def test_a_disabled_users_credentials_do_not_hold(database, relay_database, sim1):
+    """Neither login nor token finds a user who is disabled."""
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        token = credential_of("token", tokens.create(tx, ann, "bench", None))
+        users.set_disabled(tx, ann.id, disabled=True)
+    with relay_database.transaction() as tx:
+        assert fleet.users_of(tx, [token]) == {}
+
+
+def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1):
+    """The first write makes the row, the second gives it its end."""
+    entry = SessionEntry(sim1, NOON, "198.51.100.7", agent_version="0.1.0" * 20)
+    with relay_database.transaction() as tx:
+        (entry.row_id,) = fleet.write(tx, [entry]).values()
+    entry.ended_at, entry.end_code, entry.ros_exposed = NOON + HOUR, "timeout", True
+    with relay_database.transaction() as tx:
+        assert fleet.write(tx, [entry]) == {}
+        (row,) = tx.rows("SELECT * FROM robot_sessions")
+        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR)]
+    assert (row["started_at"], row["ended_at"]) == (NOON, NOON + HOUR)
+    assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
+    assert len(row["agent_version"]) == fleet.MAX_VERSION
+    assert row["ros_exposed"]
+
+
+def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
+    """Among other entries each new session finds its own row."""
+    sessions = [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")]
+    entries = [FormerSessions(NOON - HOUR), sessions[0], AuditEntry(NOON, "ann", "x"), sessions[1]]
+    with relay_database.transaction() as tx:
+        places = fleet.write(tx, entries)
+        assert sorted(places) == [1, 3]
+        row = tx.row("SELECT started_at FROM robot_sessions WHERE id = %s", (places[3],))
+    assert row == {"started_at": NOON + HOUR}
+
+
+def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):
+    """A former relay's open rows get an end; those of this one stay open."""
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + 2 * HOUR, "")])
+        fleet.write(tx, [FormerSessions(before=NOON + HOUR)])
+        rows = tx.rows("SELECT end_code FROM robot_sessions ORDER BY id")
+    assert [row["end_code"] for row in rows] == ["relay_restarted", None]
+
+
+def test_an_audit_line_is_written_whole(database, relay_database, sim1):
+    """The moment is when it happened, and not when it could be written."""
+    entry = AuditEntry(
+        NOON, "ann", "drive_ended", "sim1", "203.0.113.9", {"end_code": "client_left"}
+    )
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [entry])
+    with database.transaction() as tx:
+        (row,) = tx.rows("SELECT at, actor, kind, robot, address, details FROM audit_events")
+    assert (row["at"], row["actor"], row["kind"]) == (NOON, "ann", "drive_ended")
+    assert (row["robot"], row["address"]) == ("sim1", "203.0.113.9")
+    assert row["details"] == '{"end_code": "client_left"}'
+
+
+def test_a_session_of_a_robot_that_is_gone_is_refused(relay_database, sim1):
+    """The problem is one that trying again does not help."""
+    with pytest.raises(RecordRefused), relay_database.transaction() as tx:
+        fleet.write(tx, [SessionEntry(999_999, NOON, "")])
+
+
+def test_the_relay_may_not_read_more(relay_database, sim1):
+    """Its account reads neither password hashes nor keys, and changes no right."""
+    for sql in ("SELECT * FROM users", "SELECT public_key FROM robots", "DELETE FROM grants"):
+        with pytest.raises(pymysql.MySQLError), relay_database.transaction() as tx:
+            tx.rows(sql)
+
+
+def test_a_robot_has_its_settings_and_site(database, relay_database, sim1):
+    """What is given differs from the defaults; the rest is theirs."""
+    with database.transaction() as tx:
+        site = tx.insert("INSERT INTO sites (name) VALUES ('lab')")
+        tx.change(
+            "UPDATE robots SET site_id = %s, settings = %s",
+            (site, '{"guard": {"deadman_ms": 300}}'),
+        )
+    with relay_database.transaction() as tx:
+        robot = fleet.load(tx).robots[sim1]
+    assert (robot.site, robot.settings.guard.deadman_ms) == ("lab", 300)
+    assert robot.settings.policy == DEFAULTS.policy
+
+
+def test_settings_that_cannot_be_read_let_nobody_move_the_robot(
+    database, relay_database, sim1, caplog
+):
+    """Somebody wrote a member that there is not; the other robots are read as ever."""
+    with database.transaction() as tx:
+        tx.change("""UPDATE robots SET settings = '{"guard": {"max_sped": 1}}'""")
+    with relay_database.transaction() as tx:
+        settings = fleet.load(tx).robots[sim1].settings
+    assert not settings.policy.drive.drives
+    assert not settings.policy.manage.publish.match("/cmd_vel")
+    assert "robot sim1: its settings are locked" in caplog.text

@@ -1,0 +1,394 @@
+"""Robots in the real database: one spelling of MACs, ports allotted safely, and who sees whom."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from allotment import mac, pair_owners
+from granted import give
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from robotether_server import macs
+from robotether_server.db import Database, Transaction, robots, users
+from robotether_server.db.robots import Report
+from robotether_server.problems import (
+    FieldInvalid,
+    RecordExists,
+    RecordMissing,
+    RecordRefused,
+)
+from robotether_server.ssh_keys import PublicKey
+
+MAC = "00:1b:44:11:3a:b7"
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+REPORT = Report("turtle", "0.1.0", "192.0.2.1")
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        "00:1B:44:11:3A:B7",
+        "00-1b-44-11-3a-b7",
+        "001b.4411.3ab7",
+        "001B44113AB7",
+        " 001b44113ab7 ",
+        "0:1b:44:11:3a:b7",
+        "0-1B-44-11-3A-B7",
+        MAC,
+    ],
+)
+def test_mac_is_written_in_one_spelling(database: Database, spelling: str) -> None:
+    """Plain SQL may use every usual spelling, on insert and on update."""
+    with database.transaction() as tx:
+        tx.insert("INSERT INTO robots (mac, name) VALUES (%s, 'a')", (spelling,))
+        assert robots.get(tx, "a").mac == MAC
+        tx.change("UPDATE robots SET mac = %s", ("02:00:00:00:00:01",))
+        tx.change("UPDATE robots SET mac = %s", (spelling,))
+        assert robots.get(tx, "a").mac == MAC
+
+
+@pytest.mark.parametrize("text", ["", "00:1b:44:11:3a", "00:1b:44:11:3a:bg", "001b:4411:3ab7"])
+def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> None:
+    """The database says which robot, which text and how to write it."""
+    with database.transaction() as tx, pytest.raises(RecordRefused, match="write it as 00:1b"):
+        robots.add(tx, text, "a")
+
+
+# The column's; a trigger never sees a longer text, which only a space in front of a whole MAC makes.
+MAX_IN_SQL_LENGTH = 17
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.one_of(
+        st.from_regex(r"[0-9a-fA-F]{1,4}([:.-]?[0-9a-fA-Fg]{2,4}){1,5}", fullmatch=True),
+        st.from_regex(r" ?[0-9a-f]{1,2}(:[0-9a-f]{1,2}){5}", fullmatch=True),
+        st.from_regex(r"[0-3f]{12} ?", fullmatch=True),
+    )
+)
+def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
+    """The twin in Python accepts and makes exactly what the trigger does."""
+    try:
+        expected = macs.normalise(text)
+    except FieldInvalid:
+        expected = None
+    if len(text.rstrip()) > MAX_IN_SQL_LENGTH:
+        expected = None
+    written = None
+    try:
+        with database.transaction() as tx:
+            tx.change("DELETE FROM robots")
+            robots.add(tx, text, "a")
+            written = robots.get(tx, "a").mac
+    except RecordRefused:
+        pass
+    assert written == expected
+
+
+@pytest.mark.parametrize(
+    "name", ["", "Sim1", "-a", "a-", "a_b", "a.b", "a/b", "ä", "a\n", "x" * 64]
+)
+def test_name_that_cannot_stand_in_a_url_is_refused(database: Database, name: str) -> None:
+    """A robot's name is a DNS label, on insert and on update."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "good")
+        with pytest.raises(RecordRefused):
+            robots.add(tx, mac(1), name)
+        with pytest.raises(RecordRefused):
+            tx.change("UPDATE robots SET name = %s", (name,))
+
+
+def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Database) -> None:
+    """The first robots get the first pairs; a deleted robot's pair is free again."""
+    with database.transaction() as tx:
+        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        assert [(r.robot.ros_port, r.robot.video_port) for r in robots.list_all(tx)] == [
+            (20000, 20001),
+            (20002, 20003),
+        ]
+    assert pair_owners(admin_database) == {20000: first, 20002: second}
+    with database.transaction() as tx:
+        tx.change("DELETE FROM robots WHERE id = %s", (first,))
+    assert pair_owners(admin_database) == {20002: second}
+
+
+def add_with_ports(tx: Transaction, number: int, name: str, ros: object, video: object) -> int:
+    return tx.insert(
+        "INSERT INTO robots (mac, name, ros_port, video_port) VALUES (%s, %s, %s, %s)",
+        (mac(number), name, ros, video),
+    )
+
+
+def test_ports_that_were_named_are_kept_and_not_allotted(
+    database: Database, admin_database: Database
+) -> None:
+    """Somebody's own choice of ports holds both pairs that it touches."""
+    with database.transaction() as tx:
+        chosen = add_with_ports(tx, 1, "chosen", 20001, 20004)
+        robots.add(tx, mac(2), "next")
+        assert robots.get(tx, "chosen").video_port == 20004
+        assert robots.get(tx, "next").ros_port == 20002
+    assert [p for p, owner in pair_owners(admin_database).items() if owner == chosen] == [
+        20000,
+        20004,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ros", "video"),
+    [(20001, 30000), (30000, 20000), (20000, 30000), (30000, None), (30000, 30000), (80, 30000)],
+)
+def test_ports_that_cannot_be_are_refused(database: Database, ros: object, video: object) -> None:
+    """Another robot's port of either kind, half a pair, twice the same, a privileged one."""
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "a")
+        with pytest.raises((RecordRefused, RecordExists)):
+            add_with_ports(tx, 2, "b", ros, video)
+
+
+def test_moved_ports_free_the_old_pair(database: Database, admin_database: Database) -> None:
+    """An UPDATE of ports moves the robot; NULL asks for a new pair."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        tx.change("UPDATE robots SET ros_port = 20010, video_port = 20011")
+    assert pair_owners(admin_database) == {20010: robot_id}
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET ros_port = NULL, video_port = NULL")
+        assert robots.get(tx, "a").ros_port == 20000
+    assert pair_owners(admin_database) == {20000: robot_id}
+
+
+def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
+    """The sentence names what another robot has."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "a")
+        with pytest.raises(RecordExists, match=f"another robot has the MAC {MAC}"):
+            robots.add(tx, MAC, "b")
+        with pytest.raises(RecordExists, match="another robot has the name a"):
+            robots.add(tx, mac(1), "a")
+
+
+@pytest.mark.parametrize("text", ["0:0:0:0:0:0", "ffffffffffff", "01:00:5e:00:00:fb"])
+def test_mac_of_no_single_robot_is_refused(database: Database, text: str) -> None:
+    """Zero, broadcast and multicast, on insert and on update."""
+    with database.transaction() as tx:
+        robots.add(tx, mac(1), "good")
+        with pytest.raises(RecordRefused, match=r"cannot add robot a: .* is no MAC of one robot"):
+            robots.add(tx, text, "a")
+        with pytest.raises(RecordRefused, match="cannot change robot good: "):
+            robots.set_mac(tx, robots.get(tx, "good").id, text)
+
+
+def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
+    """Levels are the grant's, and manage for admins."""
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        users.add(tx, "root", "x", "admin")
+        ann, root = users.get(tx, "ann"), users.get(tx, "root")
+        granted, _ = robots.add(tx, mac(1), "granted"), robots.add(tx, mac(2), "other")
+        give(tx, ann.id, granted, "observe")
+        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, ann)] == [
+            ("granted", "observe")
+        ]
+        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, root)] == [
+            ("granted", "manage"),
+            ("other", "manage"),
+        ]
+        assert robots.find_seen(tx, ann, "other") is None
+        assert robots.find_seen(tx, root, "other") is not None
+
+
+def test_presence_is_the_newest_session(database: Database, admin_database: Database) -> None:
+    """No session: never seen; an open one: online since; an ended one: offline since."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+    seen = []
+    for statement in (
+        "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
+        "UPDATE robot_sessions SET ended_at = started_at + INTERVAL 1 HOUR WHERE robot_id = %s",
+    ):
+        with database.transaction() as tx:
+            seen += robots.list_all(tx)
+        with admin_database.transaction() as tx:
+            tx.change(statement, (robot_id,))
+    with database.transaction() as tx:
+        seen += robots.list_all(tx)
+    never, online, offline = seen
+    assert [one.online for one in seen] == [False, True, False]
+    assert never.since is None
+    assert online.since is not None
+    assert offline.since is not None
+    assert (offline.since - online.since).total_seconds() == 3600
+
+
+def test_key_and_report_are_kept_together(database: Database) -> None:
+    """What a robot shows when it joins stands in its row with the time, until the key is forgotten."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        robots.set_state(tx, robot_id, "active")
+        robot = robots.find_by_mac(tx, MAC)
+        assert robot is not None
+        assert (robot.fingerprint, robot.state, robot.report) == (
+            KEY.fingerprint,
+            "active",
+            REPORT,
+        )
+        assert robot.joined_at is not None
+        second = robots.add(tx, mac(1), "b")
+        with pytest.raises(RecordExists):
+            robots.set_key(tx, second, KEY, REPORT)
+        robots.forget_key(tx, robot_id)
+        robots.set_key(tx, second, KEY, REPORT)
+        robot = robots.get(tx, "a")
+    assert (robot.fingerprint, robot.report, robot.joined_at) == (None, None, None)
+
+
+def test_rotated_key_keeps_the_one_before(database: Database) -> None:
+    """Until any other change of the key, whose old connections end."""
+    new = PublicKey("ssh-ed25519 BBBB", "SHA256:new")
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        robots.request_rotation(tx, robot_id)
+        assert robots.get(tx, "a").rotate_requested_at is not None
+        robots.rotate_key(tx, robot_id, new)
+        robot = robots.get(tx, "a")
+        assert (robot.key, robot.report, robot.rotate_requested_at) == (new, REPORT, None)
+        assert previous(tx) == KEY.fingerprint
+        robots.forget_key(tx, robot_id)
+        assert previous(tx) is None
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        robots.rotate_key(tx, robot_id, new)
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        assert previous(tx) is None
+
+
+def previous(tx: Transaction) -> object:
+    row = tx.row("SELECT previous_fingerprint FROM robots")
+    assert row is not None
+    return row["previous_fingerprint"]
+
+
+def test_row_remembers_that_it_had_a_key(database: Database) -> None:
+    """Also when somebody wrote the key by SQL."""
+    with database.transaction() as tx:
+        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        robots.set_key(tx, first, KEY, REPORT)
+        robots.forget_key(tx, first)
+        tx.change("UPDATE robots SET public_key = 'k', fingerprint = 'f' WHERE id = %s", (second,))
+        assert robots.get(tx, "a").had_key
+        assert robots.get(tx, "b").had_key
+        robots.add(tx, mac(3), "c")
+        assert not robots.get(tx, "c").had_key
+
+
+def test_address_and_version_are_the_newest_sessions(
+    database: Database, admin_database: Database
+) -> None:
+    """Before the first session, they are the join's."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        before = robots.get_seen(tx, "a")
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address, agent_version) VALUES (%s, '::1', '0.3')",
+            (robot_id,),
+        )
+    with database.transaction() as tx:
+        after = robots.get_seen(tx, "a")
+        with pytest.raises(RecordMissing):
+            robots.get_seen(tx, "ghost")
+    assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
+    assert (after.address, after.agent_version) == ("::1", "0.3")
+
+
+def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -> None:
+    """The sentence names what another robot has."""
+    with database.transaction() as tx:
+        first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
+        with pytest.raises(RecordExists, match="cannot use the name b: another robot has it"):
+            robots.rename(tx, first, "b")
+        with pytest.raises(RecordExists, match=f"cannot use the MAC {mac(2)}: another robot"):
+            robots.set_mac(tx, first, mac(2))
+        with pytest.raises((RecordExists, RecordRefused), match="20002"):
+            robots.set_ports(tx, first, 20002, 20003)
+
+
+def add_unknown(tx: Transaction, number: int, name: str) -> int:
+    robot_id = robots.add(tx, mac(number), name, unknown=True)
+    robots.set_key(tx, robot_id, PublicKey("ssh-ed25519 A", f"SHA256:{number}"), REPORT)
+    return robot_id
+
+
+def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database: Database) -> None:
+    """An approval, a disabling and a forgotten key each end it; announced robots never were any."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
+        ids = [add_unknown(tx, number, f"s{number}") for number in range(1, 5)]
+        assert robots.unknown_addresses(tx) == ["192.0.2.1"] * 4
+        robots.set_state(tx, ids[0], "pending")
+        assert len(robots.unknown_addresses(tx)) == 4
+        robots.set_state(tx, ids[0], "active")
+        robots.set_state(tx, ids[1], "disabled")
+        robots.set_state(tx, ids[1], "pending")
+        robots.forget_key(tx, ids[2])
+        assert len(robots.unknown_addresses(tx)) == 1
+
+
+def test_only_old_unknown_robots_are_removed(database: Database, admin_database: Database) -> None:
+    """Rows of admins, approved robots, those with a grant and newer ones stay; the ports are free again."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
+        ids = {name: add_unknown(tx, n, name) for n, name in enumerate(("old", "known", "granted"))}
+        robots.set_state(tx, ids["known"], "active")
+        robots.set_state(tx, ids["known"], "pending")
+        give(tx, users.add(tx, "ann", "x", "user"), ids["granted"], "drive")
+        tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 25 HOUR")
+        add_unknown(tx, 9, "new")
+        robots.remove_unknown(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
+        names = {seen.robot.name for seen in robots.list_all(tx)}
+    assert names == {"announced", "known", "granted", "new"}
+    assert ids["old"] not in pair_owners(admin_database).values()
+
+
+def test_removed_robot_takes_its_grants_and_frees_its_ports(
+    database: Database, admin_database: Database
+) -> None:
+    """Its MAC and its name may be given again."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        give(tx, users.add(tx, "ann", "x", "user"), robot_id, "drive")
+        robots.remove(tx, robot_id)
+        assert tx.rows("SELECT * FROM grants") == []
+        assert robots.find_by_mac(tx, MAC) is None
+    assert pair_owners(admin_database) == {}
+    with database.transaction() as tx:
+        assert robots.add(tx, MAC, "a") != robot_id
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ("name = 'Bad_Name'", "a name has a-z"),
+        ("mac = 'rubbish'", "is no MAC address"),
+        ("ros_port = 80", "give two different ports"),
+        ("ros_port = 20003, video_port = 30000", "robot b has port 20003 or 30000"),
+    ],
+)
+def test_refused_update_says_change(database: Database, change: str, why: str) -> None:
+    """The sentence tells what was tried with which robot, by the name that it has."""
+    with database.transaction() as tx:
+        robots.add(tx, MAC, "a")
+        robots.add(tx, mac(1), "b")
+        with pytest.raises(RecordRefused, match=r"^cannot change robot a: ") as refused:
+            tx.change(f"UPDATE robots SET {change} WHERE name = 'a'")
+    assert why in refused.value.detail
+
+
+def test_unknown_robot_is_said_so(database: Database) -> None:
+    """The sentence names it and says where to look."""
+    with database.transaction() as tx, pytest.raises(RecordMissing, match="no such robot"):
+        robots.get(tx, "ghost")

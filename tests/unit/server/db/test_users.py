@@ -1,0 +1,49 @@
+"""Users in the real database."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from robotether_server.db import Database, logins, users
+from robotether_server.problems import RecordExists, RecordMissing, RecordRefused
+
+
+def test_user_is_found_by_name(database: Database) -> None:
+    """What was added comes back; the hash stays out of printed objects."""
+    with database.transaction() as tx:
+        user_id = users.add(tx, "ann", "hash-of-ann", "admin")
+        user = users.get(tx, "ann")
+        assert (user.id, user.name, user.is_admin, user.disabled) == (user_id, "ann", True, False)
+        assert "hash-of-ann" not in repr(user)
+        assert users.find(tx, "bob") is None
+        assert [one.name for one in users.list_all(tx)] == ["ann"]
+
+
+def test_taken_unknown_and_wrong_names_are_said_so(database: Database) -> None:
+    """Each sentence names the user."""
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        with pytest.raises(RecordExists, match="cannot add user ann"):
+            users.add(tx, "ann", "x", "user")
+        with pytest.raises(RecordMissing, match="cannot find user bob"):
+            users.get(tx, "bob")
+        with pytest.raises(RecordRefused):
+            users.add(tx, "<script>", "x", "user")
+
+
+def test_new_password_and_disabling_end_logins(database: Database) -> None:
+    """Who was logged in with the old password, or is disabled, is out."""
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        ann = users.get(tx, "ann")
+        for end_it in (
+            lambda: users.set_password(tx, ann.id, "y"),
+            lambda: users.set_disabled(tx, ann.id, disabled=True),
+        ):
+            text = logins.create(tx, ann, "", dt.timedelta(hours=1))
+            assert logins.find_user(tx, text) is not None
+            end_it()
+            assert logins.find_user(tx, text) is None
+        users.set_disabled(tx, ann.id, disabled=False)
+        assert users.get(tx, "ann").password_hash == "y"
