@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from mariadb_server import MariaDb
 from outside import marks_of
-from robotether_server.db import Database, ports
-from robotether_server.migrate import migrate
+from robotether_server.db import Database
+from robotether_server.db.migrate import migrate, set_port_range, set_shell_port_range
 from robotether_server.settings import MigrateSettings
 
 # The first and the last judge the speed of the machine that tests, and not what is tested. Continuous integration plays
@@ -76,8 +76,8 @@ def admin_database(mariadb: MariaDb) -> Database:
     with database.transaction() as tx:
         for table in TABLES:
             tx.change("DELETE FROM " + table)
-        ports.set_range(tx, FIRST_PORT, LAST_PORT)
-        ports.set_shell_range(tx, FIRST_SHELL_PORT, LAST_SHELL_PORT)
+        set_port_range(tx, FIRST_PORT, LAST_PORT)
+        set_shell_port_range(tx, FIRST_SHELL_PORT, LAST_SHELL_PORT)
     return database
 
 

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, exports, fields
+from robotether_server.api import auth, exports, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
@@ -24,7 +24,7 @@ COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 @blueprint.get("/audit")
 def list_audit_events() -> Response:
     """List events, the newest first; `before` goes on where an earlier answer ended."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         given = fields.query(request, FILTERS)
         search = _search(given)
         before = fields.number_in_query(given, "before", 1, MAX_ID)

@@ -1,15 +1,22 @@
 """Finds out who asks: a browser with a login, or a program with an API token.
 
-Used by every handler that needs a user. Reveals nothing about logins and tokens that do not hold.
+Used by every handler that needs a user. Reveals nothing about logins and tokens that do not hold. A handler of the
+API does all of a request in one transaction (`any_user`, `admin`): what fails inside leaves nothing behind, its
+audit event included.
 """
 
-from flask import Request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from flask import Request, request
 from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
 from robotether_server.db import Transaction, digests, logins, tokens
+from robotether_server.db.audit import Source
 from robotether_server.db.users import User
-from robotether_server.problems import LoginMissing, TokenInvalid
+from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
 from robotether_server.services import enrolment_credentials
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
@@ -94,3 +101,34 @@ def set_login(response: Response, text: str) -> None:
 def clear_login(response: Response) -> None:
     """Make the browser forget its login."""
     response.delete_cookie(COOKIE, secure=True, httponly=True, samesite="Lax")
+
+
+@dataclass(frozen=True)
+class Caller:
+    """A user with an open transaction; `source` is how the user signs the audit log."""
+
+    tx: Transaction
+    user: User
+    source: Source
+
+
+@contextmanager
+def any_user() -> Iterator[Caller]:
+    """Let in whoever has a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
+    with context().database.transaction() as tx:
+        user = api_user(tx, request)
+        yield Caller(tx, user, Source(user.name, request.remote_addr))
+
+
+@contextmanager
+def admin() -> Iterator[Caller]:
+    """Let in admins alone; raise GrantMissing, which tells the others nothing of what they asked for."""
+    with any_user() as caller:
+        check_admin(caller.user)
+        yield caller
+
+
+def check_admin(user: User) -> None:
+    """Raise GrantMissing for a user who is no admin."""
+    if not user.is_admin:
+        raise GrantMissing(f"cannot do this as user {user.name}: it is for admins")

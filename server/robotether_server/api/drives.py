@@ -5,7 +5,7 @@ from dataclasses import fields as members_of
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, exports, fields
+from robotether_server.api import auth, exports, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
@@ -26,7 +26,7 @@ COLUMNS = tuple(member.name for member in members_of(Drive))
 @blueprint.get("/drives")
 def list_drives() -> Response:
     """List drives, the newest first; `before` goes on where an earlier answer ended."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         given = fields.query(request, FILTERS)
         search = _search(given)
         before = fields.number_in_query(given, "before", 1, MAX_ID)
@@ -44,7 +44,7 @@ def list_drives() -> Response:
 @blueprint.get("/drives/<int:drive_id>")
 def show_drive(drive_id: int) -> Response:
     """Tell of one drive; browsers that are led here keep it as a file."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
     answer = jsonify(plain(asdict(found)))
     name = f"robotether-drive-{found.id}.json"

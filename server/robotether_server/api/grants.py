@@ -4,9 +4,9 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
+from robotether_server.api.auth import Caller
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.callers import Caller
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import grant_object
 from robotether_server.db.grants import LEVELS, Grant
@@ -21,7 +21,7 @@ REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
 @blueprint.get("/grants")
 def list_grants() -> Response:
     """List the grants, ended ones too."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = grant_service.list_all(caller.tx)
     return jsonify({"grants": [grant_object(one) for one in found]})
 
@@ -29,7 +29,7 @@ def list_grants() -> Response:
 @blueprint.post("/grants")
 def add_grant() -> tuple[Response, int]:
     """Give a grant, in place of an earlier one of the same two."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, REQUEST)
         given, is_new = _give(caller, _holder(body), _scope(body), body)
     return jsonify(grant_object(given)), HTTPStatus.CREATED if is_new else HTTPStatus.OK
@@ -38,7 +38,7 @@ def add_grant() -> tuple[Response, int]:
 @blueprint.delete("/grants/<int:grant_id>")
 def delete_grant(grant_id: int) -> tuple[str, int]:
     """Take one grant away."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         grant_service.take(caller.tx, caller.source, grant_id)
     return "", HTTPStatus.NO_CONTENT
 
@@ -46,7 +46,7 @@ def delete_grant(grant_id: int) -> tuple[str, int]:
 @blueprint.put("/grants/<user>/<robot>")
 def give_grant(user: str, robot: str) -> Response:
     """Let the user do this with the robot, in place of an earlier grant."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, ("level", "ends_at"))
         given, _ = _give(caller, Holder("user", user), Scope("robot", robot), body)
     return jsonify(grant_object(given))
@@ -55,7 +55,7 @@ def give_grant(user: str, robot: str) -> Response:
 @blueprint.delete("/grants/<user>/<robot>")
 def take_grant(user: str, robot: str) -> tuple[str, int]:
     """Take the grant away."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         grant_service.revoke(caller.tx, caller.source, user, robot)
     return "", HTTPStatus.NO_CONTENT
 

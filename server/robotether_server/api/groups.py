@@ -4,7 +4,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.db import groups
 from robotether_server.db.groups import Group
@@ -15,7 +15,7 @@ from robotether_server.services.names import MAX_NAME_LENGTH
 @blueprint.get("/groups")
 def list_groups() -> Response:
     """List the groups with their members."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = groups.list_all(caller.tx)
     return jsonify({"groups": [_object(one) for one in found]})
 
@@ -23,7 +23,7 @@ def list_groups() -> Response:
 @blueprint.post("/groups")
 def add_group() -> tuple[Response, int]:
     """Add a group without members."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         name = fields.text(fields.json_object(request, ("name",)), "name", MAX_NAME_LENGTH)
         added = group_service.add(caller.tx, caller.source, name)
     return jsonify(_object(added)), HTTPStatus.CREATED
@@ -32,7 +32,7 @@ def add_group() -> tuple[Response, int]:
 @blueprint.get("/groups/<group>")
 def show_group(group: str) -> Response:
     """Show one group."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = groups.get(caller.tx, group)
     return jsonify(_object(found))
 
@@ -40,7 +40,7 @@ def show_group(group: str) -> Response:
 @blueprint.delete("/groups/<group>")
 def remove_group(group: str) -> tuple[str, int]:
     """Remove the group with its grants; its members stay users."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         group_service.remove(caller.tx, caller.source, group)
     return "", HTTPStatus.NO_CONTENT
 
@@ -48,7 +48,7 @@ def remove_group(group: str) -> tuple[str, int]:
 @blueprint.put("/groups/<group>/members/<user>")
 def add_member(group: str, user: str) -> Response:
     """Make the user a member."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         changed = group_service.add_member(caller.tx, caller.source, group, user)
     return jsonify(_object(changed))
 
@@ -56,7 +56,7 @@ def add_member(group: str, user: str) -> Response:
 @blueprint.delete("/groups/<group>/members/<user>")
 def remove_member(group: str, user: str) -> tuple[str, int]:
     """End the membership."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         group_service.remove_member(caller.tx, caller.source, group, user)
     return "", HTTPStatus.NO_CONTENT
 

@@ -6,7 +6,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.objects import Object, plain
@@ -23,7 +23,7 @@ MEMBERS = ("name", "uses", "hours")
 @blueprint.get("/join-tokens")
 def list_join_tokens() -> Response:
     """List the join tokens, without their texts."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = join_token_service.list_all(caller.tx)
     return jsonify({"join_tokens": [plain(asdict(one)) for one in found]})
 
@@ -31,7 +31,7 @@ def list_join_tokens() -> Response:
 @blueprint.post("/join-tokens")
 def create_join_token() -> tuple[Response, int]:
     """Make a token; its text and the line are told this one time."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, MEMBERS)
         name = fields.text(body, "name", MAX_NAME_LENGTH)
         uses = fields.number(body, "uses", 1, join_token_service.MAX_USES)
@@ -47,7 +47,7 @@ def create_join_token() -> tuple[Response, int]:
 @blueprint.delete("/join-tokens/<int:token_id>")
 def delete_join_token(token_id: int) -> tuple[str, int]:
     """Delete a token."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         join_token_service.delete(caller.tx, caller.source, token_id)
     return "", HTTPStatus.NO_CONTENT
 

@@ -5,17 +5,21 @@ What only admins may know of a robot stands in `_for_admins`, and nowhere else.
 
 import datetime as dt
 from collections.abc import Mapping
+from pathlib import Path
 
-from robotether_server.api import host_keys
 from robotether_server.db.control_states import ControlState
 from robotether_server.db.grants import Grant
 from robotether_server.db.robots import SeenRobot
 from robotether_server.db.users import User
+from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
 from robotether_server.times import rfc3339
 
 Object = dict[str, object]
 SSH_USER = "tunnel"
+
+
+KEY_WORDS = 2
 
 
 def plain(record: Mapping[str, object]) -> Object:
@@ -88,5 +92,19 @@ def ssh_object(settings: JoinSettings) -> Object:
         "user": SSH_USER,
         "host": settings.public_host,
         "ports": list(settings.ssh_ports),
-        "host_keys": host_keys.read(settings.ssh_host_keys_dir),
+        "host_keys": read_host_keys(settings.ssh_host_keys_dir),
     }
+
+
+def read_host_keys(folder: Path) -> list[str]:
+    """Return each key as `TYPE BASE64`, by file name; raise StoreUnavailable when there is none."""
+    lines = []
+    for path in sorted(folder.glob("*.pub")):
+        words = path.read_text(encoding="ascii").split()
+        if len(words) >= KEY_WORDS:
+            lines.append(" ".join(words[:KEY_WORDS]))
+    if not lines:
+        raise StoreUnavailable(
+            f"cannot tell sshd's host keys: {folder} holds no *.pub file yet; try again shortly"
+        )
+    return lines

@@ -1,16 +1,18 @@
 """/api/v1/robots/NAME/...: what admins do about a robot's key and ports."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.objects import robot_object
+from robotether_server.api.objects import plain, robot_object
 from robotether_server.db import Transaction, control_states, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Robot
+from robotether_server.services import pending
 from robotether_server.services import robots as robot_service
 
 MAX_FINGERPRINT_LENGTH = 64
@@ -25,7 +27,7 @@ def approve_key(robot: str) -> Response:
 @blueprint.post("/robots/<robot>/reject")
 def reject_key(robot: str) -> tuple[str, int]:
     """Turn a waiting key away; a robot that nobody announced goes with it."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         robot_service.reject(caller.tx, caller.source, robot, _fingerprint())
     return "", HTTPStatus.NO_CONTENT
 
@@ -49,7 +51,7 @@ def move_ports(robot: str) -> Response:
 
 
 def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         do(caller.tx, caller.source)
         seen = robots.get_seen(caller.tx, robot)
         control = control_states.of_robot(caller.tx, seen.robot.id)
@@ -59,3 +61,27 @@ def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
 def _fingerprint() -> str:
     body = fields.json_object(request, ("fingerprint",))
     return fields.text(body, "fingerprint", MAX_FINGERPRINT_LENGTH)
+
+
+@blueprint.get("/pending")
+def list_pending() -> Response:
+    """List the keys that wait, the oldest first."""
+    with auth.admin() as caller:
+        waiting = pending.waiting(caller.tx)
+    return jsonify({"pending": [plain(asdict(one)) for one in waiting]})
+
+
+@blueprint.get("/rejected-keys")
+def list_rejected_keys() -> Response:
+    """List the keys that were turned away, the newest first."""
+    with auth.admin() as caller:
+        rejected = pending.rejected(caller.tx)
+    return jsonify({"rejected_keys": [plain(asdict(one)) for one in rejected]})
+
+
+@blueprint.delete("/rejected-keys/<int:key_id>")
+def forgive_key(key_id: int) -> tuple[str, int]:
+    """Let a key ask again."""
+    with auth.admin() as caller:
+        pending.forgive(caller.tx, caller.source, key_id)
+    return "", HTTPStatus.NO_CONTENT

@@ -5,17 +5,18 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import macs
-from robotether_server.api import auth, callers, fields
+from robotether_server.api import auth, fields
+from robotether_server.api.auth import Caller
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.callers import Caller
 from robotether_server.api.context import context
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain, robot_object, ssh_object
 from robotether_server.db import control_states, robots, sessions
 from robotether_server.db.audit import Source
+from robotether_server.page_settings import NAMES
 from robotether_server.problems import FieldInvalid, RobotUnknown
+from robotether_server.services import drive_pages, sites
 from robotether_server.services import robots as robot_service
-from robotether_server.services import sites
 from robotether_server.services.enrolment import Registration
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.services.names import MAX_NAME_LENGTH
@@ -33,7 +34,7 @@ MAX_SESSIONS = 500
 @blueprint.get("/robots")
 def list_robots() -> Response:
     """List the robots that the user may see."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         seen = robots.list_seen(caller.tx, caller.user)
         control = control_states.of_all(caller.tx)
     is_admin = caller.user.is_admin
@@ -47,7 +48,7 @@ def list_robots() -> Response:
 @blueprint.get("/robots/<robot>")
 def show_robot(robot: str) -> Response:
     """Show one robot; one that the user may not see looks like one that does not exist."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         seen = robots.find_seen(caller.tx, caller.user, robot)
         if seen is None:
             raise RobotUnknown(
@@ -78,7 +79,7 @@ def register_robot(robot: str) -> tuple[Response, int]:
 @blueprint.patch("/robots/<robot>")
 def change_robot(robot: str) -> Response:
     """Change what is given, all or nothing."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, CHANGES)
         if not body:
             raise FieldInvalid(f"cannot change robot {robot}: give one of {', '.join(CHANGES)}")
@@ -91,7 +92,7 @@ def change_robot(robot: str) -> Response:
 @blueprint.delete("/robots/<robot>")
 def remove_robot(robot: str) -> tuple[str, int]:
     """Remove the robot with its grants and sessions."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         robot_service.remove(caller.tx, caller.source, robot)
     return "", HTTPStatus.NO_CONTENT
 
@@ -99,7 +100,7 @@ def remove_robot(robot: str) -> tuple[str, int]:
 @blueprint.get("/robots/<robot>/sessions")
 def list_sessions(robot: str) -> Response:
     """List the robot's connections, the newest first."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         given = fields.query(request, ("limit",))
         limit = fields.number_in_query(given, "limit", 1, MAX_SESSIONS) or USUAL_SESSIONS
         found = sessions.of_robot(caller.tx, robots.get_seen(caller.tx, robot).robot.id, limit)
@@ -145,3 +146,23 @@ def _change_state(caller: Caller, name: str, state: str) -> None:
         robot_service.disable(caller.tx, caller.source, name)
     elif robots.get(caller.tx, name).state != "active":
         robot_service.enable(caller.tx, caller.source, name)
+
+
+@blueprint.put("/robots/<robot>/page")
+def set_page(robot: str) -> Response:
+    """Replace the page's settings; what is missing is as by default."""
+    with auth.any_user() as caller:
+        drive_pages.find_managed(caller.tx, caller.user, robot)
+        body = fields.json_object(request, NAMES)
+        settings = drive_pages.set_page(caller.tx, caller.source, robot, body)
+    return jsonify(settings.page.as_dict())
+
+
+@blueprint.put("/robots/<robot>/buttons")
+def set_buttons(robot: str) -> Response:
+    """Replace the buttons."""
+    with auth.any_user() as caller:
+        drive_pages.find_managed(caller.tx, caller.user, robot)
+        body = fields.json_object(request, ("buttons",))
+        settings = drive_pages.set_buttons(caller.tx, caller.source, robot, body.get("buttons"))
+    return jsonify({"buttons": [button.as_dict() for button in settings.buttons]})

@@ -7,7 +7,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.db import sites
 from robotether_server.db.sites import Site
@@ -18,7 +18,7 @@ from robotether_server.services.names import MAX_NAME_LENGTH
 @blueprint.get("/sites")
 def list_sites() -> Response:
     """List the sites with their robots."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = sites.list_all(caller.tx)
     return jsonify({"sites": [_object(one) for one in found]})
 
@@ -26,7 +26,7 @@ def list_sites() -> Response:
 @blueprint.post("/sites")
 def add_site() -> tuple[Response, int]:
     """Add a site without robots."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         name = fields.text(fields.json_object(request, ("name",)), "name", MAX_NAME_LENGTH)
         added = site_service.add(caller.tx, caller.source, name)
     return jsonify(_object(added)), HTTPStatus.CREATED
@@ -35,7 +35,7 @@ def add_site() -> tuple[Response, int]:
 @blueprint.get("/sites/<site>")
 def show_site(site: str) -> Response:
     """Show one site."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = sites.get(caller.tx, site)
     return jsonify(_object(found))
 
@@ -43,7 +43,7 @@ def show_site(site: str) -> Response:
 @blueprint.delete("/sites/<site>")
 def remove_site(site: str) -> tuple[str, int]:
     """Remove the site with its grants; its robots are at no site then."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         site_service.remove(caller.tx, caller.source, site)
     return "", HTTPStatus.NO_CONTENT
 

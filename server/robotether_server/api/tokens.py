@@ -6,9 +6,9 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
+from robotether_server.api.auth import Caller
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.callers import Caller
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain
 from robotether_server.db import users
@@ -24,7 +24,7 @@ MEMBERS = ("name", "days", "user")
 @blueprint.get("/tokens")
 def list_tokens() -> Response:
     """List the user's tokens, or everybody's for an admin, without their texts."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         is_admin = caller.user.is_admin
         found = (
             token_service.list_all(caller.tx)
@@ -37,7 +37,7 @@ def list_tokens() -> Response:
 @blueprint.post("/tokens")
 def create_token() -> tuple[Response, int]:
     """Make a token; its text is told this one time."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         body = fields.json_object(request, MEMBERS)
         name = fields.text(body, "name", MAX_NAME_LENGTH)
         days = fields.number(body, "days", 1, MAX_DAYS) if "days" in body else None
@@ -52,7 +52,7 @@ def create_token() -> tuple[Response, int]:
 @blueprint.delete("/tokens/<int:token_id>")
 def delete_token(token_id: int) -> tuple[str, int]:
     """Delete a token; another user's looks like one that does not exist, but to admins."""
-    with callers.any_user() as caller:
+    with auth.any_user() as caller:
         token = token_service.get(caller.tx, token_id)
         if token.user != caller.user.name and not caller.user.is_admin:
             raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
@@ -64,5 +64,5 @@ def _owner(caller: Caller, body: Fields) -> User:
     name = fields.text(body, "user", MAX_NAME_LENGTH) if "user" in body else caller.user.name
     if name == caller.user.name:
         return caller.user
-    callers.check_admin(caller.user)
+    auth.check_admin(caller.user)
     return users.get(caller.tx, name)

@@ -5,9 +5,9 @@ from http import HTTPStatus
 from flask import Response, jsonify, request
 
 from robotether_server import passwords
-from robotether_server.api import callers, fields
+from robotether_server.api import auth, fields
+from robotether_server.api.auth import Caller
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.callers import Caller
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import user_object
 from robotether_server.db import users
@@ -23,7 +23,7 @@ CHANGES = ("role", "disabled", "password")
 @blueprint.get("/users")
 def list_users() -> Response:
     """List the users."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         found = users.list_all(caller.tx)
     return jsonify({"users": [user_object(one) for one in found]})
 
@@ -31,7 +31,7 @@ def list_users() -> Response:
 @blueprint.post("/users")
 def add_user() -> tuple[Response, int]:
     """Add a user; a password that is made here is told this one time."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, MEMBERS)
         name = fields.text(body, "name", MAX_NAME_LENGTH)
         role = fields.choice(body, "role", ROLES)
@@ -45,14 +45,14 @@ def add_user() -> tuple[Response, int]:
 @blueprint.get("/users/<user>")
 def show_user(user: str) -> Response:
     """Show one user."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         return jsonify(user_object(users.get(caller.tx, user)))
 
 
 @blueprint.patch("/users/<user>")
 def change_user(user: str) -> Response:
     """Change what is given, all or nothing."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         body = fields.json_object(request, CHANGES)
         if not body:
             raise FieldInvalid(f"cannot change user {user}: give one of {', '.join(CHANGES)}")
@@ -63,7 +63,7 @@ def change_user(user: str) -> Response:
 @blueprint.delete("/users/<user>")
 def remove_user(user: str) -> tuple[str, int]:
     """Remove the user with grants, tokens and keys."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         user_service.remove(caller.tx, caller.source, user)
     return "", HTTPStatus.NO_CONTENT
 
@@ -71,7 +71,7 @@ def remove_user(user: str) -> tuple[str, int]:
 @blueprint.delete("/users/<user>/logins")
 def log_out_everywhere(user: str) -> tuple[str, int]:
     """End all logins of the user."""
-    with callers.admin() as caller:
+    with auth.admin() as caller:
         user_service.log_out_everywhere(caller.tx, caller.source, user)
     return "", HTTPStatus.NO_CONTENT
 
@@ -84,3 +84,10 @@ def _change(caller: Caller, user: str, body: Fields) -> None:
         user_service.set_disabled(tx, source, user, disabled=fields.flag(body, "disabled"))
     if "password" in body:
         user_service.set_password(tx, source, user, fields.secret(body, "password"))
+
+
+@blueprint.get("/me")
+def me() -> Response:
+    """Tell who asks."""
+    with auth.any_user() as caller:
+        return jsonify({"name": caller.user.name, "role": caller.user.role})

@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from robotether_server import __version__, migrate, settings
+from robotether_server import __version__, settings
 from robotether_server.cli.audit_log import audit_log
 from robotether_server.cli.grants import grant, revoke
 from robotether_server.cli.groups import group
@@ -18,6 +18,7 @@ from robotether_server.cli.sites import site
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import token
 from robotether_server.cli.users import ensure_first_admin, user
+from robotether_server.db import migrate
 from robotether_server.problems import Problem, StoreUnavailable
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
@@ -32,7 +33,7 @@ GUNICORN = (
     "--worker-tmp-dir=/tmp",
     "--no-control-socket",
 )
-APPLICATION = "robotether_server.web.wsgi:make_app()"
+APPLICATION = "robotether_server.web.app:make_app()"
 
 
 # Where the commands are whose libraries take as long to load as all the rest: loaded only for them.

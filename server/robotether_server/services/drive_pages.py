@@ -1,7 +1,8 @@
 """What the managers of a robot set of its drive page: how it moves, its cameras and picture, and its buttons.
 
-The rest of its settings are admins' (robots.py). Whoever calls has found out that the user manages the robot, and
-for `allow` that it is an admin. Connections go on; the page takes a change when it is opened anew.
+The rest of its settings are admins' (robots.py). Whoever calls has found out with `find_managed` that the user
+manages the robot, and for `allow` that it is an admin. Connections go on; the page takes a change when it is opened
+anew.
 """
 
 import json
@@ -13,7 +14,9 @@ from robotether_server import robot_settings
 from robotether_server.buttons import Button
 from robotether_server.db import Transaction, audit, locks, robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.db.robots import SeenRobot
+from robotether_server.db.users import User
+from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, RobotUnknown
 from robotether_server.robot_settings import RobotSettings
 from robotether_server.services import robots as robot_service
 from robotether_server.setting_paths import Settings, put_path
@@ -102,3 +105,15 @@ def _set(
         details: dict[str, object] = {"was": was, member: given.get(member)}
         audit.record(tx, source, replace(event, details=details))
     return settings
+
+
+def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
+    """Return the robot if this user manages it; raise RobotUnknown when they may not see it, else GrantMissing."""
+    seen = robots.find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
+    if seen.level != "manage":
+        raise GrantMissing(
+            f"cannot change the page of robot {name}: your grant is {seen.level}; it takes one to manage it"
+        )
+    return seen

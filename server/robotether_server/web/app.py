@@ -1,6 +1,8 @@
-"""Builds the Flask application from its settings; started by wsgi.py, and by tests."""
+"""Builds the Flask application from its settings; gunicorn calls make_app."""
 
 import datetime as dt
+import logging
+import os
 
 from flask import Flask
 from werkzeug.middleware.proxy_fix import ProxyFix
@@ -9,11 +11,18 @@ from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
 from robotether_server.db import Database
 from robotether_server.db.logins import Lifetime
-from robotether_server.settings import WebSettings
+from robotether_server.settings import WebSettings, load_web
 from robotether_server.site_certificate import SiteCertificates
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, cors, current_user, errors, headers, page_texts
-from robotether_server.web.pages import drive_settings, drives, home, installer, profile
+from robotether_server.web.pages import (
+    button_forms,
+    drive_page_form,
+    drives,
+    home,
+    installer,
+    profile,
+)
 
 MAX_REQUEST_BYTES = 64 * 1024
 
@@ -59,5 +68,15 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
-    app.register_blueprint(drive_settings.blueprint)
+    app.register_blueprint(drive_page_form.blueprint)
+    app.register_blueprint(button_forms.blueprint)
     return app
+
+
+def make_app() -> Flask:
+    """Read the environment, and return the application: for gunicorn, started by `robotether web`."""
+    loaded = load_web(os.environ)
+    logging.basicConfig(
+        level=loaded.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s"
+    )
+    return create_app(loaded)

@@ -7,7 +7,7 @@ import threading
 import pytest
 from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
 from mariadb_server import MariaDb
-from robotether_server.db import Database, Transaction, ports, robots
+from robotether_server.db import Database, Transaction, migrate, robots
 from robotether_server.problems import RecordExists, RecordRefused
 
 
@@ -57,7 +57,7 @@ def test_last_pair_waits_for_the_one_who_holds_it(
 ) -> None:
     """When every free pair is locked, an insert waits, and gets the pair if the holder gives up."""
     with admin_database.transaction() as tx:
-        ports.set_range(tx, 20000, 20001)
+        migrate.set_port_range(tx, 20000, 20001)
     waiting: list[int] = []
 
     def insert_second() -> None:
@@ -83,7 +83,7 @@ def test_last_pair_waits_for_the_one_who_holds_it(
 def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
     """The refusal names the robot, the number of pairs and the two settings."""
     with admin_database.transaction() as tx:
-        ports.set_range(tx, 20000, 20003)
+        migrate.set_port_range(tx, 20000, 20003)
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
         robots.add(tx, mac(2), "b")
@@ -140,7 +140,7 @@ def test_shells_switched_on_at_once_get_distinct_ports(
 def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: Database) -> None:
     """The robot stays as it was."""
     with admin_database.transaction() as tx:
-        ports.set_shell_range(tx, 24000, 24000)
+        migrate.set_shell_port_range(tx, 24000, 24000)
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         second = robots.add(tx, mac(2), "b")

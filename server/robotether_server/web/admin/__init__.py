@@ -12,34 +12,26 @@ from robotether_server.web.admin import (
     audit_log,
     grants,
     groups,
-    join_tokens,
     pending,
     robot_actions,
-    robot_changes,
-    robot_list,
-    robot_page,
+    robot_pages,
     robot_settings,
     sites,
     tokens,
-    user_actions,
     users,
 )
 
 blueprint = Blueprint("admin", __name__, url_prefix="/admin")
 blueprint.before_request(current_user.require_admin)
 for part in (
-    robot_list,
-    robot_page,
+    robot_pages,
     robot_actions,
-    robot_changes,
     robot_settings,
     pending,
     users,
-    user_actions,
     groups,
     sites,
     grants,
-    join_tokens,
     tokens,
     audit_log,
 ):

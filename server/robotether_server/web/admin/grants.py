@@ -13,7 +13,7 @@ from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Holder, Scope
 from robotether_server.web import confirmation, current_user, forms
-from robotether_server.web.admin import groups, robot_page, sites, users
+from robotether_server.web.admin import groups, robot_pages, sites, users
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.page_texts import timestamp_words
 
@@ -26,7 +26,7 @@ PageAnswer = AnyResponse | str | tuple[str, int]
 @blueprint.route("/robots/<name>/grants", methods=METHODS)
 def of_robot(name: str) -> PageAnswer:
     """Let somebody do something with this robot."""
-    return _give(robot_page.render, name, robot_page.page_of(name))
+    return _give(robot_pages.render, name, robot_pages.page_of(name))
 
 
 @blueprint.route("/users/<name>/grants", methods=METHODS)
@@ -129,7 +129,7 @@ def _page_of(found: Grant, about: str) -> str:
     if about == "site" and found.site is not None:
         return sites.page_of(found.site)
     if about == "robot" and found.robot is not None:
-        return robot_page.page_of(found.robot)
+        return robot_pages.page_of(found.robot)
     if found.group is not None:
         return groups.page_of(found.group)
     return users.page_of(found.user or "")

@@ -18,9 +18,13 @@ from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import robots
 from robotether_server.setting_paths import Settings, get_path, put_path
 from robotether_server.web import confirmation, current_user
-from robotether_server.web.admin import robot_page
-from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField
-from robotether_server.web.admin.robot_setting_texts import line_of, text_of
+from robotether_server.web.admin import robot_pages
+from robotether_server.web.admin.robot_setting_fields import (
+    SECTIONS,
+    SettingField,
+    line_of,
+    text_of,
+)
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 
 blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/settings")
@@ -41,7 +45,7 @@ class Filled:
 @blueprint.route("", methods=METHODS)
 def show(name: str) -> AnyResponse | str | tuple[str, int]:
     """Show the form, or save what it says."""
-    present = robot_page.get(name).robot.settings
+    present = robot_pages.get(name).robot.settings
     if request.method == "GET":
         return _page(name, present)
     try:
@@ -50,14 +54,14 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
     except Problem as problem:
         return _page(name, present, problem), problem.status
     return confirmation.go_on(
-        robot_page.page_of(name), f"The policy and the guard of robot {name} are set."
+        robot_pages.page_of(name), f"The policy and the guard of robot {name} are set."
     )
 
 
 @blueprint.route("/defaults", methods=METHODS)
 def to_defaults(name: str) -> AnyResponse:
     """Go back to the defaults."""
-    robot_page.get(name)
+    robot_pages.get(name)
     action = ConfirmedAction(
         title=f"Policy and guard of robot {name} back to the defaults?",
         effects=(
@@ -69,8 +73,8 @@ def to_defaults(name: str) -> AnyResponse:
         undo="Set them again; the audit log keeps what they were.",
         button="Back to the defaults",
         done=f"The policy and the guard of robot {name} are the defaults.",
-        back=f"{robot_page.page_of(name)}/settings",
-        onward=robot_page.page_of(name),
+        back=f"{robot_pages.page_of(name)}/settings",
+        onward=robot_pages.page_of(name),
     )
 
     def do(tx: Transaction, source: Source) -> None:

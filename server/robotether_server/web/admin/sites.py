@@ -10,7 +10,7 @@ from robotether_server.problems import Problem
 from robotether_server.services import sites as site_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.web import confirmation, current_user, forms
-from robotether_server.web.admin import grant_lists, robot_page
+from robotether_server.web.admin import grant_lists, robot_pages
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 
 blueprint = Blueprint("sites", __name__)
@@ -81,15 +81,15 @@ def remove_robot(name: str, robot: str) -> AnyResponse:
 def place(name: str) -> PageAnswer:
     """Put this robot at a site, or at none."""
     if request.method == "GET":
-        return robot_page.render(name)
+        return robot_pages.render(name)
     try:
         site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
             site_service.place(tx, current_user.source(), name, site)
     except Problem as problem:
-        return robot_page.render(name, problem), problem.status
+        return robot_pages.render(name, problem), problem.status
     words = f"at site {site}" if site else "at no site"
-    return confirmation.go_on(robot_page.page_of(name), f"Robot {name} is {words}.")
+    return confirmation.go_on(robot_pages.page_of(name), f"Robot {name} is {words}.")
 
 
 @blueprint.route("/sites/<name>/remove", methods=METHODS)

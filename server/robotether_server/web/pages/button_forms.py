@@ -12,13 +12,14 @@ from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
-from robotether_server.services import drive_pages, permissions
+from robotether_server.services import drive_pages
 from robotether_server.setting_values import MAX_ROS_NAME_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.pages.drive_page_form import path_of
 
-blueprint = Blueprint("button_forms", __name__, url_prefix="/buttons")
+blueprint = Blueprint("button_forms", __name__, url_prefix="/robots/<name>/settings/buttons")
+blueprint.before_request(current_user.require_user)
 
 KINDS = (("publish", "Publish a message"), ("call", "Call a service"))
 MAX_TYPE_LENGTH = 140
@@ -108,7 +109,7 @@ def _save(
     tx: Transaction, name: str, button: Button, put: Callable[[list[Button], Button], None]
 ) -> None:
     source = current_user.source()
-    permissions.find_managed(tx, current_user.get(), name)
+    drive_pages.find_managed(tx, current_user.get(), name)
     if forms.is_ticked("allow") and current_user.get().is_admin:
         drive_pages.allow(tx, source, name, button)
 
@@ -120,7 +121,7 @@ def _save(
 
 
 def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Change) -> None:
-    permissions.find_managed(tx, current_user.get(), name)
+    drive_pages.find_managed(tx, current_user.get(), name)
     drive_pages.change_buttons(tx, source, name, change_)
 
 
@@ -179,7 +180,7 @@ def _was(present: Button) -> str:
 def _present(name: str) -> tuple[Button, ...]:
     """Return the robot's buttons, for its managers."""
     with context().database.transaction() as tx:
-        settings = permissions.find_managed(tx, current_user.get(), name).robot.settings
+        settings = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
     try:
         return robot_settings.parse(settings).buttons
     except FieldInvalid as problem:

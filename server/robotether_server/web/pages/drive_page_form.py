@@ -1,28 +1,88 @@
-"""The form for a robot's drive page: how it moves, its cameras, what is wanted of the picture, when driving is held."""
+"""/robots/NAME/settings: what a manager sets of a robot's drive page, in a form. button_forms.py has its buttons.
+
+How it moves, its cameras, what is wanted of the video, when driving is held. For whoever manages the robot, admins
+included. docs/protocols.md describes `page` and `buttons`.
+"""
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
 
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
 from robotether_server.api.context import context
-from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS, Kind
 from robotether_server.problems import FieldInvalid, Problem
-from robotether_server.services import drive_pages, permissions
+from robotether_server.services import drive_pages
 from robotether_server.setting_paths import Settings
 from robotether_server.web import confirmation, current_user
 from robotether_server.web.confirmation import METHODS
-from robotether_server.web.pages import drive_page_fields
-from robotether_server.web.pages.drive_page_fields import FIELDS, PageField
 
-blueprint = Blueprint("page_form", __name__)
-
+KIND_WORDS: tuple[tuple[Kind, str], ...] = (
+    ("differential", "Drives and turns (differential)"),
+    ("holonomic", "Moves sideways too (holonomic)"),
+    ("ackermann", "Steers as a car does (Ackermann)"),
+)
+_BY_TYPE = "found by its type"
 MAX_FIELD_LENGTH = 300
 # So many rows for further cameras than there are.
 SPARE_ROWS = 2
 NUMBER = re.compile(r"\d{1,12}(\.\d{1,12})?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class PageField:
+    """One member of `page` and its words. `empty` is said where nothing stands; without it there must be something."""
+
+    name: str
+    label: str
+    hint: str
+    kind: Literal["number", "topic"] = "number"
+    empty: str = ""
+
+
+MOVING = (
+    PageField(
+        "drive_topic",
+        "Drive topic",
+        "One of the guard's drive topics.",
+        "topic",
+        "the page finds it",
+    ),
+    PageField(
+        "max_speed_m_s",
+        "Top speed (m/s)",
+        "The most that the controls offer. The guard's own limit holds whatever stands here.",
+        empty="the guard's",
+    ),
+    PageField(
+        "max_turn_rad_s", "Top turn (rad/s)", "As the top speed, for turning.", empty="the guard's"
+    ),
+    PageField("wheelbase_m", "Wheelbase (m)", "For robots that steer.", empty="not known"),
+)
+VIDEO = (
+    PageField("quality_min", "Lowest quality", "1 to 100. A slow link gets down to it."),
+    PageField("quality_max", "Highest quality", "1 to 100. A good link gets up to it."),
+    PageField("fps", "Pictures a second", "0.1 to 60."),
+    PageField("latency_ms", "Oldest picture to aim at (ms)", "50 to 5000."),
+    PageField("width", "Width (pixels)", "With the height, or neither.", empty="the camera's own"),
+    PageField("height", "Height (pixels)", "With the width, or neither.", empty="the camera's own"),
+)
+TOPICS = (
+    PageField("odometry_topic", "Odometry", "For the path.", "topic", _BY_TYPE),
+    PageField("scan_topic", "Laser scan", "Drawn around the robot.", "topic", _BY_TYPE),
+    PageField("map_topic", "Map", "Drawn under the robot.", "topic", _BY_TYPE),
+    PageField("battery_topic", "Battery", "How full it is.", "topic", _BY_TYPE),
+    PageField("diagnostics_topic", "Diagnostics", "What its parts say.", "topic", _BY_TYPE),
+)
+FIELDS = (*MOVING, *VIDEO, *TOPICS)
+
+
+blueprint = Blueprint("drive_page", __name__, url_prefix="/robots/<name>/settings")
+blueprint.before_request(current_user.require_user)
 
 
 @blueprint.route("", methods=METHODS)
@@ -30,7 +90,7 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
     """Show the form and the buttons, or save what the form says."""
     try:
         with context().database.transaction() as tx:
-            present = permissions.find_managed(tx, current_user.get(), name).robot.settings
+            present = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
             if request.method == "POST":
                 drive_pages.set_page(tx, current_user.source(), name, _from_form())
     except FieldInvalid as problem:
@@ -58,7 +118,12 @@ def _page(name: str, present: Mapping[str, object], problem: Problem | None = No
         "drive_settings.html",
         name=name,
         problem=problem,
-        words=drive_page_fields,
+        words={
+            "kinds": KIND_WORDS,
+            "moving": MOVING,
+            "video": VIDEO,
+            "topics": TOPICS,
+        },
         texts=_texts(page),
         defaults={field.name: _text(DEFAULTS.as_dict()[field.name]) for field in FIELDS},
         turns=TURNS,

@@ -6,6 +6,7 @@ import datetime as dt
 from pathlib import Path
 
 import pytest
+from robotether_server.api import objects
 from robotether_server.api.objects import plain, robot_object, ssh_object
 from robotether_server.db.control_states import FREE, ControlState, Driver, Stopped
 from robotether_server.db.robots import Report, Robot, SeenRobot
@@ -93,3 +94,19 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
         "ports": [2222, 443],
         "host_keys": ["ssh-ed25519 AAAA"],
     }
+
+
+def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:
+    """By file name, and only *.pub."""
+    (tmp_path / "b.pub").write_text("ssh-rsa BBBB root@x\n")
+    (tmp_path / "a.pub").write_text("ssh-ed25519 AAAA\n")
+    (tmp_path / "a").write_text("PRIVATE")
+    assert objects.read_host_keys(tmp_path) == ["ssh-ed25519 AAAA", "ssh-rsa BBBB"]
+
+
+@pytest.mark.parametrize("name", ["empty.pub", "other.txt"])
+def test_no_key_yet_is_said_so(tmp_path: Path, name: str) -> None:
+    """A robot must not be told to trust nothing."""
+    (tmp_path / name).write_text("")
+    with pytest.raises(StoreUnavailable, match="host keys"):
+        objects.read_host_keys(tmp_path)

@@ -8,6 +8,8 @@ from robotether_server.db import Database
 from robotether_server.ssh_keys import parse
 from web_visitor import Browser, audit_kinds
 
+MAC = "00:1b:44:11:3a:b7"
+
 
 @pytest.fixture
 def fingerprint(program: Browser) -> str:
@@ -75,3 +77,32 @@ def test_ports_are_moved_to_another_pair(root: Program) -> None:
     answer = root.ask("POST", "/robots/sim1/move-ports")
     assert answer.status_code == 200
     assert (answer.json["ros_port"], answer.json["video_port"]) == (20004, 20005)
+
+
+def test_waiting_key_is_rejected_and_forgiven(root: Program, program: Browser) -> None:
+    """From one list to the other, and out of it."""
+    key = new_public_key()
+    body = {"mac": MAC, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
+    program.ask("POST", "/api/v1/join", json=body)
+    [waiting] = root.get("/pending")["pending"]
+    assert waiting.pop("joined_at").endswith("Z")
+    assert waiting == {
+        "robot": "robot-113ab7",
+        "mac": MAC,
+        "hostname": "turtle",
+        "address": "198.51.100.7",
+        "fingerprint": parse(key).fingerprint,
+        "agent_version": "0.1.0",
+        "reason": "approval_pending",
+    }
+    chosen = {"fingerprint": waiting["fingerprint"]}
+    assert root.ask("POST", "/robots/robot-113ab7/reject", chosen).status_code == 204
+    assert root.get("/pending") == {"pending": []}
+    [rejected] = root.get("/rejected-keys")["rejected_keys"]
+    assert (rejected["fingerprint"], rejected["robot"]) == (waiting["fingerprint"], "robot-113ab7")
+    assert rejected["rejected_by"] == "root"
+    assert program.ask("POST", "/api/v1/join", json=body).json["code"] == "key_rejected"
+    path = f"/rejected-keys/{rejected['id']}"
+    assert root.ask("DELETE", path).status_code == 204
+    assert root.refused("DELETE", path) == (404, "record_missing")
+    assert program.ask("POST", "/api/v1/join", json=body).status_code == 202

@@ -8,7 +8,7 @@ import pytest
 from api_visitor import Program
 from robotether_server import passwords
 from robotether_server.db import Database, users
-from web_visitor import PASSWORD, Browser, audit_kinds
+from web_visitor import PASSWORD, Browser, audit_kinds, bearer
 
 
 def matches(database: Database, user: str, password: str) -> bool:
@@ -104,3 +104,12 @@ def test_user_is_logged_out_everywhere(root: Program, browser: Browser) -> None:
     assert root.ask("DELETE", "/users/ann/logins").status_code == 204
     assert browser.ask("GET", "/api/v1/me").status_code == 401
     assert root.refused("DELETE", "/users/ghost/logins") == (404, "record_missing")
+
+
+@pytest.mark.parametrize(("user", "role"), [("ann", "user"), ("root", "admin")])
+def test_program_hears_who_it_is(
+    program: Browser, database: Database, user: str, role: str
+) -> None:
+    """Name and role, nothing else."""
+    answer = program.ask("GET", "/api/v1/me", headers=bearer(database, user))
+    assert answer.json == {"name": user, "role": role}

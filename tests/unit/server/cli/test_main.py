@@ -76,7 +76,7 @@ def test_web_becomes_gunicorn(run: Run, started: list[list[str]]) -> None:
     assert run("web").status == 0
     assert started[0][:3] == [sys.executable, "-m", "gunicorn"]
     assert {"--workers=1", "--worker-class=gthread", "--threads=8"} <= set(started[0])
-    assert started[0][-1] == "robotether_server.web.wsgi:make_app()"
+    assert started[0][-1] == "robotether_server.web.app:make_app()"
 
 
 def test_web_prints_the_first_admin_once(

@@ -3,10 +3,43 @@
 from __future__ import annotations
 
 import datetime as dt
+import inspect
+import re
+from pathlib import Path
+from typing import get_args
 
 import pytest
+import robotether_server
+from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Robot
-from robotether_server.web.page_texts import key_groups, size_words, state_words, timestamp_words
+from robotether_server.relay.drives.drive_log import GUARD
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.robots.session_messages import REFUSED_KINDS
+from robotether_server.relay.robots.sessions import ByeCode
+from robotether_server.relay.rosbridge.message_validator import Kind
+from robotether_server.web.page_texts import (
+    DRIVES,
+    KINDS,
+    SENTENCES,
+    SESSIONS,
+    drive_end,
+    key_groups,
+    refusal,
+    sentence,
+    session_end,
+    size_words,
+    state_words,
+    timestamp_words,
+)
+
+# What a relay writes of drives and sessions that the one before it left open.
+BY_THE_NEXT_RELAY = {"relay_restarted"}
+# Ends who watches alone: a drive has no pictures on its connection.
+OF_VIDEO = {"video_down"}
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+# They tell of robots and keys in their own details, which say more than a sentence would.
+WITHOUT_WORDS = {"key_released", "mac_changed"}
+BY_DETAILS = {"grant_given", "grant_taken", "robot_site_set", "robot_shell_set"}
 
 
 def test_moments_are_in_utc() -> None:
@@ -53,3 +86,76 @@ def test_a_state_in_words(state: str, fingerprint: str | None, words: str) -> No
 def test_sizes_have_the_unit_that_makes_them_short(count: int, words: str) -> None:
     """A thousand of one is one of the next; after the last one it grows."""
     assert size_words(count) == words
+
+
+def test_every_refusal_has_words() -> None:
+    """Those of the policy and those of the guard, and no other."""
+    assert set(KINDS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
+
+
+def test_unknown_refusal_is_shown_as_it_is() -> None:
+    """A page tells what it can."""
+    assert (refusal("guard_old"), refusal("eaten")) == ("too old at the robot", "eaten")
+
+
+def test_every_ending_of_a_drive_has_words() -> None:
+    """Those of the relay's own list, and no other."""
+    written = set(re.findall(r'CloseReason\(\s*\d+, "([a-z_]+)"', inspect.getsource(close_reasons)))
+    assert len(written) > 15
+    assert set(DRIVES) == written - OF_VIDEO | BY_THE_NEXT_RELAY
+    assert written >= OF_VIDEO
+
+
+def test_every_ending_of_a_session_has_words() -> None:
+    """Those that the agent reads in `bye`, and no other."""
+    assert set(SESSIONS) == set(get_args(ByeCode)) | BY_THE_NEXT_RELAY
+
+
+def test_unknown_code_is_shown_as_it_is() -> None:
+    """A page tells what it can."""
+    assert (drive_end("lease_lost"), drive_end("eaten")) == ("a change of driver", "eaten")
+    assert (session_end("timeout"), session_end("eaten")) == (SESSIONS["timeout"], "eaten")
+
+
+def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
+    return AuditEvent(1, NOON, "root", kind, robot, None, details)
+
+
+@pytest.mark.parametrize(
+    ("one", "words"),
+    [
+        (
+            event("grant_given", "sim1", user="ann", level="drive"),
+            "gave ann the right to drive sim1",
+        ),
+        (
+            event("grant_taken", group="crew", site="lab", level="manage"),
+            "took from group crew the right to manage site lab",
+        ),
+        (
+            event("grant_given", user="ann", all=True, level="observe"),
+            "gave ann the right to observe all robots",
+        ),
+        (event("robot_site_set", "sim1", site=None, was="lab"), "put sim1 at no site"),
+        (event("robot_shell_set", "sim1", shell=True), "turned the shell of sim1 on"),
+        (event("robot_renamed", "sim2", was="sim1"), "renamed sim1 to sim2"),
+        (event("lease_taken", "sim1", driver="ben"), "took the control of sim1 from ben"),
+        (event("lease_taken", "sim1"), "took the control of sim1 from ?"),
+        (event("never_heard_of", "sim1"), ""),
+        (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
+    ],
+)
+def test_line_is_said_in_words(one: AuditEvent, words: str) -> None:
+    """A detail that is missing is a question mark; what somebody chose as a name is no template."""
+    assert sentence(one) == words
+
+
+def test_every_event_has_words() -> None:
+    """Those that the server's own modules write, as far as they stand there as a text."""
+    source = "".join(
+        path.read_text(encoding="utf-8")
+        for path in Path(robotether_server.__file__).parent.rglob("*.py")
+    )
+    written = set(re.findall(r'(?:Event\(\s*|_audit\(\s*(?:report, )?)"([a-z_]+)"', source))
+    assert len(written) > 30
+    assert written <= set(SENTENCES) | BY_DETAILS | WITHOUT_WORDS

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from typing import get_args
 
 import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
 from robotether_server.db import Database
-from robotether_server.page_settings import MAX_CAMERAS
-from robotether_server.web.pages.drive_page_fields import FIELDS
+from robotether_server.page_settings import MAX_CAMERAS, MAY_BE_NULL, NAMES, Kind
+from robotether_server.web.pages.drive_page_form import FIELDS, KIND_WORDS
 from web_visitor import Browser
 
 
@@ -136,3 +137,16 @@ def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> 
     assert link in manager.ask("GET", "/robots/sim1").text
     browser.log_in("ann")
     assert link not in browser.ask("GET", "/robots/sim1").text
+
+
+def test_every_member_of_the_page_has_a_field() -> None:
+    """The three others have controls of their own kinds."""
+    own = {"kind", "cameras", "hold_after_ms"}
+    assert {field.name for field in FIELDS} == set(NAMES) - own
+    assert tuple(kind for kind, _ in KIND_WORDS) == get_args(Kind)
+
+
+def test_what_may_be_empty_says_what_that_means() -> None:
+    """And nothing else may be."""
+    empty = {field.name for field in FIELDS if field.empty}
+    assert empty == MAY_BE_NULL - {"hold_after_ms"}

@@ -11,18 +11,10 @@ import pytest
 import sqlparse
 from granted import give
 from mariadb_server import MariaDb
-from robotether_server.db import (
-    Database,
-    Transaction,
-    audit,
-    grants,
-    ports,
-    retention,
-    robots,
-    users,
-)
+from robotether_server.db import Database, Transaction, audit, grants, robots, users
+from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Event, Source
-from robotether_server.migrate import migrate
+from robotether_server.db.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
@@ -66,9 +58,9 @@ def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path, files: str) -
     for file in sorted(sql_dir.glob(files)):
         shutil.copy(file, folder)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ports, "set_range", lambda *_: None)
-        patch.setattr(ports, "set_shell_range", lambda *_: None)
-        patch.setattr(retention, "set_days", lambda *_: None)
+        patch.setattr(migrations, "set_port_range", lambda *_: None)
+        patch.setattr(migrations, "set_shell_port_range", lambda *_: None)
+        patch.setattr(migrations, "set_audit_days", lambda *_: None)
         migrate(settings(server, folder))
     with Database(server.settings("migrate")).transaction() as tx:
         tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
@@ -186,3 +178,146 @@ def test_two_migrations_at_once_take_turns(mariadb: MariaDb, sql_dir: Path) -> N
     for thread in threads:
         thread.join(30)
     assert done == [[], [], []]
+
+
+def pairs(admin_database: Database) -> list[int]:
+    with admin_database.transaction() as tx:
+        return [row["ros_port"] for row in tx.rows("SELECT * FROM port_pairs ORDER BY ros_port")]
+
+
+def set_port_range(admin_database: Database, first: int, last: int) -> list[int]:
+    with admin_database.transaction() as tx:
+        migrations.set_port_range(tx, first, last)
+    return pairs(admin_database)
+
+
+def test_range_is_made_of_whole_pairs(admin_database: Database) -> None:
+    """An odd port at the end belongs to no pair; a second run changes nothing."""
+    assert set_port_range(admin_database, 20000, 20005) == [20000, 20002, 20004]
+    assert set_port_range(admin_database, 20000, 20004) == [20000, 20002]
+    assert set_port_range(admin_database, 20000, 20004) == [20000, 20002]
+
+
+def test_used_pair_outside_the_new_range_stays(
+    database: Database, admin_database: Database
+) -> None:
+    """The robot keeps its ports; free pairs out of range go."""
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:01", "a")
+    assert set_port_range(admin_database, 30000, 30003) == [20000, 30000, 30002]
+    with database.transaction() as tx:
+        assert robots.get(tx, "a").ros_port == 20000
+
+
+def test_pair_that_somebody_has_by_hand_is_not_allotted(
+    database: Database, admin_database: Database
+) -> None:
+    """A range that grows over a robot's own choice of ports leaves them to it."""
+    with database.transaction() as tx:
+        tx.insert(
+            "INSERT INTO robots (mac, name, ros_port, video_port) "
+            "VALUES ('02:00:00:00:00:01', 'a', 30001, 30002)"
+        )
+    set_port_range(admin_database, 30000, 30005)
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:02", "b")
+        assert robots.get(tx, "b").ros_port == 30004
+
+
+def test_range_that_moves_by_one_overlaps_nobody(
+    database: Database, admin_database: Database
+) -> None:
+    """A pair of the old count that is in use blocks both new pairs that it touches."""
+    set_port_range(admin_database, 20000, 20007)
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:01", "a")
+    assert set_port_range(admin_database, 19999, 20006) == [19999, 20000, 20001, 20003, 20005]
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:02", "b")
+        assert robots.get(tx, "b").ros_port == 20003
+
+
+def shell_ports(admin_database: Database, first: int, last: int) -> list[int]:
+    with admin_database.transaction() as tx:
+        migrations.set_shell_port_range(tx, first, last)
+        return [row["port"] for row in tx.rows("SELECT port FROM shell_ports ORDER BY port")]
+
+
+def test_shell_range_keeps_what_is_in_use(database: Database, admin_database: Database) -> None:
+    """A second run changes nothing; a robot keeps its port when the range moves away."""
+    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
+    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
+    with database.transaction() as tx:
+        robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:01", "a"), on=True)
+    assert shell_ports(admin_database, 30000, 30001) == [24000, 30000, 30001]
+    with database.transaction() as tx:
+        assert robots.get(tx, "a").shell_port == 24000
+
+
+def test_ranges_that_move_onto_each_other_share_no_port(
+    database: Database, admin_database: Database
+) -> None:
+    """A port by hand is left out of the shells', and a shell's port is in no pair that is allotted."""
+    with database.transaction() as tx:
+        robots.set_ports(tx, robots.add(tx, "02:00:00:00:00:01", "a"), 30001, 30003)
+        robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:02", "b"), on=True)
+    assert shell_ports(admin_database, 30000, 30003) == [24000, 30000, 30002]
+    set_port_range(admin_database, 24000, 24003)
+    with database.transaction() as tx:
+        robots.add(tx, "02:00:00:00:00:03", "c")
+        assert robots.get(tx, "c").ros_port == 24002
+
+
+def fill(tx: Transaction) -> None:
+    """Something new and something of two years ago in each table; a's newest session is old, too."""
+    old = "CURRENT_TIMESTAMP(6) - INTERVAL 2 YEAR"
+    for name, number in (("a", 1), ("b", 2)):
+        robots.add(tx, f"02:00:00:00:00:0{number}", name)
+    for at in (old, "CURRENT_TIMESTAMP(6)"):
+        tx.change(f"INSERT INTO audit_events (at, actor, kind) VALUES ({at}, 'x', 'y')")
+        tx.change(
+            "INSERT INTO drives (robot, user_name, fence, started_at, ended_at) "
+            f"VALUES ('a', 'ann', 1, {at}, {at})"
+        )
+    tx.change(
+        f"INSERT INTO drives (robot, user_name, fence, started_at) VALUES ('a', 'go', 1, {old})"
+    )
+    for name, ended in (("a", old), ("a", old), ("b", old), ("b", "NULL")):
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, started_at, ended_at, address) "
+            f"SELECT id, {old}, {ended}, '' FROM robots WHERE name = '{name}'"
+        )
+
+
+def counts(tx: Transaction) -> tuple[int, int, int]:
+    """How much there is: events, drives, sessions."""
+    tables = ("audit_events", "drives", "robot_sessions")
+    rows = [tx.row(f"SELECT COUNT(*) AS rows_ FROM {table}") or {} for table in tables]
+    return rows[0]["rows_"], rows[1]["rows_"], rows[2]["rows_"]
+
+
+def test_old_history_goes_and_what_goes_on_stays(admin_database: Database) -> None:
+    """So does each robot's newest session, which tells since when it is away."""
+    with admin_database.transaction() as tx:
+        fill(tx)
+        migrations.set_audit_days(tx, 365)
+        tx.change("CALL prune_history()")
+        assert counts(tx) == (1, 2, 2)
+
+
+def test_zero_days_are_for_ever(admin_database: Database) -> None:
+    """And the last number that was set holds."""
+    with admin_database.transaction() as tx:
+        fill(tx)
+        migrations.set_audit_days(tx, 365)
+        migrations.set_audit_days(tx, 0)
+        tx.change("CALL prune_history()")
+        assert counts(tx) == (2, 3, 4)
+
+
+def test_database_prunes_by_itself(mariadb: MariaDb) -> None:
+    """The scheduler runs, and so does the event, as account migrate."""
+    assert mariadb.as_root("SELECT @@GLOBAL.event_scheduler").strip() == "ON"
+    event = mariadb.as_root("SHOW EVENTS").split("\t")
+    assert event[1:3] == ["prune_history", "migrate@%"]
+    assert "ENABLED" in event

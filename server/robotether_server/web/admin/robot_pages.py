@@ -1,4 +1,4 @@
-"""/admin/robots: every robot, found by words and state; /admin/add-robot: announce one before it joins."""
+"""/admin/robots: every robot, found by words and state, and the page of each; /admin/add-robot: announce one."""
 
 from dataclasses import dataclass
 
@@ -6,15 +6,17 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import control_states, robots
+from robotether_server.db import Transaction, audit, control_states, robots, sessions, sites
 from robotether_server.db.control_states import FREE, ControlState
+from robotether_server.db.grants import LEVELS
 from robotether_server.db.robots import SeenRobot
-from robotether_server.problems import Problem
+from robotether_server.problems import Problem, RobotUnknown
 from robotether_server.services import robots as robot_service
 from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.admin import grant_lists, robot_setting_fields
 
-blueprint = Blueprint("robot_list", __name__)
+blueprint = Blueprint("robot_pages", __name__)
 
 MAX_SHOWN = 200
 MAX_MAC_LENGTH = 17
@@ -28,6 +30,9 @@ STATES = (
     ("stopped", "Stopped"),
     ("driven", "Driven now"),
 )
+
+
+SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ def _searched(seen: SeenRobot) -> list[str]:
 
 
 @blueprint.get("/robots")
-def show() -> str:
+def show_all() -> str:
     """Show the robots that the search finds."""
     search = RobotSearch(request.args.get("q", "").strip(), request.args.get("state", ""))
     with context().database.transaction() as tx:
@@ -106,3 +111,51 @@ def _form(problem: Problem | None = None) -> str:
     return render_template(
         "admin/add_robot.html", problem=problem, values=request.form, policy=policy
     )
+
+
+@blueprint.get("/robots/<name>")
+def show(name: str) -> str:
+    """Show the robot."""
+    return render(name)
+
+
+def render(name: str, problem: Problem | None = None) -> str:
+    """Return the page of a robot, with what went wrong in one of its forms; raise RobotUnknown."""
+    with context().database.transaction() as tx:
+        seen = find(tx, name)
+        return render_template(
+            "admin/robot.html",
+            seen=seen,
+            robot=seen.robot,
+            sessions=sessions.of_robot(tx, seen.robot.id, SHOWN),
+            events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
+            grants=grant_lists.for_robot(tx, seen.robot),
+            choices=grant_lists.holders(tx),
+            sites=[site.name for site in sites.list_all(tx)],
+            settings=robot_setting_fields.summary(seen.robot.settings),
+            control=control_states.of_robot(tx, seen.robot.id),
+            levels=LEVELS,
+            problem=problem,
+            values=request.form,
+        )
+
+
+def get(name: str) -> SeenRobot:
+    """Return the robot that a page is about; raise RobotUnknown."""
+    with context().database.transaction() as tx:
+        return find(tx, name)
+
+
+def find(tx: Transaction, name: str) -> SeenRobot:
+    """Return the robot of that name, as an admin sees it; raise RobotUnknown."""
+    seen = robots.find_seen(tx, current_user.get(), name)
+    if seen is None:
+        raise RobotUnknown(
+            f"cannot show robot {name}: there is none of that name; perhaps it was renamed or removed"
+        )
+    return seen
+
+
+def page_of(name: str) -> str:
+    """Return the path of a robot's page."""
+    return f"/admin/robots/{name}"

@@ -1,7 +1,9 @@
 """Brings the database to this version's schema, then to the ranges of ports and the retention that are set.
 
 Started by `robotether migrate` as account migrate, once at each start of the stack. Safe to run
-again, to run twice at once, and after a run that was cut short. Must never drop records.
+again, to run twice at once, and after a run that was cut short. Must never drop records. Only it writes the ranges
+that ports are allotted from (sql/0002_ports_and_macs.sql, 0006) and how long the history is kept
+(sql/0010_control_views.sql); the database itself allots and prunes.
 """
 
 import logging
@@ -16,7 +18,8 @@ from yoyo.connections import DatabaseURI
 from yoyo.exceptions import BadMigration
 from yoyo.migrations import default_migration_table
 
-from robotether_server.db import Database, ports, retention
+from robotether_server.db import Database
+from robotether_server.db.database import Transaction
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
@@ -35,9 +38,9 @@ def migrate(settings: MigrateSettings) -> list[str]:
     with _only_one(database):
         applied = _apply(settings)
         with database.transaction() as tx:
-            ports.set_range(tx, settings.port_range_first, settings.port_range_last)
-            ports.set_shell_range(tx, settings.shell_port_first, settings.shell_port_last)
-            retention.set_days(tx, settings.audit_days)
+            set_port_range(tx, settings.port_range_first, settings.port_range_last)
+            set_shell_port_range(tx, settings.shell_port_first, settings.shell_port_last)
+            set_audit_days(tx, settings.audit_days)
     return applied
 
 
@@ -108,3 +111,51 @@ class _Backend(MySQLBackend):  # type: ignore[misc] # yoyo has no types
             charset="utf8mb4",
             connect_timeout=CONNECT_TIMEOUT_S,
         )
+
+
+def set_port_range(tx: Transaction, first: int, last: int) -> None:
+    """Make the pairs `first`, `first` + 2, ... up to `last` the ones to allot from.
+
+    Pairs in use stay, even outside the range; so do the ports of every robot.
+    """
+    tx.change(
+        "DELETE FROM port_pairs WHERE robot_id IS NULL "
+        "AND (ros_port < %s OR video_port > %s OR MOD(ros_port + %s, 2) = 1)",
+        (first, last, first),
+    )
+    tx.change_many(
+        "INSERT IGNORE INTO port_pairs (ros_port) VALUES (%s)",
+        [(ros_port,) for ros_port in range(first, last, 2)],
+    )
+    # A robot may have been given ports by hand, or a shell, where there were no pairs until now.
+    tx.change(
+        "UPDATE port_pairs p JOIN robots r ON r.ros_port IN (p.ros_port, p.video_port) "
+        "OR r.video_port IN (p.ros_port, p.video_port) "
+        "OR r.shell_port IN (p.ros_port, p.video_port) "
+        "SET p.robot_id = r.id WHERE p.robot_id IS NULL"
+    )
+
+
+def set_shell_port_range(tx: Transaction, first: int, last: int) -> None:
+    """Make the ports `first` to `last` the ones to allot to shells.
+
+    Ports in use stay, even outside the range; a port that a robot was given by hand for ROS or video is left out.
+    """
+    tx.change(
+        "DELETE FROM shell_ports WHERE robot_id IS NULL AND NOT port BETWEEN %s AND %s",
+        (first, last),
+    )
+    rows = tx.rows("SELECT ros_port, video_port FROM robots")
+    taken = {row[column] for row in rows for column in ("ros_port", "video_port")}
+    tx.change_many(
+        "INSERT IGNORE INTO shell_ports (port) VALUES (%s)",
+        [(port,) for port in range(first, last + 1) if port not in taken],
+    )
+
+
+def set_audit_days(tx: Transaction, days: int) -> None:
+    """Keep audit log, drives and sessions for so many days; 0 is for ever."""
+    tx.change(
+        "INSERT INTO retention (id, days) VALUES (1, %s) ON DUPLICATE KEY UPDATE days = VALUES(days)",
+        (days,),
+    )

@@ -1,0 +1,169 @@
+"""The profile page."""
+
+from __future__ import annotations
+
+import pytest
+from admin_visitor import fingerprint, public_key, send
+from flask import Flask
+from robotether_server.db import Database, robots
+from web_visitor import PASSWORD, Browser, bearer
+
+NEW = "an even longer password"
+
+
+def test_everybody_has_a_profile(browser: Browser) -> None:
+    """It says what to do first."""
+    browser.log_in("ann")
+    page = browser.ask("GET", "/profile").text
+    assert "ssh-keygen -t ed25519" in page
+    assert "No robot gives you a shell" in page
+
+
+def test_ssh_configuration_of_the_robots_that_one_manages(
+    browser: Browser, database: Database
+) -> None:
+    """With the host that the page was asked at."""
+    with database.transaction() as tx:
+        robot = robots.get(tx, "sim1")
+        robots.set_state(tx, robot.id, "active")
+        robots.set_shell(tx, robot.id, on=True)
+    browser.log_in("root")
+    page = browser.ask("GET", "/profile").text
+    assert "Host sim1" in page
+    assert "ProxyJump jump@robots.example:2222" in page
+    assert "Add an SSH key above first" in page
+
+
+@pytest.fixture
+def ann(app: Flask) -> Browser:
+    """A user who is logged in."""
+    browser = Browser(app.test_client())
+    browser.log_in("ann")
+    return browser
+
+
+def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) -> None:
+    """Every other one has to log in again, with the new one."""
+    other = Browser(app.test_client())
+    other.log_in("ann")
+    answer = send(ann, "/profile/password", present=PASSWORD, new=NEW, again=NEW)
+    assert (answer.status_code, answer.location) == (303, "/profile")
+    assert ann.ask("GET", "/profile").status_code == 200
+    assert other.ask("GET", "/profile").status_code == 302
+    assert other.log_in("ann", PASSWORD).status_code == 401
+    assert other.log_in("ann", NEW).status_code == 303
+
+
+@pytest.mark.parametrize(
+    ("form", "status", "sentence"),
+    [
+        ({"present": "wrong", "new": NEW, "again": NEW}, 401, "present password is not right"),
+        ({"present": PASSWORD, "new": NEW, "again": "other"}, 422, "not the same both times"),
+        ({"present": PASSWORD, "new": "short", "again": "short"}, 422, "it has 5 characters"),
+    ],
+)
+def test_what_is_wrong_is_said_and_changes_nothing(
+    ann: Browser, form: dict[str, str], status: int, sentence: str
+) -> None:
+    """No password comes back in the form."""
+    answer = send(ann, "/profile/password", **form)
+    assert (answer.status_code, sentence in answer.text) == (status, True)
+    assert PASSWORD not in answer.text
+    assert NEW not in answer.text
+    assert ann.log_in("ann").status_code == 303
+
+
+def test_a_browser_that_was_left_open_is_no_way_to_guess(ann: Browser) -> None:
+    """The sixth try waits, as it does at the log-in."""
+    for _ in range(5):
+        assert send(ann, "/profile/password", present="x", new=NEW, again=NEW).status_code == 401
+    answer = send(ann, "/profile/password", present=PASSWORD, new=NEW, again=NEW)
+    assert (answer.status_code, "too many tries" in answer.text) == (429, True)
+
+
+def test_log_out_everywhere_ends_this_login_too(ann: Browser) -> None:
+    """And the log-in page says that it is done."""
+    assert "this one too" in ann.ask("GET", "/profile/log-out").text
+    assert send(ann, "/profile/log-out").location == "/login"
+    assert "You are logged out everywhere." in ann.ask("GET", "/login").text
+
+
+def key_path(page: str) -> str:
+    """The path of the first key's deletion."""
+    return (
+        "/profile/ssh-keys/" + page.split('href="/profile/ssh-keys/')[1].split('"', maxsplit=1)[0]
+    )
+
+
+def test_a_key_is_added_and_deleted(ann: Browser) -> None:
+    """The list shows its fingerprint; the deletion asks first."""
+    answer = send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
+    assert (answer.status_code, answer.location) == (303, "/profile#ssh-keys")
+    page = ann.ask("GET", "/profile").text
+    assert fingerprint(1) in page.replace("</span><span>", "")
+    path = key_path(page)
+    assert "Delete SSH key laptop?" in ann.ask("GET", path).text
+    assert send(ann, path).status_code == 303
+    assert "You have none here yet" in ann.ask("GET", "/profile").text
+
+
+def test_a_key_without_a_name_gets_its_comment(ann: Browser) -> None:
+    """As people paste it."""
+    send(ann, "/profile/ssh-keys", name="", public_key=public_key(1))
+    assert "Delete SSH key comment" in ann.ask("GET", "/profile").text
+
+
+def test_what_is_no_key_comes_back(ann: Browser) -> None:
+    """With what was typed, beside the form that it belongs to."""
+    answer = send(ann, "/profile/ssh-keys", name="laptop", public_key="-----BEGIN")
+    assert (answer.status_code, answer.text.count("form-problem")) == (422, 1)
+    assert 'value="laptop"' in answer.text
+    assert "-----BEGIN</textarea>" in answer.text
+
+
+def test_another_users_key_is_out_of_reach(ann: Browser) -> None:
+    """Neither asked about nor deleted, as if it were not there."""
+    send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
+    path = key_path(ann.ask("GET", "/profile").text)
+    ann.ask("POST", "/logout", data={"csrf_token": ann.csrf_of("/")})
+    ann.log_in("root")
+    assert ann.ask("GET", path).status_code == 404
+    assert send(ann, path).status_code == 404
+
+
+def token_path(page: str) -> str:
+    """The path of the first token's deletion."""
+    return "/profile/tokens/" + page.split('href="/profile/tokens/')[1].split('"', maxsplit=1)[0]
+
+
+def test_a_token_is_shown_once_and_works_until_it_is_deleted(
+    ann: Browser, program: Browser
+) -> None:
+    """It is in no address, no cookie and no later page."""
+    answer = send(ann, "/profile/tokens", name="notebook", days="30")
+    token = answer.text.split('data-testid="secret">')[1].split("<")[0]
+    assert token.startswith("rt_")
+    assert token not in str(answer.headers)
+    header = {"Authorization": f"Bearer {token}"}
+    assert program.ask("GET", "/api/v1/me", headers=header).status_code == 200
+    page = ann.ask("GET", "/profile").text
+    assert token not in page
+    assert "Delete API token notebook?" in ann.ask("GET", token_path(page)).text
+    assert send(ann, token_path(page)).status_code == 303
+    assert program.ask("GET", "/api/v1/me", headers=header).status_code == 401
+
+
+@pytest.mark.parametrize("wrong", [{"name": ""}, {"days": "0"}, {"days": "3651"}])
+def test_a_wrong_form_comes_back(ann: Browser, wrong: dict[str, str]) -> None:
+    """With the sentence, beside the form that it belongs to."""
+    answer = send(ann, "/profile/tokens", **({"name": "notebook", "days": ""} | wrong))
+    assert (answer.status_code, answer.text.count("form-problem")) == (422, 1)
+
+
+def test_another_users_token_is_out_of_reach(ann: Browser, database: Database) -> None:
+    """Even an admin's profile has the admin's own alone."""
+    bearer(database, "root")
+    with database.transaction() as tx:
+        token_id = (tx.row("SELECT id FROM api_tokens") or {})["id"]
+    assert ann.ask("GET", f"/profile/tokens/{token_id}/delete").status_code == 404
+    assert send(ann, f"/profile/tokens/{token_id}/delete").status_code == 404
