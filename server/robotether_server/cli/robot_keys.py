@@ -16,6 +16,7 @@ from robotether_server.cli.common import (
     print_fields,
     print_json,
     print_table,
+    timestamp,
     wait_for,
 )
 from robotether_server.db import Database
@@ -25,6 +26,9 @@ from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey
 
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
+
+
+HEADS = ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY")
 
 
 @click.command("pending")
@@ -161,3 +165,42 @@ def _only(waiting: list[PendingKey], robot: Robot, action: str) -> PendingKey:
             f"cannot tell which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
         )
     return waiting[0]
+
+
+@click.group()
+def rejected() -> None:
+    """List keys that were turned away, and let them ask again."""
+
+
+@rejected.command("list")
+@JSON
+def list_rejected(as_json: bool) -> None:
+    """List the keys that were turned away, the newest first."""
+    with open_database().transaction() as tx:
+        found = pending.rejected(tx)
+    if as_json:
+        print_json([vars(one) for one in found])
+        return
+    rows = [
+        (
+            str(one.id),
+            one.robot,
+            one.mac,
+            one.hostname,
+            one.address,
+            timestamp(one.rejected_at, ""),
+            one.rejected_by,
+            one.fingerprint,
+        )
+        for one in found
+    ]
+    print_table(HEADS, rows)
+
+
+@rejected.command()
+@click.argument("rejected_id", metavar="ID", type=int)
+def forgive(rejected_id: int) -> None:
+    """Let a rejected key ask again; it waits for approval then."""
+    with open_database().transaction() as tx:
+        forgiven = pending.forgive(tx, SOURCE, rejected_id)
+    click.echo(f"key {forgiven.fingerprint} may ask again")

@@ -1,22 +1,29 @@
-"""Runs one command on one robot with fabric, and ends it there when the connection ends.
+"""Runs one command on one robot with fabric, passes its output on, and ends it there when the connection ends.
 
 sshd alone leaves a command running whose client has gone. So a small watcher beside the command reads standard input,
-which stays open until then, and ends the process group when it closes; that works for what sudo started too.
+which stays open until then, and ends the process group when it closes; that works for what sudo started too. Output
+goes on in whole lines, each with its robot's name, never two mixed. Control characters are shown, not sent: a robot
+must not steer the terminal of the person who asked it something.
 """
 
 import shlex
-from typing import IO
+from threading import Lock
+from typing import IO, Protocol, TextIO
 
 import fabric
 import paramiko
 from fabric.runners import Remote
 from invoke.exceptions import CommandTimedOut, ThreadException
 
-from robotether_server.cli.fleet.output import Sink
 from robotether_server.cli.fleet.problems import CommandCut
 
-POLL_S = 0.05
+MAX_LINE_LENGTH = 16 * 1024
+MAX_CAPTURED_LENGTH = 1024 * 1024
 
+_SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
+
+
+POLL_S = 0.05
 # One line, because some login shells take no line break between quotes. $1 is the command.
 LIFELINE = (
     "exec 3<&0 </dev/null; "
@@ -24,6 +31,64 @@ LIFELINE = (
     '"${SHELL:-/bin/sh}" -c "$1" 3<&-; status=$?; kill "$!" 2>/dev/null; exit "$status"'
 )
 ENDED_WITHOUT_STATUS = -1
+
+
+class Sink(Protocol):
+    """Where one output of one robot goes."""
+
+    def write(self, text: str) -> None:
+        """Take the next piece."""
+
+    def close(self) -> None:
+        """Take notice that there is no more."""
+
+
+class Lines:
+    """One robot's standard output or error, which comes in pieces."""
+
+    def __init__(self, prefix: str, to: TextIO, lock: Lock) -> None:
+        self._prefix = prefix
+        self._to = to
+        self._lock = lock
+        self._rest = ""
+
+    def write(self, text: str) -> None:
+        """Pass on the lines that are whole now; one without an end is cut at MAX_LINE_LENGTH."""
+        *lines, rest = (self._rest + text).split("\n")
+        while len(rest) > MAX_LINE_LENGTH:
+            lines.append(rest[:MAX_LINE_LENGTH])
+            rest = rest[MAX_LINE_LENGTH:]
+        self._rest = rest
+        self._pass_on(lines)
+
+    def close(self) -> None:
+        """Pass on a last line without an end."""
+        rest, self._rest = self._rest, ""
+        if rest:
+            self._pass_on([rest])
+
+    def _pass_on(self, lines: list[str]) -> None:
+        with self._lock:
+            for line in lines:
+                self._to.write(f"{self._prefix}{line.removesuffix(chr(13)).translate(_SHOWN)}\n")
+            self._to.flush()
+
+
+class Captured:
+    """The first MAX_CAPTURED_LENGTH characters of an output, for --json."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self.cut = False
+
+    def write(self, text: str) -> None:
+        """Keep what has room."""
+        room = MAX_CAPTURED_LENGTH - len(self.text)
+        self.text += text[:room]
+        self.cut = self.cut or len(text) > room
+
+    def close(self) -> None:
+        """There is nothing more to come."""
 
 
 def on_lifeline(command: str, *, sudo: bool = False, password: bool = False) -> str:

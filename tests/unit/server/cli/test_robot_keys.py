@@ -231,3 +231,17 @@ def test_new_key_is_asked_for(run: Run, database: Database) -> None:
     assert run("robot", "rotate-key", "sim1").status == 0
     assert robot(database).rotate_requested_at is not None
     assert re.search(r"^new key +asked for", run("robot", "show", "sim1").out, re.MULTILINE)
+
+
+def test_rejected_key_may_ask_again(run: Run, database: Database) -> None:
+    """It is listed with who turned it away, until it is forgiven."""
+    run(*ADD)
+    show_key(database)
+    run("robot", "reject", "sim1", "--fingerprint", "SHA256:abc")
+    [one] = json.loads(run("rejected", "list", "--json").out)
+    assert (one["robot"], one["fingerprint"], one["rejected_by"]) == ("sim1", "SHA256:abc", "cli")
+    row = run("rejected", "list").out.splitlines()[1].split()
+    assert (row[0], row[-1]) == (str(one["id"]), "SHA256:abc")
+    assert run("rejected", "forgive", one["id"]).out == "key SHA256:abc may ask again\n"
+    assert json.loads(run("rejected", "list", "--json").out) == []
+    assert kinds(database)[-1] == "key_forgiven"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 from robotether_server.cli import main
-from robotether_server.cli.fleet.ssh_settings import Target
+from robotether_server.cli.fleet.ssh import Target
 from shell_hosts import ShellNetwork
 
 
