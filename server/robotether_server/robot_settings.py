@@ -3,7 +3,8 @@
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
 line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
 the robot. docs/protocols.md describes every member. Must never take a member that it does not
-know, or a number without bounds: a limit with a typing error would be no limit. Pure.
+know, or a number without bounds: a limit with a typing error would be no limit. The page's form and the command
+line name members by paths such as guard.deadman_ms (`get_path`, `put_path`). Pure: what is given is never changed.
 """
 
 from __future__ import annotations
@@ -26,6 +27,33 @@ Level = Literal["observe", "drive", "manage"]
 SHELL_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 EVERYTHING = Globs(["*"])
 NOTHING = Globs()
+
+
+MEMBERS = ("shell_user", "guard", "policy", "page", "buttons")
+# The members of each level in `policy`: what a level has no member for, it can never do.
+LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
+    "observe": ("subscribe",),
+    "drive": ("subscribe", "publish", "call"),
+    "manage": ("subscribe", "publish", "call", "serve"),
+}
+# Times in which a robot can stop before it matters, and over which it would not.
+GUARD_TIMES_MS: Mapping[str, Bounds] = {
+    "deadman_ms": Bounds(200, 2000),
+    "max_age_ms": Bounds(200, 2000),
+}
+# No robot needs more; so small a limit as the lowest stands still.
+GUARD_LIMITS: Mapping[str, Bounds] = {
+    "max_speed_m_s": Bounds(0.001, 100),
+    "max_turn_rad_s": Bounds(0.001, 100),
+    "max_acceleration_m_s2": Bounds(0.001, 1000),
+    "max_turn_acceleration_rad_s2": Bounds(0.001, 1000),
+    "max_steering_rad": Bounds(0.001, 3.2),
+}
+CONNECTION_LIMITS: Mapping[str, Bounds] = {
+    "subscriptions": Bounds(1, 10_000),
+    "messages_per_s": Bounds(1, 100_000),
+    "message_kb": Bounds(1, 10_240),
+}
 
 
 @dataclass(frozen=True)
@@ -125,33 +153,6 @@ class RobotSettings:
 
 
 DEFAULTS = RobotSettings()
-MEMBERS = ("shell_user", "guard", "policy", "page", "buttons")
-
-# The members of each level in `policy`: what a level has no member for, it can never do.
-LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
-    "observe": ("subscribe",),
-    "drive": ("subscribe", "publish", "call"),
-    "manage": ("subscribe", "publish", "call", "serve"),
-}
-
-# Times in which a robot can stop before it matters, and over which it would not.
-GUARD_TIMES_MS: Mapping[str, Bounds] = {
-    "deadman_ms": Bounds(200, 2000),
-    "max_age_ms": Bounds(200, 2000),
-}
-# No robot needs more; so small a limit as the lowest stands still.
-GUARD_LIMITS: Mapping[str, Bounds] = {
-    "max_speed_m_s": Bounds(0.001, 100),
-    "max_turn_rad_s": Bounds(0.001, 100),
-    "max_acceleration_m_s2": Bounds(0.001, 1000),
-    "max_turn_acceleration_rad_s2": Bounds(0.001, 1000),
-    "max_steering_rad": Bounds(0.001, 3.2),
-}
-CONNECTION_LIMITS: Mapping[str, Bounds] = {
-    "subscriptions": Bounds(1, 10_000),
-    "messages_per_s": Bounds(1, 100_000),
-    "message_kb": Bounds(1, 10_240),
-}
 
 
 def parse(given: object) -> RobotSettings:
@@ -287,3 +288,42 @@ def _difference(present: Mapping[str, object], default: Mapping[str, object]) ->
         elif value != usual:
             differs[name] = value
     return differs
+
+
+Settings = dict[str, object]
+
+
+def get_path(settings: Mapping[str, object], path: str) -> object:
+    """Return what stands at a path; None where nothing does."""
+    found: object = settings
+    for step in path.split("."):
+        found = found.get(step) if isinstance(found, Mapping) else None
+    return found
+
+
+def is_in(settings: Mapping[str, object], path: str) -> bool:
+    """Tell whether something stands there, be it null."""
+    folder, dot, last = path.rpartition(".")
+    found = get_path(settings, folder) if dot else settings
+    return isinstance(found, Mapping) and last in found
+
+
+def put_path(settings: Mapping[str, object], path: str, value: object) -> Settings:
+    """Return settings in which the value stands there, in place of what stood there or in its way."""
+    first, dot, rest = path.partition(".")
+    return {**settings, first: put_path(_inner(settings, first), rest, value) if dot else value}
+
+
+def remove_path(settings: Mapping[str, object], path: str) -> Settings:
+    """Return settings in which nothing stands there."""
+    first, dot, rest = path.partition(".")
+    if not is_in(settings, path):
+        return dict(settings)
+    if dot:
+        return {**settings, first: remove_path(_inner(settings, first), rest)}
+    return {name: value for name, value in settings.items() if name != first}
+
+
+def _inner(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
+    found = settings.get(name)
+    return found if isinstance(found, Mapping) else {}

@@ -1,16 +1,22 @@
-"""Reads one OpenSSH public key line, as a robot presents it when it joins, or a person in the profile.
+"""Reads one OpenSSH public key line, as a robot presents it or a person in the profile; checks signatures.
 
-Used by web and services. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
+Used by api, web and services. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
 lets nothing through but a key type and its base64: no options, no comment, no second line.
 """
 
 import base64
 import binascii
 import hashlib
+import logging
 import struct
+import subprocess
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from robotether_server.problems import FieldInvalid
+
+logger = logging.getLogger(__name__)
 
 MAX_LINE_LENGTH = 2048
 SMALLEST_RSA_BITS = 2048
@@ -22,6 +28,11 @@ ROBOT_TYPES = (ED25519, *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES), "ssh
 # A robot cannot touch a security key, a person can.
 PERSON_TYPES = (*ROBOT_TYPES, SK_ED25519, SK_ECDSA)
 ED25519_BYTES = 32
+
+
+MAX_SIGNATURE_LENGTH = 4096
+SIGNER = "robot"
+SIGNATURE_TIMEOUT_S = 5
 
 
 @dataclass(frozen=True)
@@ -102,3 +113,28 @@ def _check_fields(kind: str, fields: list[bytes]) -> None:
 
 def _invalid(why: str) -> FieldInvalid:
     return FieldInvalid(f"cannot use public_key: {why}; an ssh-ed25519 key is best")
+
+
+def signature_holds(key: PublicKey, namespace: str, message: str, signature: str) -> bool:
+    """Tell whether `ssh-keygen -Y sign` made the signature over the message with that key, for that namespace.
+
+    Asks ssh-keygen: OpenSSH reads its own format (PROTOCOL.sshsig), which the library `cryptography` does not know.
+    Must never be given a key that did not pass `parse`.
+
+    Raises OSError when there is no ssh-keygen, and subprocess.TimeoutExpired.
+    """
+    with TemporaryDirectory(prefix="robotether-") as folder:
+        signers, file = Path(folder, "signers"), Path(folder, "signature")
+        signers.write_text(f'{SIGNER} namespaces="{namespace}" {key.line}\n', encoding="ascii")
+        file.write_text(signature, encoding="utf-8")
+        signer = ("-f", str(signers), "-I", SIGNER, "-n", namespace)
+        done = subprocess.run(  # noqa: S603 - fixed words, and paths of ours
+            ["ssh-keygen", "-Y", "verify", *signer, "-s", str(file)],  # noqa: S607 - PATH is the image's
+            input=message.encode(),
+            capture_output=True,
+            check=False,
+            timeout=SIGNATURE_TIMEOUT_S,
+        )
+    if done.returncode != 0:
+        logger.info("signature of key %s refused: %r", key.fingerprint, done.stderr[-200:])
+    return done.returncode == 0

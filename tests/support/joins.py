@@ -9,8 +9,7 @@ from robotether_server.db import Database, Transaction, robots, tokens, users
 from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer
-from robotether_server.services.rotation import PreviousKey
+from robotether_server.services.joining import Answer, PreviousKey
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
 

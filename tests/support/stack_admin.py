@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any, Protocol
 
-from robotether_server import setting_paths
+from robotether_server import robot_settings
 
 
 class Request(Protocol):
@@ -75,9 +75,9 @@ class Admin:
         settings = self.ask("GET", f"/robots/{robot}")["settings"]
         for path, value in changes.items():
             if value is None:
-                settings = setting_paths.remove_path(settings, path)
+                settings = robot_settings.remove_path(settings, path)
             else:
-                settings = setting_paths.put_path(settings, path, value)
+                settings = robot_settings.put_path(settings, path, value)
         self.ask("PATCH", f"/robots/{robot}", {"settings": settings})
 
     def _try_to(self, method: str, path: str, body: dict[str, Any] | None) -> tuple[int, Any]:

@@ -4,7 +4,7 @@ from http import HTTPStatus
 
 from flask import Response, jsonify, request
 
-from robotether_server import macs, signatures, ssh_keys
+from robotether_server import macs, ssh_keys
 from robotether_server.api import fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
@@ -13,8 +13,7 @@ from robotether_server.db.robots import Report
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer
-from robotether_server.services.rotation import PreviousKey
+from robotether_server.services.joining import Answer, PreviousKey
 
 MAX_HOSTNAME_LENGTH = 253
 MAX_VERSION_LENGTH = 32
@@ -61,7 +60,7 @@ def _previous(body: dict[str, object]) -> PreviousKey | None:
         return None
     given = fields.mapping(body, "previous_key")
     signature = fields.secret(given, "signature")
-    if len(signature) > signatures.MAX_SIGNATURE_LENGTH:
+    if len(signature) > ssh_keys.MAX_SIGNATURE_LENGTH:
         raise FieldInvalid("cannot use signature: it is longer than one of an ssh-ed25519 key")
     return PreviousKey(fields.text(given, "fingerprint", MAX_FINGERPRINT_LENGTH), signature)
 

@@ -12,8 +12,8 @@ from robotether_server import robot_settings
 from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
 from robotether_server.db import robots as db_robots
 from robotether_server.problems import FieldInvalid
+from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
-from robotether_server.setting_paths import Settings, get_path, is_in, put_path, remove_path
 
 # What is missing in the settings in force when there is none.
 SHELL_USER = "shell_user"

@@ -17,9 +17,8 @@ from robotether_server.db.audit import Event, Source
 from robotether_server.db.robots import SeenRobot
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, RobotUnknown
-from robotether_server.robot_settings import RobotSettings
+from robotether_server.robot_settings import RobotSettings, Settings, put_path
 from robotether_server.services import robots as robot_service
-from robotether_server.setting_paths import Settings, put_path
 
 # The buttons before a change, to those after it.
 Change = Callable[[list[Button]], list[Button]]

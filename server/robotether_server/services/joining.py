@@ -2,19 +2,21 @@
 
 Used by api/join.py. A MAC only names a robot; its key is what proves it. Without a token JOIN_POLICY says
 what becomes of a new key. A join proves no possession of the key, so one with a key that is known already
-must never change the row, and only the old key's signature or an admin changes the key of an active robot.
+must never change the row, and only the old key's signature (`rotate`) or an admin changes the key of an active
+robot.
 """
 
 import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server import macs
+from robotether_server import macs, ssh_keys
 from robotether_server.db import Transaction, audit, claims, locks, robots, sessions
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.robots import Robot
 from robotether_server.networks import network_of
 from robotether_server.problems import (
+    FieldInvalid,
     MacElsewhere,
     RobotDisabled,
     TokenRequired,
@@ -24,7 +26,6 @@ from robotether_server.problems import (
 from robotether_server.services import enrolment, enrolment_credentials
 from robotether_server.services.enrolment import PresentedKey
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
-from robotether_server.services.rotation import PreviousKey, rotate
 from robotether_server.settings import JoinSettings
 
 # What nobody announced: how much one network may leave waiting, and for how long.
@@ -32,6 +33,17 @@ MAX_UNKNOWN_PER_NETWORK = 10
 UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
 # A join proves nothing, so it may not fill the audit log either.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
+
+
+NAMESPACE = "robotether-rotation"
+
+
+@dataclass(frozen=True)
+class PreviousKey:
+    """The key that a robot had until now, and its signature over MAC and new key."""
+
+    fingerprint: str
+    signature: str
 
 
 @dataclass(frozen=True)
@@ -249,3 +261,34 @@ def _details(presented: PresentedKey) -> dict[str, object]:
         "fingerprint": presented.key.fingerprint,
         "hostname": presented.report.hostname,
     }
+
+
+def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: PreviousKey) -> bool:
+    """Put the new key in place of the one that signed it; False: the robot is not active with that one.
+
+    Must never change a key that did not sign. Raises FieldInvalid for a signature that does not hold, and KeyInUse.
+    """
+    old = robot.key
+    if old is None or robot.state != "active" or previous.fingerprint != old.fingerprint:
+        return False
+    if not ssh_keys.signature_holds(
+        old, NAMESPACE, _rotation_message(presented), previous.signature
+    ):
+        raise FieldInvalid(
+            f"cannot use previous_key: its signature is not one of key {old.fingerprint} over this MAC and the "
+            "new key"
+        )
+    source = Source(enrolment_credentials.ROBOT, presented.report.address)
+    enrolment.check_key_is_free(tx, source, presented, is_authorized=True)
+    claim = claims.find(tx, presented.key.fingerprint)
+    if claim is not None:
+        claims.remove(tx, claim.id)
+    robots.rotate_key(tx, robot.id, presented.key)
+    details: dict[str, object] = {"was": old.fingerprint, "fingerprint": presented.key.fingerprint}
+    audit.record(tx, source, Event("key_rotated", robot.name, details))
+    return True
+
+
+def _rotation_message(presented: PresentedKey) -> str:
+    """Return what the old key signs."""
+    return f"{presented.mac} {presented.key.line}\n"

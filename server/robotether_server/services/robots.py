@@ -12,9 +12,9 @@ from robotether_server.db.audit import Event, Source
 from robotether_server.db.claims import Claim
 from robotether_server.db.robots import Robot, State
 from robotether_server.problems import NotPossible
+from robotether_server.robot_settings import Settings
 from robotether_server.services import enrolment
 from robotether_server.services.enrolment import Registration
-from robotether_server.setting_paths import Settings
 
 
 def add(

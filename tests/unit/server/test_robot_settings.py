@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_server.globs import Globs
 from robotether_server.problems import FieldInvalid
-from robotether_server.robot_settings import DEFAULTS, parse
+from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 from robotether_server.setting_values import MAX_GLOBS
 
 # As docs/protocols.md shows them.
@@ -25,6 +25,33 @@ DOCUMENTED_GUARD = """
  "max_turn_rad_s": null, "max_acceleration_m_s2": null, "max_turn_acceleration_rad_s2": null,
  "max_steering_rad": null}
 """
+
+
+BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
+NAMES = [
+    "page",
+    "buttons",
+    "cameras",
+    "kind",
+    "fps",
+    "guard",
+    "policy",
+    "shell_user",
+    "drive",
+    "limits",
+    "deadman_ms",
+    "publish",
+    "x",
+]
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(NAMES) | st.text(), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+SETTINGS = {"shell_user": "pi", "guard": {"max_speed_m_s": None, "deadman_ms": 300}}
 
 
 def test_the_defaults_are_the_documented_ones():
@@ -147,9 +174,6 @@ def test_settings_are_an_object(given_value):
         parse(given_value)
 
 
-BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
-
-
 def test_page_and_buttons_are_kept_as_what_differs():
     """Of the page what is not the default, a null included; of buttons all."""
     given_members = {
@@ -201,31 +225,6 @@ def test_the_page_drives_on_what_the_guard_watches():
     ).page.drive_topic
 
 
-NAMES = [
-    "page",
-    "buttons",
-    "cameras",
-    "kind",
-    "fps",
-    "guard",
-    "policy",
-    "shell_user",
-    "drive",
-    "limits",
-    "deadman_ms",
-    "publish",
-    "x",
-]
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: (
-        st.lists(inner, max_size=3)
-        | st.dictionaries(st.sampled_from(NAMES) | st.text(), inner, max_size=4)
-    ),
-    max_leaves=12,
-)
-
-
 @given(VALUES)
 def test_whatever_is_given_is_refused_or_kept(value):
     """What passes means the same when it is read again from what is kept."""
@@ -234,3 +233,36 @@ def test_whatever_is_given_is_refused_or_kept(value):
     except FieldInvalid:
         return
     assert parse(json.loads(json.dumps(settings.as_given()))) == settings
+
+
+def test_paths_lead_to_values() -> None:
+    """Null is a value; what is not there is none."""
+    assert get_path(SETTINGS, "guard.deadman_ms") == 300
+    assert get_path(SETTINGS, "guard.deadman_ms.x") is None
+    for path in ("shell_user", "guard", "guard.max_speed_m_s"):
+        assert is_in(SETTINGS, path)
+    for path in ("policy.drive.call", "guard.", ".guard", "", "policy"):
+        assert not is_in(SETTINGS, path)
+
+
+def test_values_are_put_where_they_belong() -> None:
+    """Beside what is there, or in the place of what stands in their way; what was given stays."""
+    assert put_path(SETTINGS, "guard.deadman_ms", 400) == {
+        "shell_user": "pi",
+        "guard": {"max_speed_m_s": None, "deadman_ms": 400},
+    }
+    assert put_path({"guard": 5}, "guard.deadman_ms", 400) == {"guard": {"deadman_ms": 400}}
+    assert put_path({}, "policy.drive.call", []) == {"policy": {"drive": {"call": []}}}
+    assert put_path({}, "guard.", 1) == {"guard": {"": 1}}
+    assert get_path(SETTINGS, "guard.deadman_ms") == 300
+
+
+def test_values_are_taken_out() -> None:
+    """Nothing happens where nothing stands."""
+    assert remove_path(SETTINGS, "shell_user") == {"guard": SETTINGS["guard"]}
+    assert remove_path(SETTINGS, "guard.deadman_ms") == {
+        "shell_user": "pi",
+        "guard": {"max_speed_m_s": None},
+    }
+    for path in ("policy.drive", "guard.deadman_ms.x", "guard."):
+        assert remove_path(SETTINGS, path) == SETTINGS

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robot_signer import RobotSigner
+from robotether_server import ssh_keys
 from robotether_server.problems import FieldInvalid
 from robotether_server.ssh_keys import comment, parse, parse_persons
 
@@ -18,6 +20,10 @@ NISTP256_POINT = bytes.fromhex(
     "046b17d1f2e12c4247f8bce6e563a440f277037d812deb33a0f4a13945d898c296"
     "4fe342e2fe1a7f9b8ee7eb4a7c0f9e162bce33576b315ececbb6406837bf51f5"
 )
+
+
+NAMESPACE = "robotether-rotation"
+MESSAGE = "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n"
 
 
 def make_key(folder: Path, kind: str, bits: int) -> tuple[str, str]:
@@ -113,3 +119,33 @@ def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
     """No bytes from outside raise anything else."""
     with pytest.raises(FieldInvalid):
         parse_persons(f"{kind} {base64.b64encode(blob).decode()}")
+
+
+@pytest.fixture
+def signer(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+    """A robot's key."""
+    return RobotSigner(tmp_path_factory.mktemp("old"))
+
+
+def test_signature_of_the_key_holds(signer: RobotSigner) -> None:
+    """Over this message, for this namespace."""
+    signature = signer.sign(NAMESPACE, MESSAGE)
+    assert ssh_keys.signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
+
+
+def test_any_other_signature_does_not(
+    signer: RobotSigner, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Another message, another namespace, another key, damage, or none at all."""
+    stranger = RobotSigner(tmp_path_factory.mktemp("stranger"))
+    good = signer.sign(NAMESPACE, MESSAGE)
+    for wrong in (
+        signer.sign(NAMESPACE, MESSAGE.strip()),
+        signer.sign("file", MESSAGE),
+        stranger.sign(NAMESPACE, MESSAGE),
+        good.replace("A", "B"),
+        "\N{SNOWMAN}",
+        "",
+    ):
+        assert not ssh_keys.signature_holds(signer.key, NAMESPACE, MESSAGE, wrong)
+    assert not ssh_keys.signature_holds(stranger.key, NAMESPACE, MESSAGE, good)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_paths import get_path, is_in
+from robotether_server.robot_settings import get_path, is_in
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.robot_settings import Settings, get_path, put_path
 from robotether_server.services import robots
-from robotether_server.setting_paths import Settings, get_path, put_path
 from robotether_server.web import confirmation, current_user
 from robotether_server.web.admin import robot_pages
 from robotether_server.web.admin.robot_setting_fields import (

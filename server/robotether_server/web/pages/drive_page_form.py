@@ -16,8 +16,8 @@ from robotether_server import robot_settings
 from robotether_server.api.context import context
 from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS, Kind
 from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.robot_settings import Settings
 from robotether_server.services import drive_pages
-from robotether_server.setting_paths import Settings
 from robotether_server.web import confirmation, current_user
 from robotether_server.web.confirmation import METHODS
 

@@ -7,7 +7,8 @@ import datetime as dt
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
-from robotether_server.db import Database, claims, join_tokens
+from robot_signer import RobotSigner
+from robotether_server.db import Database, claims, join_tokens, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
@@ -23,7 +24,12 @@ from robotether_server.problems import (
     TooManyPending,
 )
 from robotether_server.services import robots as robot_service
-from robotether_server.services.joining import MAX_UNKNOWN_PER_NETWORK, Answer
+from robotether_server.services.joining import (
+    MAX_UNKNOWN_PER_NETWORK,
+    NAMESPACE,
+    Answer,
+    PreviousKey,
+)
 
 ADMIN = Source("root")
 LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
@@ -353,3 +359,101 @@ def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Databa
     with pytest.raises(MacElsewhere, match="copy of that robot's disk"):
         site.ask(mac_present=False)
     assert site.ask().code == "active"
+
+
+@pytest.fixture
+def old(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+    """The key that the robot has."""
+    return RobotSigner(tmp_path_factory.mktemp("old"))
+
+
+@pytest.fixture
+def rotating_site(database: Database, old: RobotSigner) -> Site:
+    """A server on which robot sim1 is active with that key."""
+    rotating_site = Site(database)
+    rotating_site.announce()
+    rotating_site.ask(key=old.key)
+    rotating_site.set_state("sim1", "active")
+    with database.transaction() as tx:
+        robots.request_rotation(tx, robots.get(tx, "sim1").id)
+    return rotating_site
+
+
+def signed(old: RobotSigner, mac: str = MAC, line: str = KEY.line) -> PreviousKey:
+    return PreviousKey(old.key.fingerprint, old.sign(NAMESPACE, f"{mac} {line}\n"))
+
+
+def test_signed_key_takes_the_place_of_the_one_that_signed(
+    rotating_site: Site, old: RobotSigner
+) -> None:
+    """The robot stays active; asking again, as after a lost answer, changes nothing."""
+    for _ in range(2):
+        assert rotating_site.ask(previous=signed(old)).code == "active"
+    robot = rotating_site.robot("sim1")
+    assert (robot.state, robot.key, robot.rotate_requested_at) == ("active", KEY, None)
+    (event,) = rotating_site.events("key_rotated")
+    assert (event["robot"], event["actor"]) == ("sim1", "robot")
+    assert rotating_site.ask(key=old.key).code == "mac_in_use"
+
+
+@pytest.mark.parametrize("wrong", [{"mac": OTHER_MAC}, {"line": OTHER_KEY.line}])
+def test_signature_over_something_else_is_refused(
+    rotating_site: Site, old: RobotSigner, wrong: dict[str, str]
+) -> None:
+    """Another MAC or another key."""
+    with pytest.raises(FieldInvalid, match="cannot use previous_key"):
+        rotating_site.ask(previous=signed(old, **wrong))
+    assert rotating_site.robot("sim1").key == old.key
+
+
+def test_unknown_robots_signature_changes_nothing(
+    rotating_site: Site, old: RobotSigner, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Under the old key's name it is refused; under its own the new key only waits."""
+    stranger = RobotSigner(tmp_path_factory.mktemp("stranger"))
+    forged = PreviousKey(old.key.fingerprint, signed(stranger).signature)
+    with pytest.raises(FieldInvalid):
+        rotating_site.ask(previous=forged)
+    assert rotating_site.ask(previous=signed(stranger)).code == "mac_in_use"
+    assert rotating_site.robot("sim1").key == old.key
+
+
+def test_only_active_robots_change_their_key(rotating_site: Site, old: RobotSigner) -> None:
+    """A disabled one is told so; one that waits goes on waiting with the key that it showed."""
+    rotating_site.set_state("sim1", "disabled")
+    with pytest.raises(RobotDisabled):
+        rotating_site.ask(previous=signed(old))
+    rotating_site.set_state("sim1", "pending")
+    assert rotating_site.ask(previous=signed(old)).code == "mac_in_use"
+    assert rotating_site.robot("sim1").key == old.key
+
+
+def test_key_that_waited_elsewhere_is_free_for_it(rotating_site: Site, old: RobotSigner) -> None:
+    """Be it this robot's claim or an unknown robot's row, as an unknown robot proves nothing."""
+    assert rotating_site.ask().code == "mac_in_use"
+    assert rotating_site.ask(previous=signed(old)).code == "active"
+    with rotating_site.database.transaction() as tx:
+        assert claims.waiting(tx) == []
+
+
+def test_unknown_robots_row_with_the_new_key_goes(rotating_site: Site, old: RobotSigner) -> None:
+    """It does not keep the robot from rotating."""
+    rotating_site.ask(OTHER_MAC)
+    assert rotating_site.ask(previous=signed(old)).code == "active"
+    assert rotating_site.names() == ["sim1"]
+
+
+def test_key_of_another_robot_or_a_rejected_one_is_refused(
+    rotating_site: Site, old: RobotSigner
+) -> None:
+    """The old key's signature does not make up for that."""
+    name = rotating_site.ask(OTHER_MAC).robot
+    rotating_site.set_state(name, "active")
+    with pytest.raises(KeyInUse):
+        rotating_site.ask(previous=signed(old))
+    with rotating_site.database.transaction() as tx:
+        other = robots.get(tx, name)
+        claims.add_rejected(tx, other, "root")
+        robots.remove(tx, other.id)
+    with pytest.raises(KeyRejected):
+        rotating_site.ask(previous=signed(old))

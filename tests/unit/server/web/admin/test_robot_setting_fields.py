@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.robot_settings import DEFAULTS
-from robotether_server.setting_paths import get_path
+from robotether_server.robot_settings import DEFAULTS, get_path
 from robotether_server.web.admin.robot_setting_fields import (
     SECTIONS,
     SettingField,
