@@ -39,7 +39,6 @@ UNSENT_LIMIT = 64
 KEPT = "kept"
 STATE = re.compile("ready|down")
 NOTHING_TOLD = MappingProxyType({"moving": False, "refused": dict.fromkeys(KINDS, 0)})
-OLDER_SERVER = "the server is older than the guard, so nobody can drive; upgrade the server"
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +81,6 @@ class GuardKeeper:
         self._told: JsonObject | None = None
         # What a new guard is told.
         self._wants = self._config({}, direct=False)
-        self._knows_guard = True
         self._session_up = False
         self._lease: JsonObject | None = None
         self._unanswered_stop: JsonObject | None = None
@@ -117,21 +115,15 @@ class GuardKeeper:
         finally:
             self._followers.discard(queue)
 
-    def configured(self, wants: JsonObject | None, *, direct: bool) -> None:
-        """Follow the session's configuration; a server from before the guard wants None.
-
-        What the guard would not take raises FieldError here, and changes nothing.
-        """
+    def configured(self, wants: JsonObject, *, direct: bool) -> None:
+        """Follow the session's configuration; what the guard would not take raises FieldError and changes nothing."""
         # Without a key in it the guard refuses every connection of a relay.
-        config = self._config({} if wants is None else wants, direct=direct)
+        config = self._config(wants, direct=direct)
         guard_orders.parse(line_of(config))
         self._wants = config
-        self._knows_guard = wants is not None
         self._session_up = True
         self._send(self._wants)
         self._send({"type": "session", "up": True})
-        if self.view.port is not None:
-            self._set(replace(self.view, detail=self._advice))
 
     def session_lost(self) -> None:
         """Let the guard stop the robot: its session has ended."""
@@ -214,11 +206,6 @@ class GuardKeeper:
         if spare is not None:
             await spare.kill()
 
-    @property
-    def _advice(self) -> str:
-        """Why nobody can drive although there is a guard, if so."""
-        return "" if self._knows_guard else OLDER_SERVER
-
     def _keep_stop(self) -> None:
         """Have the stop of the last guard told to this one, which may not have found it: disks fail."""
         if self.view.stopped and self._unanswered_stop is None:
@@ -249,7 +236,7 @@ class GuardKeeper:
 
     def _is_ready(self, port: int) -> None:
         log.info("the guard before %s is ready", self._rosbridge_url)
-        self._set(replace(self.view, state="ready", port=port, detail=self._advice))
+        self._set(replace(self.view, state="ready", port=port, detail=""))
 
     def _hear_state(self, message: JsonObject) -> None:
         state = get_match(message, "state", STATE, "ready or down")

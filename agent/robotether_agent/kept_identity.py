@@ -42,7 +42,7 @@ class IdentityStore:
         self._file = settings.state_dir / FILE
 
     def identity(self, enrolled_mac: str | None = None) -> Identity:
-        """Return who this robot is; `enrolled_mac` is for robots that joined before there was a file."""
+        """Return who this robot is; `enrolled_mac` stands in for a file that could not be written or is lost."""
         settings = self._settings
         if settings.mac is not None:
             # A person said so; in a container no interface may have it.

@@ -20,8 +20,8 @@ SOMEBODY = "somebody"
 class Orders(Protocol):
     """Who does what the server says about driving."""
 
-    def configured(self, wants: JsonObject | None, *, direct: bool) -> None:
-        """The session stands, and `wants` is what the guard goes by; a server from before the guard has None."""
+    def configured(self, wants: JsonObject, *, direct: bool) -> None:
+        """The session stands, and `wants` is what the guard goes by."""
 
     def lease(self, fence: int, *, held: bool) -> None:
         """The newest fencing number, and whether it is held; if not, all up to it are over."""

@@ -62,10 +62,10 @@ class Config:
     video_port: int
     heartbeat_s: float
     timeout_s: float
+    # What the guard goes by, its key included.
+    guard: JsonObject = field(repr=False)
     shell_port: int | None = None
     rotate_key: bool = False
-    # What the guard goes by, its key included; None from a server that is older than the guard.
-    guard: JsonObject | None = field(default=None, repr=False)
     direct: bool = False
 
 
@@ -185,7 +185,7 @@ class Session:
             timeout_s=get_number(message, "timeout_s", 0.1, 600),
             shell_port=get_optional_port(message, "shell_port"),
             rotate_key=get_flag(message, "rotate_key", default=False),
-            guard=get_object(message, "guard") if "guard" in message else None,
+            guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
         )
         if self._orders is not None:

@@ -57,7 +57,7 @@ class Status:
     ros_exposed: str = ""
     video: str = "unknown"
     video_detail: str = ""
-    # ready, down, or off by the settings; why it is down, or lets nobody drive.
+    # ready, down, or off by the settings; and why it is down.
     guard: str = "unknown"
     guard_detail: str = ""
     # Who stopped the robot; empty while it is not stopped.

@@ -115,8 +115,8 @@ class FakeCloud:
         self.timeout_s = TIMEOUT_S
         self.shell_port: int | None = None
         self.rotate_key = False
-        # What the agent's guard is to go by; None as from a server that is older than the guard.
-        self.guard: dict[str, Any] | None = {"key": GUARD_KEY}
+        # What the agent's guard is to go by.
+        self.guard: dict[str, Any] = {"key": GUARD_KEY}
         self.checked = {"ros": "ok", "video": "down", "shell": "unknown"}
         self.robot_key = ""
         self._pem = pem or certificate()
@@ -299,9 +299,7 @@ class FakeCloud:
             await asyncio.sleep(HEARTBEAT_S)
 
     def _config(self, ports: tuple[int, int]) -> dict[str, Any]:
-        guard = {} if self.guard is None else {"guard": self.guard, "direct": False}
         return {
-            **guard,
             "type": "config",
             "robot": "sim1",
             "ros_port": ports[0],
@@ -310,6 +308,8 @@ class FakeCloud:
             "timeout_s": self.timeout_s,
             "shell_port": self.shell_port,
             "rotate_key": self.rotate_key,
+            "guard": self.guard,
+            "direct": False,
         }
 
 

@@ -8,7 +8,6 @@ from typing import Protocol
 
 from robotether_agent.guard.authority import Admission
 from robotether_agent.guard.commands import SHAPES, Command, Shape
-from robotether_agent.guard.marks import Driven
 from robotether_agent.guard.messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
 
@@ -62,13 +61,6 @@ class Topic:
     def declared(self) -> Shape | None:
         """The shape of the advertised type."""
         return SHAPES.get(self.type)
-
-    @property
-    def driven(self) -> Driven | None:
-        """How it was driven, None if it was not."""
-        if self.sent is None:
-            return None
-        return Driven(self.name, self.sent.shape, self.type, self.sent.frame_id)
 
 
 class Topics:

@@ -27,11 +27,3 @@ class Header:
         """Return the header as it stands on the wire."""
         flags = STAMPED if self.is_stamped else 0
         return _HEADER.pack(self.codec, flags, self.quality, self.number % NUMBERS, self.moment_ms)
-
-
-def unpacked(message: bytes) -> Header:
-    """Return the header at the start of `message`; ValueError if that is too short."""
-    if len(message) < SIZE:
-        raise ValueError(f"a picture's message has at least {SIZE} bytes, not {len(message)}")
-    codec, flags, quality, number, moment_ms = _HEADER.unpack_from(message)
-    return Header(number, moment_ms, quality, bool(flags & STAMPED), codec)

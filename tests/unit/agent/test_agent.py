@@ -10,10 +10,10 @@ import pytest
 from aiohttp import web
 from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import echo, eventually
+from frame_header import unpacked
 from openssh_server import listens
 from robotether_agent import backoff
 from robotether_agent.keys import ensure_key
-from robotether_agent.media.header import unpacked
 from robotether_agent.problems import AlreadyRunning, HostKeyChanged, Problem, Retry
 from robotether_agent.status import has_problem
 
@@ -104,7 +104,6 @@ async def test_connects_again_without_asking_the_web(make_cloud, start_agent):
 
 
 async def test_refused_key_is_told_and_asked_about(make_cloud, start_agent):
-    """A key that sshd refuses is key_refused, and the join is asked why."""
     cloud = await make_cloud("refuses_key")
     agent = start_agent(cloud)
     status = await agent.until(lambda status: status.problem_code == "key_refused", "key_refused")
@@ -257,7 +256,6 @@ async def test_killed_connections_come_back(make_cloud, start_agent):
     ],
 )
 async def test_misbehaving_server_is_named_and_tried_again(make_cloud, start_agent, mode, code):
-    """Each misbehaviour of the server has its code, and is survived."""
     cloud = await make_cloud(mode)
     agent = start_agent(cloud)
     await agent.until(lambda status: status.problem_code == code, code)

@@ -66,7 +66,6 @@ def test_each_problem_has_its_pause(problem, low, high):
 
 
 def test_gives_up_on_a_changed_host_key():
-    """What no retry mends gives no pause at all."""
     assert retry_or_give_up(HostKeyChanged("x"), delays(Random(1)), Random(1)) is None
 
 

@@ -10,7 +10,6 @@ from robotether_agent.clock import robot_time
 
 
 def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As CLOCK_BOOTTIME does, and CLOCK_MONOTONIC does not."""
     shown = {time.CLOCK_MONOTONIC: 5.0, time.CLOCK_BOOTTIME: 65.0}
     monkeypatch.setattr(clock.time, "clock_gettime", shown.get)
     assert robot_time() == 65.0

@@ -152,7 +152,7 @@ def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, obj
     """A configuration as the relay sends it."""
     times = {"heartbeat_s": 0.2, "timeout_s": TIMEOUT_S}
     ports = {"ros_port": ros_port, "video_port": cloud.ports[1]}
-    return {"type": "config", "robot": name, **ports, **times}
+    return {"type": "config", "robot": name, "guard": {}, **ports, **times}
 
 
 async def is_up(up: Up, count: int = 1) -> None:

@@ -41,7 +41,6 @@ def test_a_broken_enrolment_keeps_the_pin(place):
 
 
 def test_another_server_in_the_settings_is_pinned_anew(place):
-    """Who changes the settings to another server means it."""
     store = EnrolmentStore(place)
     store.keep(ENROLMENT, [KEY])
     store.keep(Enrolment("b.example", "sim1", ENROLMENT.mac, ACCESS), [OTHER])
@@ -59,6 +58,5 @@ def test_removing_known_hosts_joins_anew(place):
 
 
 def test_unwritable_directory_is_a_clear_problem(place):
-    """What cannot be kept is told with the path and what to do."""
     with pytest.raises(StateUnusable, match=r"cannot write .*known_hosts.*let the agent's user"):
         EnrolmentStore(place / "none").keep(ENROLMENT, [KEY])

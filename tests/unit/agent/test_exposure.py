@@ -58,7 +58,6 @@ def test_connections_are_no_listeners():
 
 
 def test_unreadable_lists_tell_nothing(tmp_path):
-    """A kernel without IPv6 has one list only."""
     assert exposed_at("ws://127.0.0.1:9090", tmp_path) == ""
 
 

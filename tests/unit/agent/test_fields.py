@@ -34,13 +34,11 @@ from robotether_agent.fields import FieldError
     ],
 )
 def test_wrong_field_is_named(get, why):
-    """Each getter says which field is wrong, and what it must be."""
     with pytest.raises(FieldError, match=why):
         get()
 
 
 def test_right_fields_pass():
-    """What is right comes back in its type."""
     obj = fields.parse_object(b'{"a": 1, "b": 1.5, "c": ["x"], "d": [22], "e": {"f": "g"}}', "it")
     assert fields.get_int(obj, "a", 0, 9) == 1
     assert fields.get_number(obj, "b", 0, 9) == 1.5
@@ -62,7 +60,6 @@ def test_text_from_outside_cannot_forge_log_lines():
 
 
 def test_a_line_is_read_back_as_it_was_written() -> None:
-    """On one line, whatever its texts hold."""
     message = {"type": "stop", "by": "a\nb \u00fc"}
     line = fields.line_of(message)
     assert line.endswith(b"\n")

@@ -32,7 +32,6 @@ def test_nothing_that_names_the_robot_stays(settings):
 
 
 def test_not_while_the_agent_runs(settings):
-    """It would go on with what it has in memory."""
     ensure_directory(settings.run_dir, "run_dir")
     with only_one(settings.run_dir / LOCK):
         with pytest.raises(AlreadyRunning, match="its agent runs") as error:

@@ -304,17 +304,6 @@ async def test_a_session_that_takes_nothing_costs_no_memory(keep, place):
         assert lines.qsize() <= UNSENT_LIMIT
 
 
-async def test_a_server_older_than_the_guard_is_told(keep):
-    """Nobody drives through it, and the status says why."""
-    kept = keep("serves")
-    await kept.ready()
-    kept.keeper.configured(None, direct=False)
-    assert "older than the guard" in kept.keeper.view.detail
-    assert (await kept.hears("config"))[0]["guard"] == {}
-    kept.keeper.configured(WANTS, direct=False)
-    assert kept.keeper.view.detail == ""
-
-
 async def test_what_the_guard_would_not_take_changes_nothing(keep, place):
     """A configuration that is wrong ends the session that brought it, and the guard keeps the last good one."""
     kept = keep("serves")

@@ -101,7 +101,6 @@ async def test_a_frozen_guard_is_noticed_soon(start):
 
 
 async def test_a_guard_that_reads_nothing_is_killed(start):
-    """What cannot be sent is bounded, not kept."""
     guard = await start("deaf")
     serving = asyncio.ensure_future(served(guard))
     while not serving.done():
@@ -119,7 +118,6 @@ async def test_is_asked_to_end_and_waited_for(start, place):
 
 
 async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
-    """The wait for a guard is bounded."""
     monkeypatch.setattr("robotether_agent.guard_process.EXIT_S", 0.2)
     guard = await start("stays")
     await eventually(lambda: bool(births(place)), lambda: "it runs")
@@ -235,18 +233,6 @@ async def test_only_the_relay_of_this_session_gets_past_the_guard(make_cloud, st
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         await echo(cloud.ports[0], "x", key="another")
     assert refused.value.status == HTTPStatus.FORBIDDEN
-
-
-async def test_a_server_older_than_the_guard_drives_nobody(make_cloud, start_agent):
-    """It gets no key to show, and the status says why nobody can drive."""
-    cloud = await make_cloud()
-    cloud.guard = None
-    agent = start_agent(cloud)
-    status = await agent.until(lambda status: bool(status.guard_detail), "the guard says why")
-    assert "the server is older than the guard" in status.guard_detail
-    await agent.until_connected()
-    with pytest.raises(aiohttp.WSServerHandshakeError):
-        await echo(cloud.ports[0], "x", key="")
 
 
 async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, caplog):

@@ -96,7 +96,6 @@ def nowhere() -> str:
 
 
 async def test_video_comes_from_rosbridge_while_no_server_answers(watch, nowhere, monkeypatch):
-    """Only when rosbridge has pictures, and only where the settings allow it."""
     monkeypatch.setattr(health_module, "SELDOM", 2)
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as robot:
         health = watch(robot.url, nowhere)
@@ -132,7 +131,6 @@ async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):
 
 
 async def test_video_of_cameras_of_the_settings(watch, nowhere):
-    """One that answers is video enough."""
     with socket.create_server(("127.0.0.1", 0)) as camera:
         url = f"http://127.0.0.1:{camera.getsockname()[1]}/video"
         cameras = {"rear": f"{nowhere}/video", "front": url}

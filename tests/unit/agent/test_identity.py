@@ -94,7 +94,6 @@ def test_a_named_interface_needs_no_hardware(root):
     ],
 )
 def test_normalises_every_usual_spelling(text):
-    """All spellings of one address are one robot."""
     assert normalise_mac(text) == "00:1b:44:11:3a:b7"
 
 
@@ -126,7 +125,6 @@ def test_a_wifi_that_shows_a_made_up_address_is_known_by_its_own(root):
 
 
 def test_a_member_of_a_bond_is_known_by_its_own_address(root):
-    """A bond gives its own address to all its members, so that two would be the same robot."""
     first, second = "00:1b:44:00:00:01", "00:1b:44:00:00:02"
     root.add("bond0", second, 5, device=False)
     root.add("eth0", second, 2, bonding_slave__perm_hwaddr=first)

@@ -68,14 +68,12 @@ async def test_other_certificate_is_not_trusted(make_cloud):
 
 
 async def test_unreadable_ca_file_is_a_settings_problem(place):
-    """A CA file that is missing is told as the setting that it is."""
     settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
     with pytest.raises(SettingsInvalid, match="ca_file"):
         await join(settings, REQUEST)
 
 
 async def test_nothing_there_is_unreachable():
-    """A closed port is server_unreachable."""
     with pytest.raises(ServerUnreachable, match=r"cannot reach https://127\.0\.0\.1"):
         await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
 
@@ -105,7 +103,6 @@ async def test_through_a_proxy(make_cloud):
     ],
 )
 async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
-    """The problem names the proxy, its answer, and what to do."""
     cloud = await make_cloud()
     async with FakeProxy(mode) as proxy:
         with pytest.raises(ServerUnreachable, match=told) as caught:

@@ -66,7 +66,6 @@ async def test_broken_and_foreign_keys_are_told(place):
 
 
 async def test_nowhere_to_write(place):
-    """A directory that is not there is a clear problem."""
     with pytest.raises(StateUnusable, match="cannot make the robot's key in"):
         await ensure_key(place / "none")
 
@@ -89,7 +88,6 @@ async def test_two_processes_make_one_key(place):
 
 
 async def test_a_key_that_is_not_there_is_not_made_by_looking(place):
-    """Whoever only looks changes nothing."""
     assert await present_key(place) is None
     assert await next_key(place) is None
     assert list(place.iterdir()) == []
@@ -144,7 +142,6 @@ class PowerCutError(Exception):
 
 
 async def test_a_key_that_the_server_does_not_want_is_forgotten(place):
-    """The next change begins with another one."""
     old = await ensure_key(place)
     await ensure_next_key(place)
     keys.discard_next(place)

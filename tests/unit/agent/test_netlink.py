@@ -62,7 +62,6 @@ async def test_a_reader_takes_what_is_there():
 
 
 async def test_without_netlink_nothing_fails(monkeypatch):
-    """A container may forbid it: then nothing is heard, and that is all."""
 
     def refuse(*_: object):
         raise PermissionError("not here")

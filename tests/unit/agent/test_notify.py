@@ -30,7 +30,6 @@ def test_says_ready_status_and_stopping(systemd, place):
 
 
 def test_speaks_to_an_abstract_socket():
-    """A name that begins with @ is in the abstract namespace."""
     name = f"robotether-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(f"\0{name}")

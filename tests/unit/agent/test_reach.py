@@ -152,7 +152,6 @@ async def test_a_session_that_speaks_again_is_kept(watched):
 
 
 async def test_without_any_answer_it_ends_after_some_seconds(watched):
-    """The dial then goes on with the attempts."""
     session, way, task = watched
     session.silent_s = 2.0
     await until(lambda: way.asked == 1)
@@ -199,7 +198,6 @@ async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):
 
 
 async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch):
-    """It is not left to the next look."""
     monkeypatch.setattr(reach, "LOOK_EVERY_S", 60)
     monkeypatch.setattr(reach, "path_of", lambda _: Path.GONE)
     with (

@@ -18,7 +18,6 @@ BYTES_MAX = 100_000
 
 
 async def test_topics_with_types_as_ros_1_spells_them():
-    """Whichever ROS the robot runs."""
     kinds = {"/battery": "sensor_msgs/msg/BatteryState", "/scan": "sensor_msgs/LaserScan"}
     async with (
         TopicRosbridge(kinds) as robot,
@@ -32,7 +31,6 @@ async def test_topics_with_types_as_ros_1_spells_them():
 
 
 async def test_a_robot_without_rosapi_answers_nothing(monkeypatch):
-    """That is told after a while."""
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.1)
     async with (
         TopicRosbridge(None) as robot,
@@ -63,7 +61,6 @@ async def test_messages_of_a_subscription():
 
 
 async def test_too_large_a_message_ends_the_connection():
-    """Memory is bounded."""
     async with (
         TopicRosbridge({}) as robot,
         connected(robot.url, message_bytes_max=BYTES_MAX) as rosbridge,
@@ -92,14 +89,12 @@ async def test_a_rosbridge_that_hangs_holds_nobody_up():
 
 
 async def test_no_rosbridge_is_an_error():
-    """Not waited for."""
     with pytest.raises(aiohttp.ClientConnectorError):
         async with connected(f"ws://127.0.0.1:{free_port()}", message_bytes_max=BYTES_MAX):
             pass
 
 
 def test_broken_answers_have_no_topics():
-    """What is not as it should be is left out."""
     assert is_answer({"op": "service_response", "id": LOOK_UP_ID})
     assert not is_answer({"op": "service_response", "id": "another's"})
     for values in (None, {}, {"topics": 5, "types": []}):

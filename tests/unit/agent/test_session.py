@@ -21,6 +21,7 @@ CONFIG = {
     "video_port": 20001,
     "heartbeat_s": 0.1,
     "timeout_s": 0.4,
+    "guard": {},
 }
 
 
@@ -89,7 +90,7 @@ async def test_pings_in_the_given_time_and_measures(ends):
     session, peer = ends
     running = asyncio.ensure_future(session.run())
     peer.send(CONFIG)
-    assert await session.new_config(None) == Config("sim1", 20000, 20001, 0.1, 0.4)
+    assert await session.new_config(None) == Config("sim1", 20000, 20001, 0.1, 0.4, {})
     ping = await peer.receive("ping")
     peer.send({"type": "pong", "seq": ping["seq"], "t_ms": -1e9})
     assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
@@ -169,20 +170,7 @@ async def test_orders_are_done_in_the_order_in_which_they_come(ends, orders):
     await asyncio.wait_for(running, 5)
 
 
-async def test_an_older_server_wants_no_guard(ends, orders):
-    """A configuration from before the guard is told apart from one with an empty wish."""
-    session, peer = ends
-    running = asyncio.ensure_future(session.run())
-    peer.send(CONFIG)
-    assert (await session.new_config(None)).guard is None
-    assert orders.orders == [("configured", None, False)]
-    await peer.receive("ping")
-    peer.close()
-    await asyncio.wait_for(running, 5)
-
-
 async def test_a_server_that_takes_nothing_ends_it(ends):
-    """What cannot be sent is bounded, not kept."""
     session, _ = ends
 
     def flood() -> None:
@@ -238,7 +226,6 @@ async def test_bye_keeps_code_and_detail(ends, code, retry):
 
 
 async def test_superseded_explains_two_robots_with_one_key(ends):
-    """A cloned robot is told what it is."""
     session, peer = ends
     peer.send({"type": "bye", "code": "superseded", "detail": "x"})
     with pytest.raises(SessionEnded, match="two robots use one key"):

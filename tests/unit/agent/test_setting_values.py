@@ -144,7 +144,6 @@ def test_refuses_with_what_is_allowed(key, value, allowed):
 
 
 def test_cameras_by_name():
-    """A URL has = of its own."""
     given = setting_values.cameras(["rear=http://a/v?x=1", "front=http://b"])
     assert setting_values.camera_urls(given) == {"rear": "http://a/v?x=1", "front": "http://b"}
 

@@ -85,7 +85,6 @@ def test_wrong_value_names_variable_value_and_what_is_allowed(key, value, allowe
 
 
 def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
-    """The same for a value in the file, also for one of the wrong type."""
     file = written(tmp_path, 'server = "a.example"\nssh_ports = "no"\n')
     with pytest.raises(SettingsInvalid, match=f"{file}: ssh_ports = 'no': allowed is"):
         load(file, {})
@@ -135,7 +134,6 @@ def test_a_robot_may_allow_no_shell(tmp_path):
 
 
 def test_a_named_file_must_exist(tmp_path):
-    """Only the usual file may be missing."""
     with pytest.raises(SettingsInvalid, match="no such file"):
         load(tmp_path / "none.toml", {"ROBOTETHER_SERVER": "a.example"})
 

@@ -33,7 +33,6 @@ async def test_tries_again_until_nothing_helps():
 
 
 async def test_can_be_cancelled_in_its_pause():
-    """A stop does not wait for the pause to end."""
     reached = asyncio.Event()
 
     async def attempt(_: Uptime) -> None:
@@ -73,7 +72,6 @@ def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
 
 
 def test_uptime_counts_from_when_it_stood():
-    """Time spent on connecting does not count."""
     now = [10.0]
     uptime = Uptime(lambda: now[0])
     assert uptime.stood_s == 0

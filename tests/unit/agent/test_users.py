@@ -55,7 +55,6 @@ def test_a_missing_directory_is_made_for_the_agents_user(place):
 
 
 def test_who_is_not_root_stays_who_it_is(place, monkeypatch):
-    """A right is only ever dropped."""
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     before = os.getuid()
     act_as_agent(place / "none")
@@ -66,7 +65,6 @@ def test_who_is_not_root_stays_who_it_is(place, monkeypatch):
 
 @needs_root
 def test_without_the_agents_user_root_stays_root(place, monkeypatch):
-    """In a container root may be the agent's user; a directory of root's stays root's."""
     monkeypatch.setattr(users, "AGENT_USER", "no-such-user")
     act_as_agent(place / "none")
     act_as_agent(place)

@@ -37,7 +37,6 @@ def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
 
 
 def test_a_unit_file_is_installed_when_it_differs(layout):
-    """Systemd has to read it anew only then."""
     assert layout.unit.read_text() == "of 1\n"
     assert layout.use(version(layout, "2"))
     assert layout.unit.read_text() == "of 2\n"
@@ -67,13 +66,11 @@ def test_a_place_that_cannot_be_changed_is_told(layout):
 
 
 def test_others_are_removed(layout):
-    """What is named stays."""
     layout.keep_only(version(layout, "2"))
     assert [path.name for path in (layout.base / "versions").iterdir()] == ["2"]
 
 
 def test_the_report_is_for_programs(layout):
-    """A playbook reads how it ended."""
     report = Report("done", "1", "2", "2 is in use", 1.0, 2.0)
     layout.write(report)
     assert json.loads((layout.base / "last-switch.json").read_text()) == asdict(report)

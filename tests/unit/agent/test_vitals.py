@@ -76,7 +76,6 @@ async def test_changes_are_told_and_nothing_else(tell):
 
 
 async def test_a_rosbridge_that_restarts_is_found_again(tell):
-    """Unknown meanwhile."""
     async with TopicRosbridge(TOPICS) as robot:
         told = tell(robot.url)
         await until_subscribed(robot)
@@ -141,7 +140,6 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end():
     ],
 )
 def test_what_a_battery_says(message, battery):
-    """In parts of one or of a hundred, by its charge, or not at all."""
     assert battery_in(message) == battery
 
 

@@ -11,25 +11,8 @@ from robotether_agent.session import Config
 from robotether_agent.wishes import Wishes
 
 
-def config(*, shell_port: int | None = None, rotate_key: bool = False) -> Config:
-    return Config("sim1", 20000, 20001, 1.0, 5.0, shell_port, rotate_key)
-
-
-def test_a_shell_is_wanted_while_there_is_a_port():
-    """The wish comes and goes with the port."""
-    wishes = Wishes(allows_shell=True)
-    assert not wishes.shell.is_set()
-    wishes.take(config(shell_port=24000))
-    assert wishes.shell.is_set()
-    wishes.take(config())
-    assert not wishes.shell.is_set()
-
-
-def test_a_robot_that_allows_no_shell_gets_none():
-    """Its own settings have the last word, whatever an admin wishes."""
-    wishes = Wishes(allows_shell=False)
-    wishes.take(config(shell_port=24000))
-    assert not wishes.shell.is_set()
+def config(*, rotate_key: bool = False) -> Config:
+    return Config("sim1", 20000, 20001, 1.0, 5.0, {}, rotate_key=rotate_key)
 
 
 def test_one_wish_for_a_key_is_one_key():

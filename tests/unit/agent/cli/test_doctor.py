@@ -20,7 +20,6 @@ from robotether_agent.settings import Settings
     ],
 )
 def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, last):
-    """What is skipped is no failure."""
     settings = Settings(server="a.example", state_dir=Path("/none"))
 
     async def examine(_: Settings) -> AsyncIterator[Finding]:

@@ -50,7 +50,6 @@ def test_without_a_terminal_it_needs_a_word(environ, place, capsys, monkeypatch)
 
 
 def test_not_while_the_agent_runs(environ, place, capsys):
-    """The sentence says how to stop it."""
     ensure_directory(place / "run", "run_dir")
     with only_one(place / "run" / LOCK):
         assert main(["forget", "--yes"], environ) == 75

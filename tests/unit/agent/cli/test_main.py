@@ -136,7 +136,6 @@ def test_wrong_settings_have_their_exit_code(capsys):
 
 
 def test_version(capsys):
-    """--version prints name and version."""
     with pytest.raises(SystemExit) as error:
         main(["--version"], {})
     assert error.value.code == 0

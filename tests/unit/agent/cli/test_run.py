@@ -67,7 +67,6 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
 
 
 def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
-    """Nobody waits for a pause."""
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
     monkeypatch.setattr(command, "before_restart", lambda *_: 60.0)
     stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))

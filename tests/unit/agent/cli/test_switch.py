@@ -43,6 +43,5 @@ def test_says_how_it_ended(environ, place, capsys):
 
 
 def test_a_wrong_folder_is_impossible(environ, place, capsys):
-    """The sentence says what to name."""
     assert main(["switch", str(place / "opt/versions/3")], environ) == 1
     assert "name a folder in versions/" in capsys.readouterr().err

@@ -61,7 +61,6 @@ async def test_a_silent_one():
     ("mode", "told"), [("babbles", "no SSH server .*302 Log in"), ("closes", "closes the conn")]
 )
 async def test_one_that_is_no_ssh_server(mode, told):
-    """A portal is told by what it says."""
     async with Door(mode) as door:
         with pytest.raises(ServerUnreachable, match=told):
             await check(door, Banner())
@@ -69,7 +68,6 @@ async def test_one_that_is_no_ssh_server(mode, told):
 
 @pytest.mark.parametrize("mode", ["full", "full_before_10"])
 async def test_a_server_that_lets_no_more_log_ins_begin(mode):
-    """It is the server, which needs nothing but time."""
     async with Door(mode) as door:
         with pytest.raises(ServerBusy, match="as many log-ins are under way"):
             await check(door, Banner())

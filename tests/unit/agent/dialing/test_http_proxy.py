@@ -98,7 +98,6 @@ async def test_what_the_server_says_with_the_answer_is_left_there():
     [("refuses", "403 Forbidden"), ("closes", "closes the connection"), ("babbles", "not HTTP")],
 )
 async def test_a_proxy_that_does_not_join(mode, told):
-    """The problem names the proxy and its answer."""
     async with FakeProxy(mode) as proxy:
         with pytest.raises(ServerUnreachable, match=told) as caught:
             await through(proxy, 9)
@@ -106,7 +105,6 @@ async def test_a_proxy_that_does_not_join(mode, told):
 
 
 async def test_a_proxy_that_wants_a_password():
-    """Without it is told what to do; with it, it joins."""
     async with Door() as door, FakeProxy("needs_password") as proxy:
         with pytest.raises(ServerUnreachable, match="USER:PASSWORD"):
             await through(proxy, door.port)

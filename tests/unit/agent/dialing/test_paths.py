@@ -26,7 +26,6 @@ class Connection:
 
 @pytest.mark.parametrize(("host", "path"), [("127.0.0.1", Path.SAME), ("127.0.0.2", Path.MOVED)])
 def test_a_real_connection(host, path):
-    """From the address that the kernel would choose, or from another one."""
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname(), source_address=(host, 0)) as connection,
@@ -45,6 +44,5 @@ def test_no_route():
 
 
 def test_a_connection_that_has_ended():
-    """Who has no other end is not judged here."""
     with socket.socket() as never_connected:
         assert path_of(never_connected) is Path.SAME

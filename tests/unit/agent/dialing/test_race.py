@@ -66,7 +66,6 @@ async def test_a_failure_starts_the_next_at_once(attempts):
 
 
 async def test_two_that_work_in_the_same_moment(attempts):
-    """One is returned, the other one dropped."""
     now = asyncio.Event()
     ways = [attempts.that(name, when=now) for name in ("one", "other")]
     race = Race(ways, pause=after(0), drop=attempts.dropped.append)
@@ -77,7 +76,6 @@ async def test_two_that_work_in_the_same_moment(attempts):
 
 
 async def test_all_fail(attempts):
-    """What each of them said is told once."""
     ways = [
         attempts.that("a", NoAnswer("x")),
         attempts.that("b", NoAnswer("x")),

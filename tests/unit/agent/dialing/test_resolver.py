@@ -60,7 +60,6 @@ def test_addresses_need_no_name_service():
 
 
 async def test_it_is_asked_each_time(names):
-    """Another network may know another address."""
     known = Resolver(names)
     assert await known.addresses("h", 22) == FOUR
     names.answer = SIX
@@ -102,7 +101,6 @@ async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
 
 
 async def test_an_unknown_name(names):
-    """The reason of the name service is told."""
     names.answer = socket.gaierror(-2, "Name or service not known")
     with pytest.raises(OSError, match=r"cannot find the address of h: .*not known"):
         await Resolver(names).addresses("h", 22)

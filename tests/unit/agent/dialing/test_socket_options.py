@@ -30,7 +30,6 @@ def test_a_dead_path_is_given_up_in_seconds(connection):
 
 
 def test_video_keeps_little_unsent(connection):
-    """On its own connection, and on no other."""
     specialise(connection, "session")
     before = option(connection, socket_options.TCP_NOTSENT_LOWAT)
     specialise(connection, "media")

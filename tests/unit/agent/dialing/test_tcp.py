@@ -30,7 +30,6 @@ def pair():
 
 
 async def test_an_address_that_refuses_is_passed_over():
-    """The next address is tried at once."""
     async with Door() as door:
         with await connect("h", door.port, at("127.0.0.2", "127.0.0.1"), "it") as connection:
             assert connection.getpeername() == ("127.0.0.1", door.port)

@@ -79,7 +79,6 @@ async def test_what_was_found_is_what_is_opened():
 
 
 async def test_the_first_port_is_taken_when_it_answers():
-    """The others are not troubled."""
     async with Door() as first, Door() as second:
         assert await Way().find([at(first.port), at(second.port)]) == at(first.port)
         assert second.visitors == 0
@@ -114,7 +113,6 @@ async def test_a_refusal_is_told_at_once():
 
 
 async def test_silence_is_told_after_a_while(silent_port, monkeypatch):
-    """And until then it was asked again and again."""
     monkeypatch.setattr(way_module, "PATIENCE_S", 0.3)
     with pytest.raises(NoAnswer):
         await asyncio.wait_for(Way().find([at(silent_port)]), 5)

@@ -53,7 +53,6 @@ def test_a_disk_without_room(settings, monkeypatch, changes, told):
 
 
 def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):
-    """The line says which, and how to mend it."""
     missing = machine.check_disk(replace(settings, state_dir=Path("/none/state")))
     assert "there is no /none/state" in missing.detail
     monkeypatch.setattr(os, "access", lambda *_: False)
@@ -130,7 +129,6 @@ async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
 
 
 async def test_the_robots_own_ssh_server(settings):
-    """A robot may have none, so that is no failure."""
 
     async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(greeting)

@@ -42,7 +42,6 @@ def kind(rights: Authority, admission: Admission, fence: object = 13, now: float
 
 
 def test_the_lease_drives_with_the_key() -> None:
-    """And each of its messages."""
     rights = authority()
     admission = rights.admit(headers())
     assert admission == Admission("drive", 13)
@@ -65,7 +64,6 @@ def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
 
 
 def test_without_a_key_of_its_own_the_guard_lets_nobody_in() -> None:
-    """An empty key is none."""
     rights = authority()
     rights.key = ""
     assert status(rights, headers(key="")) == 403
@@ -116,7 +114,6 @@ def test_a_new_sessions_first_number_counts() -> None:
 
 @pytest.mark.parametrize("fence", [None, "13", 13.0, True, 12, 14])
 def test_a_message_shows_its_connections_fence(fence: object) -> None:
-    """Each one, as a number."""
     rights = authority(fence=13)
     assert kind(rights, Admission("drive", 13), fence) == "fence"
 
@@ -144,7 +141,6 @@ def test_a_silent_agent_holds_the_robot_until_it_speaks() -> None:
 
 
 def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
-    """Observers end with their own connection."""
     rights = authority(direct=True)
     drive, observe, direct = (
         rights.admit(headers()),
@@ -157,7 +153,6 @@ def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
 
 
 def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
-    """As in the paper, and only where the server allows it."""
     rights = authority(fence=None, direct=True)
     direct = rights.admit({})
     rights.check(direct, None, NOW)
@@ -172,7 +167,6 @@ def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
 
 
 def test_a_guard_that_ends_moves_nothing() -> None:
-    """Its last zeros must be the last."""
     rights = authority()
     admission = rights.admit(headers())
     rights.ending = True

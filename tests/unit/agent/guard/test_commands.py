@@ -34,13 +34,11 @@ def test_each_shape_comes_out_as_it_went_in(message: dict[str, Any]) -> None:
 
 
 def test_what_is_left_out_is_zero() -> None:
-    """As rosbridge itself fills it up."""
     command = read({"linear": {"x": 1}}, None)
     assert (command.linear, command.angular) == ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def test_the_advertised_type_decides_only_when_the_message_says_nothing() -> None:
-    """The shape is what the robot gets."""
     assert read({}, "ackermann").shape == "ackermann"
     assert read({"header": {}}, "twist_stamped").shape == "twist_stamped"
     assert read(TWIST, "ackermann").shape == "twist"
@@ -87,7 +85,6 @@ def test_zero_stands_still(shape: Shape) -> None:
 
 
 def test_turning_wheels_alone_is_no_motion() -> None:
-    """A car that stands may steer."""
     assert not read({"drive": {"steering_angle": 0.3}}, None).moves
     assert read({"drive": {"acceleration": 0.5}}, None).moves
     assert read({"drive": {"speed": -0.1}}, None).moves
@@ -106,7 +103,6 @@ VECTOR = st.dictionaries(st.sampled_from(["x", "y", "z", "w"]), NUMBER, max_size
     )
 )
 def test_whatever_passes_is_finite_and_json(message: dict[str, Any]) -> None:
-    """No other number reaches the wheels."""
     try:
         command = read(message, None)
     except Refused:

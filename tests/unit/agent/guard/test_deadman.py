@@ -44,7 +44,6 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
 
 
 def test_a_robot_stands_when_it_has_its_zeros() -> None:
-    """And not while they are on their way."""
     deadman = moving()
     assert not deadman.stands(TOPIC)
     run_zeros(deadman, 0.0, 0.6)
@@ -64,7 +63,6 @@ def test_zeros_begin_after_the_deadman_time_and_end() -> None:
 
 
 def test_each_command_begins_the_time_anew() -> None:
-    """A driver who goes on is not disturbed."""
     deadman = moving()
     for tick in range(1, 40):
         assert deadman.due(tick * 0.4) == []
@@ -80,7 +78,6 @@ def test_a_drivers_own_zero_is_the_end() -> None:
 
 
 def test_who_never_moved_gets_no_zero() -> None:
-    """Another controller of the robot may be at work."""
     deadman = Deadman(TIMEOUT_S)
     deadman.commanded(TOPIC, 0.0, moves=False)
     deadman.stop([TOPIC, "/other"], 0.0)
@@ -95,7 +92,6 @@ def test_a_stop_needs_no_motion() -> None:
 
 
 def test_a_loss_does_not_prolong_zeros_that_run() -> None:
-    """Two reasons to stop are one stop."""
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     first = run_zeros(deadman, 0.1, 0.3)
@@ -117,7 +113,6 @@ def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
 
 
 def test_a_lost_connection_owes_all_zeros_again() -> None:
-    """Nobody knows which of them arrived."""
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     run_zeros(deadman, 0.1, 0.4)

@@ -50,7 +50,6 @@ async def running(rosbridge: FakeRosbridge) -> AsyncIterator[tuple[DriveLine, He
 
 
 async def test_what_is_sent_is_known_to_be_read() -> None:
-    """By the pong to the ping that follows it."""
     async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
         assert line.up
         assert line.takes
@@ -87,7 +86,6 @@ async def test_it_connects_again_for_ever() -> None:
 
 
 async def test_another_address_is_used_at_once() -> None:
-    """The old connection is left."""
     async with FakeRosbridge() as old, FakeRosbridge() as new, running(old) as (line, heard):
         line.use(f"ws://127.0.0.1:{new.port}/")
         await until("it is up there", lambda: heard.events.count("up") == 2)

@@ -68,7 +68,6 @@ async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
 
 
 async def test_another_connections_end_is_no_stop(world: World) -> None:
-    """Observers come and go."""
     await world.drive(0.5)
     world.helm.gone(FakeSource(Admission("observe")))
     await world.helm.step()
@@ -96,7 +95,6 @@ async def test_old_commands_are_refused(world: World, age_ms: float) -> None:
 
 @pytest.mark.parametrize("t_ms", [None, "now", True, [], 10**400, -(10**400)])
 async def test_a_command_without_a_moment_is_refused(world: World, t_ms: object) -> None:
-    """Its age cannot be known."""
     await world.drive(0.5, robotether={"t_ms": t_ms, "fence": 13})
     await world.drive(0.5, robotether=3)
     assert world.line.sent == []
@@ -104,7 +102,6 @@ async def test_a_command_without_a_moment_is_refused(world: World, t_ms: object)
 
 
 async def test_a_direct_connection_needs_no_moment(world: World) -> None:
-    """There only its age is unknown."""
     world.authority.lease(13, held=False)
     world.authority.direct = True
     direct = FakeSource(Admission("direct"))
@@ -191,14 +188,12 @@ async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
 
 
 async def test_a_rosbridge_that_does_not_read_gets_nothing(world: World) -> None:
-    """The driver is told so."""
     world.line.up = False
     await world.drive(0.5)
     assert world.source.kinds == ["held"]
 
 
 async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> None:
-    """It may have arrived."""
     world.line.breaks = True
     await world.drive(0.5)
     world.helm.line_lost()
@@ -227,7 +222,6 @@ async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> N
 
 
 async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
-    """With the type that was advertised."""
     assert isinstance(world.mark, MemoryMark)
     name = "geometry_msgs/msg/TwistStamped"
     world.mark.driven = [Driven("/base/cmd_vel", "twist_stamped", name, "base")]
@@ -291,7 +285,6 @@ async def test_a_stop_while_the_topic_is_announced_is_no_motion(world: World) ->
 
 
 async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
-    """Who would have heard it without a guard."""
     world.helm.line_says(b"nobody drives yet")
     await world.drive(0.5)
     world.helm.line_says(b"{}")

@@ -56,7 +56,6 @@ async def running(
 
 
 async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_path: Path) -> None:
-    """Nobody waits for a disk to stop a robot."""
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
@@ -187,7 +186,6 @@ def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
 
 
 async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> None:
-    """The answer tells that it still is."""
     answers = list[str]()
     (tmp_path / "stop.json").mkdir()
     async with running(StopFile(tmp_path), answers) as latch:

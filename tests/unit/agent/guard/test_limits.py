@@ -78,7 +78,6 @@ def test_braking_is_never_delayed(
 
 @given(commands, step, limits)
 def test_a_stop_is_a_stop(before: Command, step_s: float, within: Limits) -> None:
-    """From any speed at once."""
     assert not limited(Command("twist"), before, step_s, within).moves
 
 

@@ -26,7 +26,6 @@ def test_the_mark_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
 
 
 def test_the_mark_goes_when_the_robot_has_stood_for_a_while(tmp_path: Path) -> None:
-    """Not between two motions."""
     marking, file = Marking(MotionFile(tmp_path)), MotionFile(tmp_path)
     marking.ensure(A, ["/a"])
     marking.tend(5.0, moves=True)

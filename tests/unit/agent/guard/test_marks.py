@@ -27,19 +27,16 @@ def test_a_stop_is_kept_with_its_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"by": 3}', "\udcff"])
 def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, text: str) -> None:
-    """In doubt the robot stands."""
     (tmp_path / "stop.json").write_bytes(text.encode(errors="surrogateescape"))
     assert StopFile(tmp_path).read() == ""
 
 
 def test_a_stop_that_is_no_file_is_a_stop(tmp_path: Path) -> None:
-    """Whatever took its place."""
     (tmp_path / "stop.json").mkdir()
     assert StopFile(tmp_path).read() == ""
 
 
 def test_motion_is_kept_for_the_next_guard(tmp_path: Path) -> None:
-    """With all that a zero needs."""
     file = MotionFile(tmp_path)
     assert file.read() is None
     file.write(DRIVEN)
@@ -57,13 +54,11 @@ def test_motion_is_kept_for_the_next_guard(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None:
-    """Of a topic that nobody knows any more."""
     (tmp_path / "motion.json").write_text(text)
     assert MotionFile(tmp_path).read() == []
 
 
 def test_a_directory_that_is_gone_is_a_problem(tmp_path: Path) -> None:
-    """Who writes hears of it."""
     gone = tmp_path / "gone"
     with pytest.raises(StateUnusable):
         MotionFile(gone).write(DRIVEN)

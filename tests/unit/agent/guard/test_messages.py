@@ -144,7 +144,6 @@ def test_nothing_that_passes_can_drive(value: object) -> None:
 
 @given(st.binary(max_size=200))
 def test_rubbish_is_refused_and_raises_nothing_else(data: bytes) -> None:
-    """The parser has one kind of failure."""
     try:
         read(data)
     except Unclear:

@@ -26,7 +26,6 @@ def test_names_are_given_their_first_slash(name: str) -> None:
      None, 3, ["/cmd_vel"], "/" + "a" * 255, "/cmd_vel\u0000", "/\u0663"],
 )  # fmt: skip
 def test_any_other_spelling_is_no_name(name: object) -> None:
-    """A robot could read another name in it."""
     assert full_name(name) is None
 
 

@@ -78,7 +78,6 @@ def test_a_configuration_is_read_whole() -> None:
 
 
 def test_a_robot_may_have_no_drive_topics() -> None:
-    """Then nothing is looked at as a command."""
     config = read(type="config", rosbridge_url=URL, guard={"drive_topics": []})
     assert isinstance(config, Config)
     assert config.topics.patterns == ()
@@ -92,7 +91,6 @@ def test_a_robot_may_have_no_drive_topics() -> None:
     ],
 )  # fmt: skip
 def test_a_wrong_setting_names_itself(guard: dict[str, Any]) -> None:
-    """So that the log tells what to mend."""
     with pytest.raises(FieldError, match=next(iter(guard))):
         read(type="config", rosbridge_url=URL, guard=guard)
 
@@ -110,6 +108,5 @@ def test_a_wrong_setting_names_itself(guard: dict[str, Any]) -> None:
     ],
 )
 def test_a_broken_line_is_no_order(line: bytes) -> None:
-    """The process logs it and goes on."""
     with pytest.raises(FieldError):
         parse(line)

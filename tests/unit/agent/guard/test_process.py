@@ -286,7 +286,6 @@ async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> No
 
 
 async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
-    """The driver is told that it does not take them."""
     async with FakeRosbridge("silent") as rosbridge, GuardProcess(place, rosbridge.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
@@ -328,7 +327,6 @@ async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> Non
 
 
 async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(place: Path) -> None:
-    """For the check of a forward from its other end."""
     async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
         url = f"http://127.0.0.1:{guard.port}/"
         async with aiohttp.ClientSession() as http:
@@ -364,7 +362,6 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(
 
 
 async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:
-    """They are logged, and the robot is guarded on."""
     async with GuardProcess(place, robot.port) as guard:
         assert guard.process.stdin is not None
         guard.process.stdin.write(b"rubbish\n{}\n" + b"x" * 200_000 + b"\n")

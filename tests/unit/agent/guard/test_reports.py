@@ -17,7 +17,6 @@ COUNTS = dict.fromkeys(KINDS, 0)
 
 
 def test_each_line_has_its_type() -> None:
-    """As the agent expects them."""
     reports = Reports(pipe := FakePipe())
     reports.ready(40123)
     reports.tick()
@@ -25,7 +24,6 @@ def test_each_line_has_its_type() -> None:
 
 
 def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
-    """Not at each step of a robot that drives on."""
     reports = Reports(pipe := FakePipe())
     reports.state(STANDS, COUNTS)
     reports.state(STANDS, COUNTS)
@@ -59,7 +57,6 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
 
 
 def test_what_is_refused_is_told_without_a_motion_too() -> None:
-    """Once a second at most, and no more when nothing more is refused."""
     now, counts = 5.0, dict(COUNTS)
     reports = Reports(pipe := FakePipe(), lambda: now)
     reports.state(STANDS, counts)

@@ -75,7 +75,6 @@ async def test_a_newer_driver_ends_the_older_one(tmp_path: Path) -> None:
 
 
 async def test_a_right_that_ends_closes_its_connection(tmp_path: Path) -> None:
-    """Whatever ended it."""
     async with (
         FakeRosbridge() as rosbridge,
         running(rosbridge.port, tmp_path) as (port, rights, server),
@@ -87,7 +86,6 @@ async def test_a_right_that_ends_closes_its_connection(tmp_path: Path) -> None:
 
 
 async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:
-    """The relay tells the operator."""
     async with running(None, tmp_path) as (port, _, _):
         assert await status(port, 0) == 502
     async with (
@@ -100,7 +98,6 @@ async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:
 async def test_the_number_of_connections_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each may hold a large message."""
     monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 1)
     async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
         client = GuardClient(port, 0)

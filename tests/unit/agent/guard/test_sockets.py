@@ -18,7 +18,6 @@ from robotether_agent.guard.sockets import (
 
 
 async def test_text_stays_bytes() -> None:
-    """What is not read is not decoded."""
     async with FakeRosbridge() as rosbridge, new_http() as http:
         socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
         await socket.send_frame(b'{"op":"publish","topic":"/echo"}', WSMsgType.TEXT)
@@ -45,7 +44,6 @@ async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
 
 
 async def test_no_rosbridge_is_an_error() -> None:
-    """The caller says what that means."""
     async with FakeRosbridge("refuses") as rosbridge, new_http() as http:
         with pytest.raises(aiohttp.WSServerHandshakeError):
             await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.authority import Admission
 from robotether_agent.guard.commands import Command
-from robotether_agent.guard.marks import Driven
 from robotether_agent.guard.messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
 from robotether_agent.guard.topics import MOST_TOPICS, MOST_TYPES, Topic, Topics, Waiting
@@ -38,17 +37,7 @@ def goes(_: Topic) -> bool:
     return True
 
 
-def test_a_topic_that_was_driven_can_be_zeroed_later() -> None:
-    """With its shape, type and frame; one that was only advertised cannot."""
-    topic = Topic("/cmd_vel", "geometry_msgs/TwistStamped")
-    assert topic.driven is None
-    assert topic.declared == "twist_stamped"
-    topic.sent = Command("twist_stamped", header={"frame_id": "base"})
-    assert topic.driven == Driven("/cmd_vel", "twist_stamped", "geometry_msgs/TwistStamped", "base")
-
-
 def test_their_number_is_bounded() -> None:
-    """Those that are known stay."""
     topics = Topics()
     for number in range(MOST_TOPICS):
         topics.place(f"/t{number}", 1.0, stays)
@@ -90,7 +79,6 @@ def test_named_topics_have_places_of_their_own() -> None:
 
 
 def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
-    """It would be, after its next command."""
     topics = Topics()
     topics.place("/t", 0.0, goes).announced = True
     topics.free_unmoved(goes)
@@ -123,7 +111,6 @@ def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
 
 
 def test_topics_that_moved_keep_their_places_for_a_new_driver() -> None:
-    """Somebody really drives by them."""
     topics = Topics()
     topics.place("/t", 0.0, goes).moved = True
     topics.place("/other", 0.0, goes)
@@ -201,7 +188,6 @@ async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None
 
 
 async def test_the_number_of_topics_is_bounded(world: World) -> None:
-    """Operators choose their names."""
     for number in range(MOST_TOPICS + 5):
         await world.drive(0.1, topic=f"/r{number}/cmd_vel")
     assert len(world.line.sent) == MOST_TOPICS
@@ -296,7 +282,6 @@ async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) 
 
 
 async def test_a_broken_command_takes_nobodys_place(world: World) -> None:
-    """It is refused before."""
     await invent(world, MOST_TOPICS)
     world.line.read_until = world.now
     await world.drive(0.5, topic="/real/cmd_vel", msg={"linear": {"x": None}})

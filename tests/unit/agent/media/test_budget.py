@@ -75,7 +75,6 @@ class Taker:
 async def test_no_more_than_the_window_gets_under_way(
     budget: Budget, connection: Connection
 ) -> None:
-    """And more only when some has arrived."""
     taker = Taker(budget, connection)
     await eventually(lambda: taker.got >= FIRST_WINDOW - 2048, lambda: f"got {taker.got}")
     await asyncio.sleep(0.02)
@@ -160,7 +159,6 @@ async def test_streams_share_fairly(budget: Budget, connection: Connection) -> N
 async def test_one_who_leaves_while_it_waits_is_forgotten(
     budget: Budget, connection: Connection
 ) -> None:
-    """Its turn goes to the next."""
     await budget.take(TURN_MAX)
     leaves = asyncio.ensure_future(budget.take(TURN_MAX))
     stays = asyncio.ensure_future(budget.take(TURN_MAX))

@@ -93,7 +93,6 @@ async def test_bytes_pass_unchanged_in_both_directions(door: MediaDoor) -> None:
 async def test_an_answer_is_whole_when_the_service_closes_after_it(
     door: MediaDoor, camera: Camera
 ) -> None:
-    """A snapshot ends with the connection."""
 
     async def snapshot(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readuntil(b"\r\n\r\n")
@@ -249,7 +248,6 @@ async def test_a_viewer_of_nothing_is_let_go(
 
 
 async def test_no_service_is_a_closed_connection(caplog: pytest.LogCaptureFixture) -> None:
-    """As the bare forward would do it."""
     door = MediaDoor(f"http://127.0.0.1:{free_port()}")
     reader, writer = await asyncio.open_connection("127.0.0.1", await door.start())
     assert await asyncio.wait_for(reader.read(-1), WITHIN_S) == b""
@@ -322,7 +320,6 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
 
 
 def test_a_url_names_its_port() -> None:
-    """As the settings make sure."""
     with pytest.raises(ValueError, match="no host and port"):
         MediaDoor("http://127.0.0.1")
 

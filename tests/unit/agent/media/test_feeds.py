@@ -78,7 +78,6 @@ async def test_equal_wishes_share_a_source(feeds, source):
 
 
 async def test_the_last_to_leave_closes_the_source(feeds, source):
-    """The first does not."""
     feed = feeds.follow(WISH, "a", print)
     feeds.follow(WISH, "b", print)
     await until_open(source)
@@ -125,7 +124,6 @@ async def test_a_defect_is_no_end(feeds, source, monkeypatch, caplog):
 
 
 async def test_closing_closes_all(feeds, source):
-    """Nothing is left open."""
     feeds.follow(WISH, "a", lambda _: None)
     await until_open(source)
     await feeds.close()

@@ -13,6 +13,7 @@ import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
 from fake_cloud import eventually
+from frame_header import SIZE, unpacked
 from link import Link, Shape, why_not_here
 from local_network import free_port
 from robotether_agent.clock import robot_time
@@ -20,7 +21,7 @@ from robotether_agent.media import frames_service as service_module
 from robotether_agent.media import receiver as receiver_module
 from robotether_agent.media.door import MediaDoor, Own
 from robotether_agent.media.frames_service import FramesService
-from robotether_agent.media.header import SIZE, Header, unpacked
+from robotether_agent.media.header import Header
 from robotether_agent.media.sources import Places
 from slow_uplink import SlowUplink
 
@@ -135,7 +136,6 @@ async def test_pictures_come_with_their_moment_and_number(world):
 
 
 async def test_without_credit_nothing_comes_and_two_are_the_most(world):
-    """A credit is a picture; more than two are never open."""
     receiver = await world.receive(gives_credit=False)
     await eventually(lambda: world.camera.open == 1, lambda: "the camera is open")
     await eventually(lambda: "live" in receiver.states(), receiver.told)
@@ -180,7 +180,6 @@ async def test_no_receiver_no_source(world):
 
 
 async def test_a_beat_is_answered_with_the_robots_clock(world):
-    """What was asked, and CLOCK_BOOTTIME in ms."""
     receiver = await world.receive()
     before = robot_time() * 1000
     await receiver.say("beat", t_ms=81.25)
@@ -205,7 +204,6 @@ async def test_the_status_tells_of_a_source_that_ends_and_comes_back(world):
 
 
 async def test_a_stalled_source_is_waited_for(world):
-    """Open, without pictures."""
     world.camera.mode = "silent"
     receiver = await world.receive()
     await eventually(lambda: receiver.states() == ["waiting"], receiver.told)
@@ -231,7 +229,6 @@ async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
 
 
 async def test_another_want_counts_from_now_on(world):
-    """Another range of quality, and another size."""
     receiver = await world.receive(quality_max=70)
     await receiver.some(3)
     await receiver.say("want", quality_max=40, width=320, height=240)
@@ -241,7 +238,6 @@ async def test_another_want_counts_from_now_on(world):
 
 
 async def test_what_breaks_the_protocol_ends_the_receiver(world):
-    """With the reason, and nobody else."""
     good, bad = await world.receive(), await world.receive()
     await bad.say("want", fps=0)
     await eventually(lambda: bad.closed == 1002, bad.told)
@@ -288,7 +284,6 @@ async def test_a_still_of_any_camera(world):
 
 
 async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
-    """503 with the reason."""
     monkeypatch.setattr(service_module, "STILL_WITHIN_S", 0.3)
     world.camera.mode = "refuses"
     status, body = await world.get(f"/snapshot?topic={TOPIC}")

@@ -30,7 +30,6 @@ def test_other_stamps_say_nothing(stamp_s):
 
 
 def test_the_three_clocks_run():
-    """Each is the machine's own."""
     before = time.time()
     found = now()
     assert before <= found.wall_s <= time.time()

@@ -47,7 +47,6 @@ def test_headers_by_their_names_in_lower_case():
     ],
 )
 def test_the_boundary_as_cameras_name_it(content_type):
-    """With and without its dashes and quotes."""
     assert boundary_of(content_type) == b"--b"
 
 

@@ -19,7 +19,6 @@ def test_the_size_of_a_real_jpeg(progressive):
 
 
 def test_what_is_cut_off_or_no_jpeg_has_none():
-    """No error, at any length."""
     whole = fake_jpeg(1, size=(640, 480))
     assert jpeg_size(whole) == (640, 480)
     assert [jpeg_size(whole[:length]) for length in range(16)] == [None] * 16

@@ -53,7 +53,6 @@ def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[t
 
 
 def test_the_ladder_goes_through_quality_and_then_size():
-    """Both ends of the range are on it."""
     assert [level.quality for level in ladder(25, 50, scales=False)] == [50, 40, 30, 25]
     assert LEVELS[-len(SCALES) :] == tuple(Level(20, scale) for scale in SCALES)
     assert ladder(50, 50, scales=False) == (Level(50),)

@@ -14,7 +14,6 @@ def passed(gate: Gate, moments: list[float]) -> list[int]:
 
 
 def test_a_camera_of_the_wanted_rate_loses_nothing_to_jitter():
-    """Early as often as late."""
     random = Random(1)
     moments = sorted(n / 15 + random.uniform(-0.02, 0.02) for n in range(300))
     assert len(passed(Gate(15), moments)) >= 298

@@ -11,10 +11,10 @@ import pytest
 from aiohttp import WSMsgType
 from fake_cameras import fake_jpeg, number_of
 from fake_cloud import eventually
+from frame_header import SIZE, unpacked
 from robotether_agent.fields import FieldError
 from robotether_agent.media import receiver as receiver_module
 from robotether_agent.media.feeds import Feeds
-from robotether_agent.media.header import SIZE, unpacked
 from robotether_agent.media.picture import Picture, Wish
 from robotether_agent.media.receiver import Receiver
 
@@ -196,7 +196,6 @@ async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
 
 
 async def test_a_text_that_breaks_the_protocol_ends_it(world):
-    """And the source with it."""
     world.socket.ask("want")
     await world.until_open()
     world.socket.ask("credit", frames="many")

@@ -46,7 +46,6 @@ def test_a_round_weighs_round_trips_by_their_time() -> None:
 def test_a_round_was_full_when_somebody_waited_for_most_of_it(
     waited_s: float, was_full: bool
 ) -> None:
-    """Of 0.1 s."""
     seen = Round(look(0, 0, 0))
     seen.add(look(waited_s, 0, 0), was_full=True)
     seen.add(look(0.1, 0, 0), was_full=False)
@@ -67,14 +66,12 @@ def test_a_picture_counts_from_its_first_byte_to_its_last_ones_arrival() -> None
 
 
 def test_a_picture_that_seems_to_take_no_time_took_the_time_between_two_looks() -> None:
-    """Nothing is infinitely fast."""
     burst = Burst(look(0, 0, 0))
     burst.add(look(0.01, PICTURE, 0), is_handed=True)
     assert burst.rate(look(RTT_S, PICTURE, PICTURE)) == pytest.approx(PICTURE / SEEN_LATE_S)
 
 
 def test_a_few_bytes_tell_nothing() -> None:
-    """A heartbeat is no picture."""
     little = BURST_SEGMENTS_MIN * SEGMENT - 1
     burst = Burst(look(0, 0, 0))
     burst.add(look(0.01, little, 0), is_handed=True)
@@ -84,7 +81,6 @@ def test_a_few_bytes_tell_nothing() -> None:
 
 
 def test_a_reading_that_tells_too_little_delays_no_picture() -> None:
-    """The next one is told of as ever."""
     burst = Burst(look(0, SEGMENT, SEGMENT))
     burst.add(look(0.5, SEGMENT - 100, SEGMENT), is_handed=True)
     burst.add(look(0.51, PICTURE, SEGMENT), is_handed=True)

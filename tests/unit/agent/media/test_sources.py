@@ -85,7 +85,6 @@ async def test_pictures_of_web_video_server(run, names_length):
 
 
 async def test_a_stamp_of_another_clock_is_the_arrival(run):
-    """As with simulated time."""
     async with FakeVideoServer() as server:
         server.stamp = lambda: 12.5
         _, taken = run(places(server.url))
@@ -188,7 +187,6 @@ async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, a
 
 
 async def test_a_rosbridge_without_such_pictures_tells_why(run):
-    """No such topic, and pictures that are no JPEG."""
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
         running, _ = run(places(rosbridge=rosbridge.url, source="rosbridge"))
         with pytest.raises(SourceDownError, match="no compressed pictures of /camera/image_raw"):
@@ -222,14 +220,12 @@ async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monke
 
 
 async def test_neither_source_is_told_with_both_reasons(run):
-    """Whoever has to mend it sees both."""
     running, _ = run(places())
     with pytest.raises(SourceDownError, match=r"web_video_server at .*; rosbridge at "):
         await asyncio.wait_for(running, 5)
 
 
 async def test_a_server_that_answers_badly_is_not_left_for_rosbridge(run):
-    """Its own words tell more."""
     async with FakeVideoServer("refuses") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(places(server.url, rosbridge.url))
         with pytest.raises(SourceDownError, match="HTTP status 500"):
@@ -238,7 +234,6 @@ async def test_a_server_that_answers_badly_is_not_left_for_rosbridge(run):
 
 
 async def test_a_source_that_is_left_is_closed(run):
-    """Nobody reads a camera for nobody."""
     async with FakeVideoServer() as server:
         running, taken = run(places(server.url))
         await eventually(taken.some(1), taken.told)

@@ -84,7 +84,6 @@ def test_the_new_source_is_open_before_the_old_one_ends(feeds, switch, got):
 
 
 def test_a_new_source_that_is_first_with_a_picture(feeds, switch, got):
-    """That one goes on at once."""
     switch.follow(HIGH)
     feeds.give(HIGH, 1.0)
     switch.follow(LOW)
@@ -94,7 +93,6 @@ def test_a_new_source_that_is_first_with_a_picture(feeds, switch, got):
 
 
 def test_an_older_picture_does_not_go_on(feeds, switch, got):
-    """Whatever a source does."""
     switch.follow(HIGH)
     feeds.give(HIGH, 5.0)
     feeds.give(HIGH, 4.9)
@@ -114,7 +112,6 @@ def test_a_wish_that_changes_meanwhile(feeds, switch):
 
 
 def test_a_new_source_that_gives_nothing_is_let_go(feeds, switch):
-    """The old one goes on."""
     switch.follow(HIGH)
     feeds.give(HIGH, 1.0)
     switch.follow(LOW)
