@@ -11,8 +11,8 @@ from random import Random
 
 from robotether_agent.problems import Problem, Retry, ServerSilent
 
-FIRST_S = 0.5
-LAST_S = 15.0
+MIN_DELAY_S = 0.5
+MAX_DELAY_S = 15.0
 # Where the attempt itself waited for an answer, or the server is known to answer now.
 AT_ONCE_S = (0.02, 0.2)
 # After silence on a connection that had stood: the network's, or this machine slept. A server that fell silent towards
@@ -31,10 +31,10 @@ def delays(rng: Random) -> Iterator[float]:
 
     The full jitter spreads a fleet that lost its server in the same moment.
     """
-    ceiling = 2 * FIRST_S
+    ceiling = 2 * MIN_DELAY_S
     while True:
-        yield rng.uniform(FIRST_S, ceiling)
-        ceiling = min(LAST_S, 2 * ceiling)
+        yield rng.uniform(MIN_DELAY_S, ceiling)
+        ceiling = min(MAX_DELAY_S, 2 * ceiling)
 
 
 def retry_or_give_up(problem: Problem, soon: Iterator[float], rng: Random) -> float | None:
@@ -65,9 +65,9 @@ class Backoff:
         self._rng = rng
         self._soon = delays(rng)
 
-    def after(self, problem: Problem, *, stood_s: float) -> float | None:
-        """Return the seconds to wait after `problem` ended a connection that stood `stood_s`."""
-        if stood_s >= STABLE_S:
+    def after(self, problem: Problem, *, uptime_s: float) -> float | None:
+        """Return the seconds to wait after `problem` ended a connection that stood `uptime_s`."""
+        if uptime_s >= STABLE_S:
             self._soon = delays(self._rng)
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
                 return self._rng.uniform(*AFTER_SILENCE_S)

@@ -14,11 +14,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
-from robotether_agent import __version__, reach
-from robotether_agent.guard_keeper import GuardKeeper
+from robotether_agent import __version__, liveness
+from robotether_agent.guard_supervisor import GuardSupervisor
 from robotether_agent.health import Health
-from robotether_agent.media.door import MediaDoor
-from robotether_agent.session import Config, Session
+from robotether_agent.media.video_proxy import VideoProxy
+from robotether_agent.session import Session, SessionConfig
 from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import Tunnel
@@ -37,38 +37,38 @@ class Role:
 
     kind: Kind
     # The forward that a configuration asks for on this connection, if any.
-    forward: Callable[[Config], Forward | None]
+    forward: Callable[[SessionConfig], Forward | None]
     # Set when the same configuration may ask for another forward now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Told when the forward stands, for the first time and after each change.
-    on_up: Callable[[Target, Config, Session], None]
+    on_up: Callable[[Target, SessionConfig, Session], None]
     # Reported to the server, on the session only.
     health: Health | None = None
     # Set when the server's own view of the forwards may be another one; on the session only.
     recheck: asyncio.Event | None = None
     # What paces the streams on this connection by how it does; on the media one only.
-    door: MediaDoor | None = None
+    video_proxy: VideoProxy | None = None
     # The robot's battery, told to the server; on the session only.
     vitals: Vitals | None = None
     # What stops the robot, joined to the session only; None is a bare forward.
-    guard: GuardKeeper | None = None
+    guard: GuardSupervisor | None = None
 
 
 async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
     """Connect, keep the forward, and serve the session until a Problem is raised."""
     tunnel = await Tunnel.open(target, files, role.kind)
     try:
-        if role.door is not None:
-            role.door.use(tunnel.socket)
-        session = Session(tunnel.lines_in, tunnel.lines_out, orders=role.guard)
+        if role.video_proxy is not None:
+            role.video_proxy.use(tunnel.socket)
+        session = Session(tunnel.lines_in, tunnel.lines_out, drive_handler=role.guard)
         await first_of(*_work(tunnel, session, role, target))
         raise await tunnel.why_ended(was_connected=session.config is not None)
     finally:
         if role.guard is not None:
             # Before the client ends, which may take seconds.
-            role.guard.session_lost()
-        if role.door is not None:
-            role.door.hold()
+            role.guard.on_session_lost()
+        if role.video_proxy is not None:
+            role.video_proxy.hold()
         await tunnel.close()
 
 
@@ -78,23 +78,23 @@ def _work(
     work = [
         session.run(),
         _keep_forward(tunnel, session, role, target),
-        reach.watch(session, tunnel, target),
+        liveness.watch(session, tunnel, target),
     ]
     if role.health is not None:
-        work.append(_report(session, role.health, role.guard))
+        work.append(_report_health(session, role.health, role.guard))
     if role.vitals is not None:
-        work.append(_tell_vitals(session, role.vitals))
+        work.append(_report_vitals(session, role.vitals))
     if role.recheck is not None:
         work.append(_ask_for_checks(session, role.recheck))
     if role.guard is not None:
-        work.append(_tell_guard(session, role.guard))
+        work.append(_report_guard(session, role.guard))
     return work
 
 
 async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Target) -> None:
     """Make the live connection's forward follow the configuration, and the guard's port."""
     open_now: Forward | None = None
-    told: tuple[Config, Forward | None] | None = None
+    reported: tuple[SessionConfig, Forward | None] | None = None
     config = await session.new_config(None)
     while True:
         role.moved.clear()
@@ -106,13 +106,15 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ta
                 await tunnel.add(wanted)
                 _log_forward(config, wanted)
         open_now = wanted
-        if told != (config, wanted):
+        if reported != (config, wanted):
             role.on_up(target, config, session)
-            told = (config, wanted)
-        config = await _news(session, config, role.moved)
+            reported = (config, wanted)
+        config = await _next_config(session, config, role.moved)
 
 
-async def _news(session: Session, known: Config, moved: asyncio.Event) -> Config:
+async def _next_config(
+    session: Session, known: SessionConfig, moved: asyncio.Event
+) -> SessionConfig:
     """Return the newest configuration when it, or where its forward leads, is another one."""
 
     async def new_config() -> None:
@@ -125,7 +127,7 @@ async def _news(session: Session, known: Config, moved: asyncio.Event) -> Config
     return session.config or known
 
 
-def _log_forward(config: Config, forward: Forward) -> None:
+def _log_forward(config: SessionConfig, forward: Forward) -> None:
     log.info(
         "robot %s: port %d of the server leads to %s:%d",
         config.robot,
@@ -146,7 +148,7 @@ async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
             await within(CHECK_EVERY_S - CHECK_PAUSE_S, recheck.wait())
 
 
-async def _report(session: Session, health: Health, guard: GuardKeeper | None) -> None:
+async def _report_health(session: Session, health: Health, guard: GuardSupervisor | None) -> None:
     """Tell the server who this is, and how the robot's services are at each change."""
     who = {"hostname": socket.gethostname(), "agent_version": __version__}
     session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
@@ -165,13 +167,13 @@ async def _report(session: Session, health: Health, guard: GuardKeeper | None) -
         report = await health.changed(report)
 
 
-async def _tell_vitals(session: Session, vitals: Vitals) -> None:
+async def _report_vitals(session: Session, vitals: Vitals) -> None:
     """Pass on how the robot itself is."""
     await session.new_config(None)
-    await vitals.tell(session.send)
+    await vitals.report(session.send)
 
 
-async def _tell_guard(session: Session, guard: GuardKeeper) -> None:
+async def _report_guard(session: Session, guard: GuardSupervisor) -> None:
     """Pass on what the guard says."""
     await session.new_config(None)
     with guard.following() as lines:

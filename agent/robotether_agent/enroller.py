@@ -17,8 +17,8 @@ from time import monotonic
 from robotether_agent import __version__, keys
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.files import ensure_directory
+from robotether_agent.identity_store import Identity, IdentityStore
 from robotether_agent.join import Joined, JoinRequest, PreviousKey, join
-from robotether_agent.kept_identity import Identity, IdentityStore
 from robotether_agent.keys import KeyPair
 from robotether_agent.problems import (
     AnswerInvalid,
@@ -66,8 +66,8 @@ class Enroller:
         self._doubted = False
         self._asked_at = -ASK_ADDRESS_EVERY_S
         # Whether the server knows since this start that the robot's MAC is on no interface of this machine.
-        self._vouched = False
-        self._absent_mac_told = False
+        self._absence_reported = False
+        self._absence_logged = False
         self._repeats = Repeats()
         self._asking = asyncio.Lock()
         self.known_hosts = self._store.known_hosts
@@ -85,14 +85,14 @@ class Enroller:
         self._state_dir()
         known = self._store.load(self._settings.server)
         found = self._identities.identity(known.mac if known else None)
-        if not found.is_present and not self._absent_mac_told:
+        if not found.is_present and not self._absence_logged:
             log.warning(
                 "no interface of this machine has the MAC %s (%s had it): this stays the same robot, and the "
                 "server is asked first; a copied disk becomes a robot of its own with: sudo robotether-agent forget",
                 found.mac,
                 found.interface or "another interface",
             )
-        self._absent_mac_told = not found.is_present
+        self._absence_logged = not found.is_present
         return found
 
     async def enrolment(self) -> Enrolment:
@@ -100,7 +100,7 @@ class Enroller:
         identity = self.identity()
         known = self._store.load(self._settings.server)
         # Only the server can tell a new network card from a copied disk.
-        may_be_copy = not (identity.is_present or self._vouched)
+        may_be_copy = not (identity.is_present or self._absence_reported)
         usable = known is not None and known.mac == identity.mac and not may_be_copy
         # A change of keys that was cut short is brought to its end first.
         asks = self._doubted or await self.next_key() is not None
@@ -112,7 +112,7 @@ class Enroller:
             # A web that does not answer must not keep a robot waiting whose tunnel may stand in a moment.
             return await within(QUICK_ANSWER_S, self.join())
         except HARMLESS_ONCE_ENROLLED as problem:
-            self._repeats.tell("join", problem)
+            self._repeats.log_problem("join", problem)
         except asyncio.TimeoutError:
             log.debug("the web did not answer in %g s: going by what is known", QUICK_ANSWER_S)
             self._doubted = False
@@ -123,7 +123,7 @@ class Enroller:
         try:
             await self.join()
         except Problem as problem:
-            self._repeats.tell("join", problem)
+            self._repeats.log_problem("join", problem)
 
     async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
@@ -163,7 +163,7 @@ class Enroller:
         enrolment = Enrolment(settings.server, answer.robot, identity.mac, answer.ssh)
         self._store.keep(enrolment, answer.host_keys)
         self._doubted = False
-        self._vouched = not identity.is_present
+        self._absence_reported = not identity.is_present
         self._repeats.forget()
         if enrolment != known:
             log.info(
@@ -186,12 +186,12 @@ class Enroller:
             return await self._ask_with_next(request, key, coming)
         try:
             token = self._settings.join_token()
-            wish = self._settings.name if token else None
-            return await join(self._settings, replace(request, token=token, name=wish))
+            name = self._settings.name if token else None
+            return await join(self._settings, replace(request, token=token, name=name))
         except (SettingsInvalid, JoinRefused) as problem:
             if not is_enrolled or problem.code not in TOKEN_USELESS:
                 raise
-            self._repeats.tell("join without the token", problem)
+            self._repeats.log_problem("join without the token", problem)
         return await join(self._settings, request)
 
     async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:

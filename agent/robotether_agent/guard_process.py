@@ -1,6 +1,6 @@
 """One life of the guard, as the agent sees it: a child process with JSON lines on stdin and stdout.
 
-Started by robotether_agent.guard_keeper. The guard is never left running without an agent: it is asked to stop
+Started by robotether_agent.guard_supervisor. The guard is never left running without an agent: it is asked to stop
 the robot and end, and what does not follow is killed. Its log goes where the agent's goes.
 """
 
@@ -27,8 +27,8 @@ SILENCE_S = 0.6
 START_S = 20.0
 # It publishes zeros for 0.5 s before it ends.
 EXIT_S = 1.5
-LINE_LIMIT = 64 * 1024
-UNREAD_LIMIT = 64 * 1024
+MAX_LINE_BYTES = 64 * 1024
+MAX_UNREAD_BYTES = 64 * 1024
 PACKAGE_PARENT = Path(__file__).resolve().parents[1]
 # What only the agent itself may say to systemd.
 NOT_INHERITED = frozenset({"NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"})
@@ -39,8 +39,8 @@ log = logging.getLogger(__name__)
 
 def guard_command(state_dir: Path, run_dir: Path, log_level: str) -> list[str]:
     """Return the command of the guard, by the Python that runs the agent."""
-    places = ["--state-dir", str(state_dir), "--run-dir", str(run_dir)]
-    return [sys.executable, "-m", "robotether_agent.guard", *places, "--log-level", log_level]
+    arguments = ["--state-dir", str(state_dir), "--run-dir", str(run_dir)]
+    return [sys.executable, "-m", "robotether_agent.guard", *arguments, "--log-level", log_level]
 
 
 def guard_environment(environ: Mapping[str, str]) -> dict[str, str]:
@@ -53,37 +53,37 @@ def guard_environment(environ: Mapping[str, str]) -> dict[str, str]:
         for name, value in environ.items()
         if not name.startswith("ROBOTETHER_") and name not in NOT_INHERITED
     }
-    places = [str(PACKAGE_PARENT), *filter(None, [environ.get("PYTHONPATH")])]
-    return {**inherited, "PYTHONPATH": os.pathsep.join(places)}
+    paths = [str(PACKAGE_PARENT), *filter(None, [environ.get("PYTHONPATH")])]
+    return {**inherited, "PYTHONPATH": os.pathsep.join(paths)}
 
 
-class Hearing:
+class SilenceDetector:
     """Whether the guard has been silent for too long.
 
     Time in which the agent itself stood still does not count: what the guard said meanwhile is still unread.
     """
 
     def __init__(self, now: float) -> None:
-        self._looked = now
-        self._heard = now
+        self._checked_at = now
+        self._line_at = now
         self._limit_s = START_S
 
-    def heard(self, now: float) -> None:
+    def on_line(self, now: float) -> None:
         """Note a line of the guard."""
-        self._heard = now
+        self._line_at = now
         self._limit_s = SILENCE_S
 
     def is_lost(self, now: float) -> bool:
         """Tell whether it was silent for too long; to be asked every TICK_S or more often."""
-        stood_still = now - self._looked > 2 * TICK_S
-        self._looked = now
-        if stood_still:
-            self._heard = now
+        was_paused = now - self._checked_at > 2 * TICK_S
+        self._checked_at = now
+        if was_paused:
+            self._line_at = now
         return self.left_s(now) < 0
 
     def left_s(self, now: float) -> float:
         """Return for how many seconds it may still be silent; negative: it was for too long."""
-        return self._heard + self._limit_s - now
+        return self._line_at + self._limit_s - now
 
 
 class GuardProcess:
@@ -96,7 +96,7 @@ class GuardProcess:
         self._out = process.stdout
         self._process = process
         self._clock = clock
-        self._hearing = Hearing(clock())
+        self._silence = SilenceDetector(clock())
 
     @classmethod
     async def start(cls, command: Sequence[str]) -> GuardProcess:
@@ -106,7 +106,7 @@ class GuardProcess:
                 *command,
                 stdin=PIPE,
                 stdout=PIPE,
-                limit=LINE_LIMIT,
+                limit=MAX_LINE_BYTES,
                 env=guard_environment(os.environ),
                 # A Ctrl-C in the terminal is for the agent, which then lets the guard stop the robot.
                 start_new_session=True,
@@ -124,7 +124,7 @@ class GuardProcess:
         """Send one line; one that does not get through shows as the guard's end or silence."""
         if self._in.is_closing():
             return
-        if self._in.transport.get_write_buffer_size() > UNREAD_LIMIT:
+        if self._in.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
             log.warning("the guard reads nothing: killing it")
             self._kill()
             return
@@ -155,13 +155,13 @@ class GuardProcess:
 
     async def _gone(self) -> None:
         """Wait for the end of its output, without which asyncio sees no end of the process, and for its own."""
-        while await self._out.read(LINE_LIMIT):
+        while await self._out.read(MAX_LINE_BYTES):
             pass
         await self._process.wait()
 
     async def _listen(self, on_line: Callable[[JsonObject], None]) -> None:
         while line := await self._line():
-            self._hearing.heard(self._clock())
+            self._silence.on_line(self._clock())
             try:
                 on_line(parse_object(line, "the line"))
             except FieldError as error:
@@ -177,10 +177,10 @@ class GuardProcess:
             raise GuardDown("the guard sent a line over 64 KiB") from error
 
     async def _tick(self) -> None:
-        while not self._hearing.is_lost(self._clock()):
+        while not self._silence.is_lost(self._clock()):
             self.send(TICK)
             # A guard that hangs is noticed when its time is over, not with the tick that follows.
-            await asyncio.sleep(min(TICK_S, self._hearing.left_s(self._clock())))
+            await asyncio.sleep(min(TICK_S, self._silence.left_s(self._clock())))
         raise GuardDown("the guard hangs")
 
     async def _why_ended(self) -> str:

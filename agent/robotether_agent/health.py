@@ -19,11 +19,11 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
+from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import FieldError, parse_object
-from robotether_agent.media.sources import Places
+from robotether_agent.media.sources import SourceSettings
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
-from robotether_agent.reasons import why
 from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
 
@@ -31,7 +31,7 @@ ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
 # The list of all topics of a large robot.
-MESSAGE_LIMIT = 1024 * 1024
+MAX_MESSAGE_BYTES = 1024 * 1024
 # rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
 
@@ -58,13 +58,13 @@ class HealthReport:
 class Health:
     """The two probes and what they found last."""
 
-    def __init__(self, places: Places, *, every_s: float = PROBE_EVERY_S) -> None:
+    def __init__(self, source_settings: SourceSettings, *, every_s: float = PROBE_EVERY_S) -> None:
         self.report = HealthReport()
-        self._places = places
-        self._rosbridge_url = places.rosbridge_url
-        self._video_url = places.video_url
+        self._source_settings = source_settings
+        self._rosbridge_url = source_settings.rosbridge_url
+        self._video_url = source_settings.video_url
         self._every_s = every_s
-        self._news = asyncio.Condition()
+        self._condition = asyncio.Condition()
         # The held connection, and who waits for an answer on it.
         self._rosbridge: aiohttp.ClientWebSocketResponse | None = None
         self._asked: asyncio.Future[dict[str, str]] | None = None
@@ -83,20 +83,20 @@ class Health:
 
     async def changed(self, known: HealthReport) -> HealthReport:
         """Return the report as soon as it is another one than `known`."""
-        async with self._news:
-            await self._news.wait_for(lambda: self.report != known)
+        async with self._condition:
+            await self._condition.wait_for(lambda: self.report != known)
             return self.report
 
     async def _again(
         self,
         probe: Callable[[], Awaitable[None]],
-        tell: Callable[[Problem | None], Awaitable[None]],
+        on_result: Callable[[Problem | None], Awaitable[None]],
     ) -> None:
         while True:
             try:
                 await probe()
             except Problem as problem:
-                await tell(problem)
+                await on_result(problem)
             await asyncio.sleep(self._every_s)
 
     async def _watch_exposure(self) -> None:
@@ -113,27 +113,29 @@ class Health:
         try:
             socket = await within(TIMEOUT_S, self._connect_rosbridge(http))
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            raise self._rosbridge_down(why(error, TIMEOUT_S)) from error
+            raise self._rosbridge_down(describe_error(error, TIMEOUT_S)) from error
         async with socket:
             await self._ros_is(None)
             self._rosbridge = socket
             try:
                 async for message in socket:
-                    self._heard(message)
+                    self._on_message(message)
             finally:
                 self._rosbridge = None
             cause = socket.exception()
-        raise self._rosbridge_down(why(cause, TIMEOUT_S) if cause else "it closed the connection")
+        raise self._rosbridge_down(
+            describe_error(cause, TIMEOUT_S) if cause else "it closed the connection"
+        )
 
     async def _connect_rosbridge(
         self, http: aiohttp.ClientSession
     ) -> aiohttp.ClientWebSocketResponse:
         # aiohttp's types differ before Python 3.11.
         return await http.ws_connect(  # type: ignore[return-value, unused-ignore]
-            self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MESSAGE_LIMIT
+            self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MAX_MESSAGE_BYTES
         )
 
-    def _heard(self, message: aiohttp.WSMessage) -> None:
+    def _on_message(self, message: aiohttp.WSMessage) -> None:
         if self._asked is None or self._asked.done() or message.type is not aiohttp.WSMsgType.TEXT:
             return
         try:
@@ -158,7 +160,7 @@ class Health:
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
         """Raise VideoDown unless there is somewhere where pictures come from."""
         try:
-            if self._places.source == "rosbridge":
+            if self._source_settings.source == "rosbridge":
                 raise self._no_images("rosbridge has no topic of sensor_msgs/CompressedImage")
             await self._ask_server(http)
         except VideoDown:
@@ -176,16 +178,16 @@ class Health:
         return self._elsewhere
 
     async def _has_images(self) -> bool:
-        if self._places.source == "web_video_server":
+        if self._source_settings.source == "web_video_server":
             return False
         topics = await self._topics()
         if topics is None:
             # No rosapi: who chose rosbridge knows that it has pictures.
-            return self._places.source == "rosbridge" and self._rosbridge is not None
+            return self._source_settings.source == "rosbridge" and self._rosbridge is not None
         return IMAGE_TYPE in topics.values()
 
     async def _has_camera(self) -> bool:
-        for url in self._places.cameras.values():
+        for url in self._source_settings.cameras.values():
             split = urlsplit(url)
             port = split.port or (443 if split.scheme == "https" else 80)
             with suppress(OSError, asyncio.TimeoutError):
@@ -202,7 +204,7 @@ class Health:
             ) as response:
                 status = response.status
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            raise self._video_down(why(error, TIMEOUT_S)) from error
+            raise self._video_down(describe_error(error, TIMEOUT_S)) from error
         if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             raise self._video_down(f"HTTP status {status}")
 
@@ -218,24 +220,24 @@ class Health:
         return VideoDown(f"there is no video: {reason}")
 
     async def _ros_is(self, problem: Problem | None) -> None:
-        state, detail = _told(problem)
+        state, detail = _state_of(problem)
         if state != self.report.ros:
             _log_change(f"rosbridge at {self._rosbridge_url} answers", problem)
         await self._set(replace(self.report, ros=state, ros_detail=detail))
 
     async def _video_is(self, problem: Problem | None) -> None:
-        state, detail = _told(problem)
+        state, detail = _state_of(problem)
         if state != self.report.video:
             _log_change("there is video", problem)
         await self._set(replace(self.report, video=state, video_detail=detail))
 
     async def _set(self, report: HealthReport) -> None:
-        async with self._news:
+        async with self._condition:
             self.report = report
-            self._news.notify_all()
+            self._condition.notify_all()
 
 
-def _told(problem: Problem | None) -> tuple[ServiceState, str]:
+def _state_of(problem: Problem | None) -> tuple[ServiceState, str]:
     return ("ok", "") if problem is None else ("down", problem.message)
 
 

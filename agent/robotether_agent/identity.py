@@ -1,6 +1,6 @@
 """Finds the interface whose MAC address names this robot on the server.
 
-Asked by robotether_agent.kept_identity. Reads /sys and /proc only; never changes an interface. Needs
+Asked by robotether_agent.identity_store. Reads /sys and /proc only; never changes an interface. Needs
 nothing but the standard library. A MAC only names a robot; its key is what proves it.
 """
 

@@ -43,7 +43,7 @@ from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
 TIMEOUT_S = 15.0
-ANSWER_LIMIT = 64 * 1024
+MAX_ANSWER_BYTES = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
 # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
@@ -196,8 +196,8 @@ async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
         body = bytearray()
         async for chunk in response.content.iter_chunked(4096):
             body += chunk
-            if len(body) > ANSWER_LIMIT:
-                raise ValueError(f"its answer is longer than {ANSWER_LIMIT} bytes")
+            if len(body) > MAX_ANSWER_BYTES:
+                raise ValueError(f"its answer is longer than {MAX_ANSWER_BYTES} bytes")
         return response.status, bytes(body)
 
 

@@ -7,7 +7,7 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- SettingsInvalid       settings_invalid     give up (exit 78)
     |- AlreadyRunning        already_running      give up (exit 75)
     |- StateUnusable         state_unusable       slowly
-    |- SwitchFailed          switch_failed        give up
+    |- UpgradeFailed         switch_failed        give up
     |- SshMissing            ssh_missing          slowly
     |- KeyUnusable           key_unusable         slowly
     |- InterfaceMissing      interface_missing    soon
@@ -101,7 +101,7 @@ class StateUnusable(Problem):
     default_retry = Retry.SLOWLY
 
 
-class SwitchFailed(Problem):
+class UpgradeFailed(Problem):
     """Another version of the agent cannot take this one's place, or did not come up."""
 
     default_code = "switch_failed"

@@ -94,7 +94,7 @@ def same_type(kind: str) -> str:
 
 
 @asynccontextmanager
-async def connected(url: str, *, message_bytes_max: int) -> AsyncIterator[Rosbridge]:
+async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbridge]:
     """Connect, and leave at the end; raises what reasons.why knows.
 
     Whoever is cancelled leaves without a goodbye: a rosbridge that hangs must not hold up what waits for that, which
@@ -103,7 +103,7 @@ async def connected(url: str, *, message_bytes_max: int) -> AsyncIterator[Rosbri
     # As in guard/sockets.py: aiohttp's own socket cannot be dropped.
     made = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
     async with aiohttp.ClientSession(ws_response_class=made) as http:
-        socket = await within(CONNECT_WITHIN_S, _open(http, url, message_bytes_max))
+        socket = await within(CONNECT_WITHIN_S, _open(http, url, max_message_bytes))
         try:
             yield Rosbridge(socket)
             await socket.close()
@@ -125,10 +125,10 @@ class _Socket(aiohttp.ClientWebSocketResponse):
         self._answer.close()
 
 
-async def _open(http: aiohttp.ClientSession, url: str, message_bytes_max: int) -> _Socket:
+async def _open(http: aiohttp.ClientSession, url: str, max_message_bytes: int) -> _Socket:
     timeouts = aiohttp.ClientWSTimeout(ws_close=CLOSE_WITHIN_S)
     socket = await http.ws_connect(
-        url, heartbeat=HEARTBEAT_S, max_msg_size=message_bytes_max, timeout=timeouts
+        url, heartbeat=HEARTBEAT_S, max_msg_size=max_message_bytes, timeout=timeouts
     )
     if not isinstance(socket, _Socket):
         raise TypeError("the session makes sockets of another class")

@@ -28,17 +28,17 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
-from robotether_agent.orders import Orders, handlers
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.session_messages import DriveMessageHandler, message_handlers
 from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of
 
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 30.0
 # A configuration may shorten the time at any moment.
-LOOK_EVERY_S = 1.0
-UNSENT_LIMIT = 64 * 1024
-PINGS_KEPT = 16
+CHECK_EVERY_S = 1.0
+MAX_UNSENT_BYTES = 64 * 1024
+MAX_PINGS = 16
 SERVICE = re.compile("ok|down|unknown")
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
@@ -54,7 +54,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Config:
+class SessionConfig:
     """What the server wants; it may send another one at any time."""
 
     robot: str
@@ -91,33 +91,33 @@ class Session:
         lines_in: asyncio.StreamReader,
         lines_out: asyncio.StreamWriter,
         *,
-        orders: Orders | None = None,
+        drive_handler: DriveMessageHandler | None = None,
         clock: Callable[[], float] = robot_time,
     ) -> None:
-        self.config: Config | None = None
+        self.config: SessionConfig | None = None
         self.rtt_ms: float | None = None
         self.checked = Checked()
         self._in = lines_in
         self._out = lines_out
         self._clock = clock
-        self._heard_at = clock()
-        self._orders = orders
+        self._received_at = clock()
+        self._drive_handler = drive_handler
         self._configured = asyncio.Event()
-        self._pings: deque[tuple[int, float]] = deque(maxlen=PINGS_KEPT)
+        self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
         self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
             "config": self._on_config,
             "ping": self._on_ping,
             "pong": self._on_pong,
             "checked": self._on_checked,
             "bye": self._on_bye,
-            **({} if orders is None else handlers(orders)),
+            **({} if drive_handler is None else message_handlers(drive_handler)),
         }
 
     async def run(self) -> None:
         """Serve until the stream ends; raise why if the server or a time-out ended it."""
-        await first_of(self._listen(), self._beat(), self._end_silence())
+        await first_of(self._listen(), self._send_heartbeats(), self._end_silence())
 
-    async def new_config(self, known: Config | None) -> Config:
+    async def new_config(self, known: SessionConfig | None) -> SessionConfig:
         """Return the newest configuration as soon as it is another one than `known`."""
         while self.config is None or self.config == known:
             self._configured.clear()
@@ -126,14 +126,14 @@ class Session:
 
     def send(self, message: Mapping[str, object]) -> None:
         """Send one message; a server that takes none for long ends the session."""
-        if self._out.transport.get_write_buffer_size() > UNSENT_LIMIT:
+        if self._out.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             raise ServerSilent("lost the session: the server takes nothing any more")
         self._out.write(line_of(message))
 
     @property
     def silent_s(self) -> float:
         """Seconds since the server was heard last, or since the start."""
-        return self._clock() - self._heard_at
+        return self._clock() - self._received_at
 
     @property
     def _timeout_s(self) -> float:
@@ -141,7 +141,7 @@ class Session:
 
     async def _listen(self) -> None:
         while line := await self._line():
-            self._heard_at = self._clock()
+            self._received_at = self._clock()
             self._handle(line)
 
     async def _line(self) -> bytes:
@@ -160,7 +160,7 @@ class Session:
             if left_s <= 0:
                 why = f"the server was silent for {self._timeout_s:g} s"
                 raise ServerSilent(f"lost the session: {why}")
-            await asyncio.sleep(min(left_s, LOOK_EVERY_S))
+            await asyncio.sleep(min(left_s, CHECK_EVERY_S))
 
     def _handle(self, line: bytes) -> None:
         try:
@@ -177,7 +177,7 @@ class Session:
             ) from error
 
     def _on_config(self, message: JsonObject) -> None:
-        self.config = Config(
+        self.config = SessionConfig(
             robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
             ros_port=get_int(message, "ros_port", 1, 65535),
             video_port=get_int(message, "video_port", 1, 65535),
@@ -188,9 +188,9 @@ class Session:
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
         )
-        if self._orders is not None:
+        if self._drive_handler is not None:
             # Before the forward is opened, and before a lease or a stop that follows.
-            self._orders.configured(self.config.guard, direct=self.config.direct)
+            self._drive_handler.on_config(self.config.guard, direct=self.config.direct)
         self._configured.set()
 
     def _on_ping(self, message: JsonObject) -> None:
@@ -220,7 +220,7 @@ class Session:
             advice=BYE_ADVICE.get(code, ""),
         )
 
-    async def _beat(self) -> None:
+    async def _send_heartbeats(self) -> None:
         config = await self.new_config(None)
         seq = 0
         while True:

@@ -21,14 +21,14 @@ INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
 PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
 # A Unix socket's path has at most 107 bytes, and OpenSSH adds 17 to the control socket's while it binds.
-RUN_DIR_LIMIT = 107 - 17 - len("/session.ctl")
-LAST_PORT = 65535
-PORTS_LIMIT = 8
+MAX_RUN_DIR_LENGTH = 107 - 17 - len("/session.ctl")
+MAX_PORT = 65535
+MAX_PORTS = 8
 PORT = re.compile(r"[0-9]{1,5}")
 ON_OFF = ("on", "off")
 VIDEO_SOURCES = ("auto", "web_video_server", "rosbridge")
 CAMERA_NAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]{0,63}")
-CAMERAS_LIMIT = 8
+MAX_CAMERAS = 8
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -78,7 +78,7 @@ def fingerprint(value: object) -> bytes:
 def port(value: object) -> int:
     """Return a TCP port."""
     number = int(value) if isinstance(value, str) and PORT.fullmatch(value.strip()) else value
-    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= LAST_PORT:
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MAX_PORT:
         raise RefusedValueError("a port from 1 to 65535")
     return number
 
@@ -86,7 +86,7 @@ def port(value: object) -> int:
 def ports(value: object) -> tuple[int, ...]:
     """Return one or more TCP ports, in the order in which they are tried."""
     items = value.split(",") if isinstance(value, str) else value
-    if not isinstance(items, list) or not 1 <= len(items) <= PORTS_LIMIT:
+    if not isinstance(items, list) or not 1 <= len(items) <= MAX_PORTS:
         raise RefusedValueError("1 to 8 ports, such as [2222, 443] (in the environment: 2222,443)")
     return tuple(port(item) for item in items)
 
@@ -163,13 +163,13 @@ def cameras(value: object) -> tuple[str, ...]:
     """Return NAME=URL for each camera that ROS does not know; a login may stand in the URL."""
     items = value.split() if isinstance(value, str) else value
     allowed = (
-        f"up to {CAMERAS_LIMIT} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
+        f"up to {MAX_CAMERAS} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
         ' such as ["rear=http://10.0.0.7/video"] (in the environment with blanks between them)'
     )
     if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
         raise RefusedValueError(allowed)
     names = [item.partition("=")[0] for item in items]
-    if len(items) > CAMERAS_LIMIT or len(set(names)) < len(names):
+    if len(items) > MAX_CAMERAS or len(set(names)) < len(names):
         raise RefusedValueError(allowed)
     if not all(_is_camera(item) for item in items):
         raise RefusedValueError(allowed)
@@ -239,8 +239,8 @@ def path(value: object) -> Path:
 def run_dir(value: object) -> Path:
     """Return an absolute path that is short enough for the control sockets in it."""
     name = path(value)
-    if len(str(name)) > RUN_DIR_LIMIT:
-        raise RefusedValueError(f"an absolute path of at most {RUN_DIR_LIMIT} characters")
+    if len(str(name)) > MAX_RUN_DIR_LENGTH:
+        raise RefusedValueError(f"an absolute path of at most {MAX_RUN_DIR_LENGTH} characters")
     return name
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 from urllib.parse import urlsplit
 
-from robotether_agent.dialing.handover import proxy_options
+from robotether_agent.dialing.fd_passing import proxy_options
 from robotether_agent.known_hosts import ALIAS
 
 Kind = Literal["session", "media", "shell"]
@@ -24,8 +24,8 @@ CONNECT_TIMEOUT_S = 10
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "throughput", "shell": "throughput"}
 
 
-class WayThere(Protocol):
-    """What makes the TCP connections that the client is given (robotether_agent.dialing.way)."""
+class AnyServerDialer(Protocol):
+    """What makes the TCP connections that the client is given (robotether_agent.dialing.server_dialer)."""
 
     @property
     def is_proxied(self) -> bool:
@@ -45,7 +45,7 @@ class Target:
     host: str
     port: int
     user: str
-    way: WayThere | None = field(default=None, compare=False, repr=False)
+    dialer: AnyServerDialer | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.host} port {self.port}"
@@ -89,7 +89,7 @@ def forward_to(url: str, listen_port: int) -> Forward:
 def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
     """Return the command of a connection whose stdin and stdout carry the session of `kind`.
 
-    It finds its TCP connection in its stderr (robotether_agent.dialing.handover).
+    It finds its TCP connection in its stderr (robotether_agent.dialing.fd_passing).
     """
     options = [
         *_trust_options(files.known_hosts),

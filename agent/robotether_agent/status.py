@@ -82,7 +82,7 @@ class Status:
     agent_version: str = __version__
 
 
-class StatusBoard:
+class StatusWriter:
     """Keeps the file in step with the agent."""
 
     def __init__(
@@ -111,7 +111,7 @@ class StatusBoard:
             self._on_state(headline(self.status))
         self.refresh()
 
-    def tell(self, problem: Problem, state: str, **changes: str | float) -> None:
+    def report_problem(self, problem: Problem, state: str, **changes: str | float) -> None:
         """Note the last problem, the state that it leads to, and what else it changes."""
         self.set(
             state=state,

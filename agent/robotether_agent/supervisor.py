@@ -30,7 +30,7 @@ class Uptime:
             self._since = self._clock()
 
     @property
-    def stood_s(self) -> float:
+    def uptime_s(self) -> float:
         """Seconds since the connection stood, 0 if it never did."""
         return 0.0 if self._since is None else self._clock() - self._since
 
@@ -45,7 +45,7 @@ class Repeats:
     def __init__(self) -> None:
         self._times: Counter[str] = Counter()
 
-    def tell(self, what: str, problem: Problem, wait_s: float | None = None) -> None:
+    def log_problem(self, what: str, problem: Problem, wait_s: float | None = None) -> None:
         """Log `problem` of `what`, which is tried again after `wait_s`, if that is known."""
         self._times[problem.code] += 1
         times = self._times[problem.code]
@@ -65,21 +65,21 @@ async def keep_going(
     what: str,
     attempt: Callable[[Uptime], Awaitable[None]],
     backoff: Backoff,
-    tell: Callable[[Problem], None],
+    on_problem: Callable[[Problem], None],
     pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
-    """Run `attempt` again and again; `tell` hears of each problem before the pause, of so many seconds at most."""
+    """Run `attempt` again and again; `on_problem` gets each problem before the pause."""
     repeats = Repeats()
     while True:
         uptime = Uptime()
         try:
             await attempt(uptime)
         except Problem as problem:
-            if uptime.stood_s:
+            if uptime.uptime_s:
                 repeats.forget()
-            wait_s = backoff.after(problem, stood_s=uptime.stood_s)
+            wait_s = backoff.after(problem, uptime_s=uptime.uptime_s)
             if wait_s is None:
                 raise
-            tell(problem)
-            repeats.tell(what, problem, wait_s)
+            on_problem(problem)
+            repeats.log_problem(what, problem, wait_s)
             await pause(wait_s)

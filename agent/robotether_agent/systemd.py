@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 
-from robotether_agent.problems import SwitchFailed
+from robotether_agent.problems import UpgradeFailed
 
 SERVICE = "robotether-agent.service"
 # Until it gives up on a service that does not end: TimeoutStopSec, then TimeoutStartSec.
@@ -26,7 +26,7 @@ def reload_units() -> None:
 
 
 def restart() -> None:
-    """Restart the service, and wait until it says that it is ready; raise SwitchFailed."""
+    """Restart the service, and wait until it says that it is ready; raise UpgradeFailed."""
     _do("restart", SERVICE)
 
 
@@ -34,9 +34,9 @@ def _do(*words: str) -> None:
     try:
         done = _systemctl(*words)
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise SwitchFailed(f"cannot run systemctl {' '.join(words)}: {error}") from error
+        raise UpgradeFailed(f"cannot run systemctl {' '.join(words)}: {error}") from error
     if done.returncode:
-        raise SwitchFailed(
+        raise UpgradeFailed(
             f"cannot do systemctl {' '.join(words)}: {done.stderr.strip()}",
             advice="see: journalctl -u robotether-agent",
         )

@@ -16,9 +16,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Literal
 
-from robotether_agent.dialing.handover import stderr_with
+from robotether_agent.dialing.fd_passing import stderr_with
+from robotether_agent.dialing.server_dialer import ServerDialer
 from robotether_agent.dialing.socket_options import specialise
-from robotether_agent.dialing.way import Way
 from robotether_agent.problems import ForwardFailed, Problem, SshMissing
 from robotether_agent.ssh_command import (
     Forward,
@@ -32,8 +32,8 @@ from robotether_agent.ssh_command import (
 from robotether_agent.ssh_errors import why_ended, why_no_forward, why_not_connected
 from robotether_agent.tasks import within
 
-LINE_LIMIT = 64 * 1024
-STDERR_KEPT = 8 * 1024
+MAX_LINE_BYTES = 64 * 1024
+MAX_STDERR_BYTES = 8 * 1024
 CONTROL_TIMEOUT_S = 10.0
 # A server that is gone must not hold up a stop: systemd waits, and so does the next connection.
 END_TIMEOUT_S = 1.5
@@ -71,7 +71,7 @@ class Tunnel:
     async def open(cls, target: Target, files: SshFiles, kind: Kind) -> Tunnel:
         """Start a client; whether it logs in shows when it sends lines or ends."""
         with ExitStack() as unless_open:
-            connection = await (target.way or Way()).open(target)
+            connection = await (target.dialer or ServerDialer()).open(target)
             unless_open.callback(connection.close)
             specialise(connection, kind)
             if _exists(files.control):
@@ -130,7 +130,7 @@ class Tunnel:
     async def _listen(self, stderr: asyncio.StreamReader) -> None:
         while chunk := await _read(stderr):
             log.debug("ssh %s: %s", self._target, chunk.decode(errors="replace").rstrip())
-            self._stderr = (self._stderr + chunk)[-STDERR_KEPT:]
+            self._stderr = (self._stderr + chunk)[-MAX_STDERR_BYTES:]
 
 
 async def _read(stderr: asyncio.StreamReader) -> bytes:
@@ -162,7 +162,7 @@ async def _start(command: list[str], stdin: int, stderr: int = PIPE) -> Process:
             stdin=stdin,
             stdout=PIPE,
             stderr=stderr,
-            limit=LINE_LIMIT,
+            limit=MAX_LINE_BYTES,
             env=child_environment(),
             # A Ctrl-C in the terminal is for the agent, which then ends its clients in order.
             start_new_session=True,

@@ -1,7 +1,7 @@
 """Where the versions of the agent are on a robot, and which of them is in use.
 
 BASE/versions/VERSION-HASH12 is a virtual environment each, BASE/current a link to one of them, and
-BASE/last-switch.json says how the last change ended. Written by robotether_agent.switching and installers.
+BASE/last-switch.json says how the last change ended. Written by robotether_agent.upgrade and installers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import StateUnusable, SwitchFailed
+from robotether_agent.problems import StateUnusable, UpgradeFailed
 
 UNIT = Path("/etc/systemd/system/robotether-agent.service")
 COMMAND = "bin/robotether-agent"
@@ -49,16 +49,16 @@ class Layout:
         try:
             return self.base / (self.base / "current").readlink()
         except OSError as error:
-            raise SwitchFailed(
+            raise UpgradeFailed(
                 f"cannot switch: {self.base}/current leads to no version: {error.strerror}",
                 advice=f"name a folder in versions/ of an installed agent, such as {self.base}/versions/NAME",
             ) from error
 
     def check(self, version: Path) -> None:
-        """Raise SwitchFailed unless `version` is one of this folder's, whole and startable."""
+        """Raise UpgradeFailed unless `version` is one of this folder's, whole and startable."""
         command = version / COMMAND
         if version.parent != self.base / "versions" or not os.access(command, os.X_OK):
-            raise SwitchFailed(
+            raise UpgradeFailed(
                 f"cannot switch to {version}: there is no {command} that can be run",
                 advice="name a folder in versions/ that holds an installed agent",
             )

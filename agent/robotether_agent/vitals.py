@@ -25,8 +25,8 @@ BATTERY_TYPE = "sensor_msgs/BatteryState"
 USUAL_TOPICS = ("/battery_state", "/battery", "/battery_status")
 EVERY_S = 5.0
 SILENT_S = 60.0
-LOOK_AGAIN_S = 30.0
-MESSAGE_BYTES_MAX = 1024 * 1024
+RETRY_S = 30.0
+MAX_MESSAGE_BYTES = 1024 * 1024
 # sensor_msgs/BatteryState's POWER_SUPPLY_STATUS_CHARGING.
 CHARGING = 1
 
@@ -52,20 +52,20 @@ class Vitals:
         self._battery: Battery | None = None
         self._changed = asyncio.Event()
 
-    async def tell(self, send: Send) -> None:
+    async def report(self, send: Send) -> None:
         """Tell of each change, the newest once in 5 s at most; runs until it is cancelled."""
         self._battery = None
-        await first_of(self._keep_listening(), self._keep_telling(send))
+        await first_of(self._keep_listening(), self._keep_reporting(send))
 
-    async def _keep_telling(self, send: Send) -> None:
+    async def _keep_reporting(self, send: Send) -> None:
         # A new session knows of none.
-        told: Battery | None = None
+        reported: Battery | None = None
         while True:
             await self._changed.wait()
             self._changed.clear()
-            if self._battery != told:
-                told = self._battery
-                send({"type": "vitals", "battery": None if told is None else asdict(told)})
+            if self._battery != reported:
+                reported = self._battery
+                send({"type": "vitals", "battery": None if reported is None else asdict(reported)})
                 await asyncio.sleep(self._every_s)
 
     async def _keep_listening(self) -> None:
@@ -76,12 +76,12 @@ class Vitals:
                 # rosbridge is down, or has no rosapi: health tells of the former.
                 log.debug("no battery: %r", error)
             self._found(None)
-            await asyncio.sleep(LOOK_AGAIN_S)
+            await asyncio.sleep(RETRY_S)
 
     async def _listen(self) -> None:
         """Follow the battery's topic until it falls silent; return at once when there is none."""
         url = self._rosbridge_url
-        async with connected(url, message_bytes_max=MESSAGE_BYTES_MAX) as rosbridge:
+        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
             topic = battery_topic(await rosbridge.topics())
             if topic is not None:
                 await self._follow(rosbridge, topic)

@@ -15,7 +15,7 @@ import socket
 import sys
 from pathlib import Path
 
-from robotether_agent.media.door import MediaDoor
+from robotether_agent.media.video_proxy import VideoProxy
 from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
 from robotether_agent.tunnel import Tunnel
 from video_robot import ROS_PORT, VIDEO_PORT
@@ -34,19 +34,19 @@ async def main() -> None:
     """Keep both tunnels until stdin ends."""
     place, host, port, ros_port, video_port, congestion = sys.argv[1:]
     target = Target(host, int(port), getpass.getuser())
-    door = MediaDoor(f"http://127.0.0.1:{VIDEO_PORT}")
-    door_port = await door.start()
+    proxy = VideoProxy(f"http://127.0.0.1:{VIDEO_PORT}")
+    proxy_port = await proxy.start()
     session = await opened(Path(place), target, "session")
     await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
     media = await opened(Path(place), target, "media")
     if media.socket is not None:
         media.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, congestion.encode())
-    door.use(media.socket)
-    await media.add(Forward(int(video_port), "127.0.0.1", door_port))
+    proxy.use(media.socket)
+    await media.add(Forward(int(video_port), "127.0.0.1", proxy_port))
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     await asyncio.to_thread(os.read, 0, 1)
-    await door.close()
+    await proxy.close()
     await asyncio.gather(session.close(), media.close())
 
 

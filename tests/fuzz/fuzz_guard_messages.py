@@ -15,7 +15,7 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agent"))
 
 with atheris.instrument_imports(include=["robotether_agent.guard"]):
-    from robotether_agent.guard import commands, messages
+    from robotether_agent.guard import commands, drive_messages
     from robotether_agent.guard.names import DriveTopics
     from robotether_agent.guard.refused import Refused
 
@@ -30,10 +30,10 @@ SEEDS = (
 
 
 def one_input(data: bytes) -> None:
-    """Check one message as the joint and the helm do."""
+    """Check one message as the client proxy and the drive controller do."""
     try:
-        found = messages.drive_message(data, TOPICS)
-    except messages.Unclear:
+        found = drive_messages.drive_message(data, TOPICS)
+    except drive_messages.Unclear:
         return
     if found is None:
         must_not_drive(json.loads(data))
@@ -45,14 +45,14 @@ def must_not_drive(message: Any) -> None:
     """An independent look at what would pass: no guarded operation inside, and none on a drive topic."""
     assert isinstance(message, dict)
     inside = [op for value in message.values() for op in operations(value)]
-    assert not messages.GUARDED.intersection(op for op in inside if isinstance(op, str))
-    assert message["op"] not in messages.WRAPPERS
-    if message["op"] in messages.ON_TOPICS:
+    assert not drive_messages.GUARDED.intersection(op for op in inside if isinstance(op, str))
+    assert message["op"] not in drive_messages.WRAPPERS
+    if message["op"] in drive_messages.ON_TOPICS:
         assert not TOPICS.match("/" + message["topic"].strip("/"))
-        assert messages.STAMP not in message
+        assert drive_messages.STAMP not in message
 
 
-def must_be_sound(found: messages.DriveMessage) -> None:
+def must_be_sound(found: drive_messages.DriveMessage) -> None:
     """What a command says anew is JSON, and says the same when it is read again."""
     try:
         command = commands.read(found.fields.get("msg", {}), None)

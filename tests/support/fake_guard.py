@@ -1,4 +1,4 @@
-"""A guard process for tests of its keeper: `python fake_guard.py PLACE MODE`, with named modes.
+"""A guard process for tests of its supervisor: `python fake_guard.py PLACE MODE`, with named modes.
 
 serves         listens, ticks, answers stop and release, ends when it is told to
 dies           ends at once, before a word

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from robotether_agent.media.header import STAMPED, Header
+from robotether_agent.media.frame_header import STAMPED, Header
 
 HEADER = struct.Struct("!BBHId")
 SIZE = HEADER.size
@@ -12,5 +12,5 @@ SIZE = HEADER.size
 
 def unpacked(message: bytes) -> Header:
     """Return the header at the start of `message`."""
-    codec, flags, quality, number, moment_ms = HEADER.unpack_from(message)
-    return Header(number, moment_ms, quality, bool(flags & STAMPED), codec)
+    codec, flags, quality, sequence, timestamp_ms = HEADER.unpack_from(message)
+    return Header(sequence, timestamp_ms, quality, bool(flags & STAMPED), codec)

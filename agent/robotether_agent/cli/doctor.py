@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from robotether_agent.doctor.examination import examine
 from robotether_agent.doctor.findings import FAIL, WARNING, fail
+from robotether_agent.doctor.runner import run_checks
 from robotether_agent.problems import SettingsInvalid
 from robotether_agent.settings import Settings
 from robotether_agent.users import become_owner
@@ -21,12 +21,12 @@ def doctor(load: Callable[[], Settings]) -> int:
         return 1
     # What root may read and write tells nothing about the agent.
     become_owner(settings.state_dir)
-    return asyncio.run(_examine(settings))
+    return asyncio.run(_run_checks(settings))
 
 
-async def _examine(settings: Settings) -> int:
+async def _run_checks(settings: Settings) -> int:
     failed = warned = 0
-    async for finding in examine(settings):
+    async for finding in run_checks(settings):
         print(finding, flush=True)
         failed += finding.state == FAIL
         warned += finding.state == WARNING

@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import sys
 
-from robotether_agent.forgetting import forget as forget_files
-from robotether_agent.forgetting import kept_files
 from robotether_agent.settings import Settings
+from robotether_agent.unenrol import enrolment_files, unenrol
 from robotether_agent.users import act_as_agent
 
 
 def forget(settings: Settings, *, yes: bool) -> int:
     """Remove what makes this machine the robot that it is, after asking."""
     act_as_agent(settings.state_dir)
-    files = kept_files(settings.state_dir)
+    files = enrolment_files(settings.state_dir)
     if not files:
         print(f"nothing to forget: {settings.state_dir} holds no key and no enrolment")
         return 0
     if not yes and not _confirmed([path.name for path in files]):
         print("nothing was removed")
         return 1
-    forget_files(settings)
+    unenrol(settings)
     print("forgotten: at its next start this machine joins as a robot of its own, with a new key")
     return 0
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from robotether_agent.enrolment import EnrolmentStore
 from robotether_agent.files import ensure_directory
-from robotether_agent.kept_identity import IdentityStore
+from robotether_agent.identity_store import IdentityStore
 from robotether_agent.problems import StateUnusable
 from robotether_agent.settings import Settings
 from robotether_agent.users import act_as_agent

@@ -10,7 +10,7 @@ import signal
 from pathlib import Path
 
 from robotether_agent.settings import Settings
-from robotether_agent.switching import Switch
+from robotether_agent.upgrade import Upgrade
 from robotether_agent.versions import Layout, Report
 
 
@@ -19,15 +19,15 @@ def switch(settings: Settings, directory: Path, wait_s: float) -> int:
     # The terminal that asked may go away with the tunnel.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     target = directory.absolute()
-    return _told(Switch(Layout(target.parent.parent), settings.run_dir, wait_s).to(target))
+    return _print_report(Upgrade(Layout(target.parent.parent), settings.run_dir, wait_s).to(target))
 
 
 def finish_switch(settings: Settings, was: Path, target: Path, state: str, wait_s: float) -> int:
     """Switch from `was` to `target` again; `state` is how the agent was before."""
-    change = Switch(Layout(target.parent.parent), settings.run_dir, wait_s)
-    return _told(change.finish(was, target, state))
+    change = Upgrade(Layout(target.parent.parent), settings.run_dir, wait_s)
+    return _print_report(change.finish(was, target, state))
 
 
-def _told(report: Report) -> int:
+def _print_report(report: Report) -> int:
     print(f"{report.result}: {report.detail}")
     return 0 if report.result == "done" else 1

@@ -17,7 +17,7 @@ from robotether_agent.tasks import within
 SSH = b"SSH-"
 # What sshd says in place of its banner when it lets no further log-in begin: OpenSSH 10, and those before it.
 FULL = (b"Not allowed at this time", b"Exceeded MaxStartups")
-OUR_WORDS = b"SSH-2.0-robotether\r\n"
+CLIENT_BANNER = b"SSH-2.0-robotether\r\n"
 # A server that speaks first does so one round trip after the connection stands, unless it has much to do. To be spoken
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
 SPEAK_AFTER_S = 6.0
@@ -31,24 +31,26 @@ class Banner:
 
     def __init__(self, https_port: int = HTTPS) -> None:
         # Where the site is, nginx is in front of sshd.
-        self._shy = {HTTPS, https_port}
+        self._silent_ports = {HTTPS, https_port}
 
     async def check(self, connection: socket.socket, port: int, name: str) -> bool:
         """Return whether the connection is unused still; raise a problem if no SSH server is there."""
         try:
-            if port not in self._shy and await _hears(connection, SPEAK_AFTER_S, name):
+            if port not in self._silent_ports and await _receives_ssh(
+                connection, SPEAK_AFTER_S, name
+            ):
                 return True
-            connection.send(OUR_WORDS)
-            if not await _hears(connection, TIMEOUT_S, name):
+            connection.send(CLIENT_BANNER)
+            if not await _receives_ssh(connection, TIMEOUT_S, name):
                 why = "it accepts the connection and says nothing"
                 raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=CHECK_NETWORK)
         except OSError as error:
             raise _closed(name) from error
-        self._shy.add(port)
+        self._silent_ports.add(port)
         return False
 
 
-async def _hears(connection: socket.socket, timeout_s: float, name: str) -> bool:
+async def _receives_ssh(connection: socket.socket, timeout_s: float, name: str) -> bool:
     try:
         words = await within(timeout_s, peek(connection, _is_long_enough, 64))
     except asyncio.TimeoutError:

@@ -21,7 +21,7 @@ from robotether_agent.tasks import within
 DEFAULT_PORT = 3128
 # The proxy answers when it has reached the server, or knows that it cannot.
 TIMEOUT_S = 5.0
-ANSWER_LIMIT = 8 * 1024
+MAX_ANSWER_BYTES = 8 * 1024
 END = b"\r\n\r\n"
 ADVICE = "check the setting http_proxy, and that the proxy lets CONNECT out to the server's ports"
 LOGIN_ADVICE = (
@@ -65,7 +65,7 @@ async def ask_for(connection: socket.socket, proxy: Proxy, host: str, port: int)
     try:
         # A request fits into the empty buffer of a connection that is new.
         connection.send(request(proxy, host, port))
-        head = await within(TIMEOUT_S, peek(connection, lambda seen: END in seen, ANSWER_LIMIT))
+        head = await within(TIMEOUT_S, peek(connection, lambda seen: END in seen, MAX_ANSWER_BYTES))
     except asyncio.TimeoutError as error:
         why = f"{proxy} does not answer in {TIMEOUT_S:g} s"
         raise NoAnswer(f"cannot reach {where}: {why}", advice=ADVICE) from error

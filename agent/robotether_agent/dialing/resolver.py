@@ -18,24 +18,24 @@ from typing import Any
 from robotether_agent.tasks import within
 
 # A name service that is there answers in less.
-PATIENCE_S = 0.3
+CACHED_TIMEOUT_S = 0.3
 # Without a known address there is nothing else to do than to wait for the name service.
 TIMEOUT_S = 3.0
 THREADS = 4
 
 Address = tuple[socket.AddressFamily, Any]
-Lookup = Callable[[str, int], Sequence[Address]]
+Resolve = Callable[[str, int], Sequence[Address]]
 
 log = logging.getLogger(__name__)
 
 
-def look_up(host: str, port: int) -> list[Address]:
+def resolve(host: str, port: int) -> list[Address]:
     """Ask the system's resolver; raises OSError."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     return [(family, address) for family, _, _, _, address in found]
 
 
-def in_turn(addresses: Sequence[Address]) -> list[Address]:
+def interleaved(addresses: Sequence[Address]) -> list[Address]:
     """Return the addresses so that families take turns, the resolver's first choice first (RFC 8305)."""
     first = [item for item in addresses if item[0] == addresses[0][0]]
     others = [item for item in addresses if item[0] != addresses[0][0]]
@@ -46,8 +46,8 @@ def in_turn(addresses: Sequence[Address]) -> list[Address]:
 class Resolver:
     """Names and what they meant last."""
 
-    def __init__(self, lookup: Lookup = look_up) -> None:
-        self._lookup = lookup
+    def __init__(self, resolve_name: Resolve = resolve) -> None:
+        self._resolve = resolve_name
         self._last: dict[tuple[str, int], list[Address]] = {}
         self._threads = threading.BoundedSemaphore(THREADS)
 
@@ -55,7 +55,7 @@ class Resolver:
         """Return where `host` is now, or was last; raises OSError when it is not known."""
         last = self._last.get((host, port))
         try:
-            wait_s = PATIENCE_S if last else TIMEOUT_S
+            wait_s = CACHED_TIMEOUT_S if last else TIMEOUT_S
             return await within(wait_s, self._ask(host, port))
         except (asyncio.TimeoutError, OSError) as error:
             if last is None:
@@ -70,7 +70,7 @@ class Resolver:
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[list[Address]] = loop.create_future()
 
-        def tell(found: list[Address] | OSError) -> None:
+        def on_answer(found: list[Address] | OSError) -> None:
             if isinstance(found, OSError):
                 if not answer.done():
                     answer.set_exception(found)
@@ -80,7 +80,7 @@ class Resolver:
             if not answer.done():
                 answer.set_result(found)
 
-        threading.Thread(target=self._run, args=(host, port, loop, tell), daemon=True).start()
+        threading.Thread(target=self._run, args=(host, port, loop, on_answer), daemon=True).start()
         return await answer
 
     def _run(
@@ -88,11 +88,11 @@ class Resolver:
         host: str,
         port: int,
         loop: asyncio.AbstractEventLoop,
-        tell: Callable[[list[Address] | OSError], None],
+        on_answer: Callable[[list[Address] | OSError], None],
     ) -> None:
         found: list[Address] | OSError
         try:
-            found = in_turn(self._lookup(host, port))
+            found = interleaved(self._resolve(host, port))
         except OSError as error:
             found = error
         except UnicodeError as error:
@@ -100,6 +100,6 @@ class Resolver:
         finally:
             self._threads.release()
         try:
-            loop.call_soon_threadsafe(tell, found)
+            loop.call_soon_threadsafe(on_answer, found)
         except RuntimeError:
             log.debug("the name service answered for %s after the agent's end", host)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
-from robotether_agent.dialing.race import Race, after
+from robotether_agent.dialing.happy_eyeballs import HappyEyeballs, after
 from robotether_agent.dialing.resolver import Address, Resolver
 from robotether_agent.dialing.socket_options import prepare
 from robotether_agent.problems import NoAnswer, ServerUnreachable
@@ -31,7 +31,7 @@ async def connect(host: str, port: int, resolver: Resolver, name: str) -> socket
     except OSError as error:
         raise NoAnswer(f"cannot reach {name}: {error}", advice=CHECK_NETWORK) from error
     attempts = [partial(_connect, address, name) for address in addresses]
-    return await Race(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
+    return await HappyEyeballs(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
 
 
 async def _connect(address: Address, name: str) -> socket.socket:

@@ -27,7 +27,7 @@ def validity(der: bytes) -> tuple[datetime, datetime]:
             raise CertificateError("no dates where they should be")
         begin_tag, begin, rest = _read(dates)
         end_tag, end, _ = _read(rest)
-        return _moment(begin_tag, begin), _moment(end_tag, end)
+        return _time(begin_tag, begin), _time(end_tag, end)
     except (IndexError, KeyError, ValueError) as error:
         raise CertificateError(f"not a certificate: {error}") from error
 
@@ -43,5 +43,5 @@ def _read(data: bytes) -> tuple[int, bytes, bytes]:
     return data[0], data[start : start + length], data[start + length :]
 
 
-def _moment(tag: int, text: bytes) -> datetime:
+def _time(tag: int, text: bytes) -> datetime:
     return datetime.strptime(text.decode("ascii"), FORMATS[tag]).replace(tzinfo=timezone.utc)

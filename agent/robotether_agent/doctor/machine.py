@@ -10,14 +10,14 @@ from pathlib import Path
 import aiohttp
 
 from robotether_agent import keys
+from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import EnrolmentStore
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
 from robotether_agent.identity import interface_with
-from robotether_agent.kept_identity import IdentityStore
+from robotether_agent.identity_store import IdentityStore
 from robotether_agent.problems import Problem
-from robotether_agent.reasons import why
 from robotether_agent.settings import Settings
 from robotether_agent.ssh_command import forward_to
 from robotether_agent.tasks import within
@@ -86,7 +86,7 @@ async def check_rosbridge(settings: Settings) -> Finding:
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         return fail(
             "rosbridge",
-            f"no WebSocket at {url}: {why(error, TIMEOUT_S)}",
+            f"no WebSocket at {url}: {describe_error(error, TIMEOUT_S)}",
             "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
         )
     if exposed := exposed_at(url):
@@ -102,14 +102,14 @@ async def check_video(settings: Settings) -> Finding:
     try:
         status = await within(TIMEOUT_S, _get(url))
     except aiohttp.ClientConnectorError as error:
-        reason = why(error, TIMEOUT_S)
+        reason = describe_error(error, TIMEOUT_S)
         return skipped(
             "video", f"no web_video_server at {url} ({reason}); a robot without a camera needs none"
         )
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         return fail(
             "video",
-            f"no answer at {url}: {why(error, TIMEOUT_S)}",
+            f"no answer at {url}: {describe_error(error, TIMEOUT_S)}",
             "see web_video_server's log, or correct video_url",
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
@@ -129,7 +129,8 @@ async def check_shell(settings: Settings) -> Finding:
         banner = await within(TIMEOUT_S, _banner(target.host, target.port))
     except (OSError, asyncio.TimeoutError) as error:
         return skipped(
-            "shell", f"no SSH server at {settings.shell_address}: {why(error, TIMEOUT_S)}"
+            "shell",
+            f"no SSH server at {settings.shell_address}: {describe_error(error, TIMEOUT_S)}",
         )
     if not banner.startswith("SSH-"):
         return skipped("shell", f"what answers at {settings.shell_address} is no SSH server")

@@ -16,15 +16,15 @@ from email.utils import parsedate_to_datetime
 
 import aiohttp
 
+from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor.certificate import CertificateError, validity
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.fields import FieldError, get_text, parse_object, printable
-from robotether_agent.reasons import why
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
 TIMEOUT_S = 6.0
-ANSWER_LIMIT = 16 * 1024
+MAX_ANSWER_BYTES = 16 * 1024
 # Without a login it answers with an error of its own, which no other server words like that.
 ASKED = "/api/v1/robots"
 CLOCK_TOLERANCE = timedelta(minutes=5)
@@ -33,7 +33,7 @@ REDIRECTS = range(300, 400)
 
 
 @dataclass(frozen=True)
-class Look:
+class ServerView:
     """What could be seen of the server; a text is why not, and what comes after it was not asked."""
 
     host: str
@@ -51,30 +51,30 @@ class Look:
     code: str = ""
 
 
-async def look(settings: Settings) -> Look:
+async def view_server(settings: Settings) -> ServerView:
     """Return how the server looks; sends nothing that is secret, and trusts nothing."""
     host, port = settings.server_host, settings.server_port
-    seen = Look(host, port)
+    seen = ServerView(host, port)
     try:
         seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
     except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_address=why(error, TIMEOUT_S))
+        return replace(seen, no_address=describe_error(error, TIMEOUT_S))
     try:
         await within(TIMEOUT_S, _connect(host, port, None))
     except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_port=why(error, TIMEOUT_S))
+        return replace(seen, no_port=describe_error(error, TIMEOUT_S))
     try:
         seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(host, port, _blind())))
     except (OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_tls=why(error, TIMEOUT_S))
+        return replace(seen, no_tls=describe_error(error, TIMEOUT_S))
     seen = replace(seen, distrust=await _distrust(settings, seen))
     try:
         return await within(TIMEOUT_S, _ask(settings, seen))
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_answer=why(error, TIMEOUT_S))
+        return replace(seen, no_answer=describe_error(error, TIMEOUT_S))
 
 
-def check_name(seen: Look) -> Finding:
+def check_name(seen: ServerView) -> Finding:
     """Whether the server's name leads to an address."""
     if seen.no_address:
         return fail(
@@ -85,7 +85,7 @@ def check_name(seen: Look) -> Finding:
     return ok("name", f"{seen.host} is {', '.join(seen.addresses)}")
 
 
-def check_port(seen: Look) -> Finding:
+def check_port(seen: ServerView) -> Finding:
     """Whether the server's https port accepts."""
     if seen.no_address:
         return skipped("https port", "no address to ask")
@@ -98,7 +98,7 @@ def check_port(seen: Look) -> Finding:
     return ok("https port", f"{seen.host} port {seen.port} accepts")
 
 
-def check_certificate(seen: Look, pinned: bytes | None) -> Finding:
+def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
     """Whether the certificate is the pinned one, or one that an authority vouches for."""
     if seen.no_address or seen.no_port:
         return skipped("certificate", "no connection")
@@ -120,7 +120,7 @@ def check_certificate(seen: Look, pinned: bytes | None) -> Finding:
     return ok("certificate", f"it is the pinned one, {shown}")
 
 
-def check_clock(seen: Look, now: datetime, *, is_pinned: bool) -> Finding:
+def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
     """Whether this robot's clock agrees with the server's, or at least with its certificate."""
     advice = "set the clock: sudo timedatectl set-ntp true" + (
         "; with tls_fingerprint set the tunnel works all the same" if is_pinned else ""
@@ -140,7 +140,7 @@ def check_clock(seen: Look, now: datetime, *, is_pinned: bool) -> Finding:
     return ok("clock", f"{says}; there is nothing to compare it with")
 
 
-def check_answer(seen: Look) -> Finding:
+def check_answer(seen: ServerView) -> Finding:
     """Whether it is a Robotether server that answers, and nothing in between."""
     step, portal = "answer", "log in to this network's portal in a browser, or use another network"
     if seen.no_address or seen.no_port or seen.no_tls:
@@ -156,7 +156,7 @@ def check_answer(seen: Look) -> Finding:
     return ok(step, f"a Robotether server answers at {seen.host}")
 
 
-def _check_authority(seen: Look, shown: str) -> Finding:
+def _check_authority(seen: ServerView, shown: str) -> Finding:
     if seen.distrust:
         return fail(
             "certificate",
@@ -183,7 +183,7 @@ async def _connect(host: str, port: int, context: ssl.SSLContext | None) -> byte
         writer.transport.abort()
 
 
-async def _distrust(settings: Settings, seen: Look) -> str:
+async def _distrust(settings: Settings, seen: ServerView) -> str:
     """Return why no authority vouches for the server, or nothing when one does or none is asked."""
     if settings.tls_fingerprint is not None:
         return ""
@@ -193,17 +193,17 @@ async def _distrust(settings: Settings, seen: Look) -> str:
     except ssl.SSLCertVerificationError as error:
         return error.verify_message
     except (OSError, asyncio.TimeoutError) as error:
-        return why(error, TIMEOUT_S)
+        return describe_error(error, TIMEOUT_S)
     return ""
 
 
-async def _ask(settings: Settings, seen: Look) -> Look:
+async def _ask(settings: Settings, seen: ServerView) -> ServerView:
     url = f"https://{settings.server}{ASKED}"
     async with (
         aiohttp.ClientSession() as http,
         http.get(url, ssl=_blind(), allow_redirects=False) as response,
     ):
-        body = await response.content.read(ANSWER_LIMIT)
+        body = await response.content.read(MAX_ANSWER_BYTES)
         date = response.headers.get("Date")
         return replace(
             seen,
@@ -229,5 +229,5 @@ def _blind() -> ssl.SSLContext:
     return context
 
 
-def _shown(moment: datetime) -> str:
-    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+def _shown(time: datetime) -> str:
+    return f"{time:%Y-%m-%d %H:%M:%S} UTC"

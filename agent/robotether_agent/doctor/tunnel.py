@@ -6,9 +6,9 @@ import asyncio
 import socket
 
 from robotether_agent import known_hosts
-from robotether_agent.dialing.handover import stderr_with
+from robotether_agent.dialing.fd_passing import stderr_with
 from robotether_agent.dialing.http_proxy import proxy_of
-from robotether_agent.dialing.way import Way
+from robotether_agent.dialing.server_dialer import ServerDialer
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.known_hosts import HostKey
@@ -59,7 +59,7 @@ async def check_ssh(settings: Settings) -> list[Finding]:
     found = await asyncio.gather(*(_problem_at(target, store) for target in targets))
     one_works = any(isinstance(problem, KeyRefused) for problem in found)
     return [
-        _told(target, problem, pinned, one_works=one_works)
+        _finding(target, problem, pinned, one_works=one_works)
         for target, problem in zip(targets, found, strict=True)
     ]
 
@@ -120,28 +120,28 @@ def check_end_to_end(status: Status | None) -> Finding:
         answers["video"] = status.end_to_end_video
     if status.shell_tunnel != "off":
         answers["shell"] = status.end_to_end_shell
-    told = ", ".join(f"{name} {state}" for name, state in answers.items())
+    states = ", ".join(f"{name} {state}" for name, state in answers.items())
     if "down" in answers.values():
         return fail(
-            step, f"from the server: {told}", "mend what fails above; else see the server's log"
+            step, f"from the server: {states}", "mend what fails above; else see the server's log"
         )
     if "unknown" in answers.values():
-        return skipped(step, f"the server has not looked yet: {told}")
-    return ok(step, f"from the server: {told}")
+        return skipped(step, f"the server has not looked yet: {states}")
+    return ok(step, f"from the server: {states}")
 
 
 def _targets(settings: Settings, known: Enrolment | None) -> list[Target]:
     host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
     ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
     user = known.ssh.user if known else "tunnel"
-    way = Way(proxy_of(settings.http_proxy), https_port=settings.server_port)
-    return [Target(host, port, user, way) for port in ports]
+    dialer = ServerDialer(proxy_of(settings.http_proxy), https_port=settings.server_port)
+    return [Target(host, port, user, dialer) for port in ports]
 
 
 async def _problem_at(target: Target, store: EnrolmentStore) -> Problem:
     """Return what ends a connection without a key: KeyRefused when all before that is well."""
     try:
-        connection = await (target.way or Way()).open(target)
+        connection = await (target.dialer or ServerDialer()).open(target)
     except (NoAnswer, ServerUnreachable) as problem:
         return problem
     with connection:
@@ -180,7 +180,9 @@ async def _ask_client(
         end.close()
 
 
-def _told(target: Target, problem: Problem, pinned: list[HostKey], *, one_works: bool) -> Finding:
+def _finding(
+    target: Target, problem: Problem, pinned: list[HostKey], *, one_works: bool
+) -> Finding:
     step = f"ssh {target.port}"
     if isinstance(problem, KeyRefused):
         return ok(step, f"{target.host} answers with the pinned host key")

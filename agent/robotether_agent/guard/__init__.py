@@ -5,15 +5,15 @@ other work nor its crash can delay a stop. docs/protocols.md, "The guard", says 
 let a drive command through that it has not checked, never move the robot by itself, and never publish where
 nobody has driven through it.
 
-    operator's WebSocket -> server -> joint -> messages -> helm -> drive_line -> rosbridge
-                                         `---- everything else, unchanged ----> rosbridge
+    operator -> server -> client_proxy -> drive_messages -> drive_controller -> cmd_vel_publisher -> rosbridge
+                               `---- everything else, unchanged ----> rosbridge
 
-    process          the parts put together; hears the agent (`orders`), tells it (`reports`), ends stopped
-    server           lets operators in by `authority`: key, lease, stop, session, the agent's life
-    joint            an operator's WebSocket and its rosbridge connection; `sockets` are their ends
-    messages         finds what concerns drive topics (`names`) and reads it field by field (`commands`)
-    helm             checks, limits (`limits`) and sends commands, and the zeros that `deadman` says are due;
-                     `topics` is what it knows of each, `refused` why it does not take one
-    drive_line       the one connection on which commands and zeros go to rosbridge
-    latch, marks     the stop, and what outlives the guard on the disk
+    process            the parts put together; reads the agent (`agent_messages`), answers it (`reports`), ends stopped
+    server             lets operators in by `authorization`: key, lease, stop, session, the agent's life
+    client_proxy       an operator's WebSocket and its rosbridge connection; `sockets` are their ends
+    drive_messages     finds what concerns drive topics (`names`) and reads it field by field (`commands`)
+    drive_controller   checks, limits (`limits`) and sends commands, and the zeros that `deadman` says are due;
+                       `topics` is what it knows of each, `refused` why it does not take one
+    cmd_vel_publisher  the one connection on which commands and zeros go to rosbridge
+    latch              the stop; `motion_state` and `motion_tracker` are what outlives the guard on the disk
 """

@@ -18,8 +18,8 @@ Shape = Literal["twist", "twist_stamped", "ackermann"]
 STANDSTILL: Vector = (0.0, 0.0, 0.0)
 AXES = ("x", "y", "z")
 # No robot's; and beyond 3e38 a float32 of ROS is infinite.
-LARGEST_NUMBER = 1e9
-LONGEST_FRAME_ID = 255
+MAX_NUMBER = 1e9
+MAX_FRAME_ID_LENGTH = 255
 SHAPES: Mapping[str, Shape] = {
     "geometry_msgs/Twist": "twist",
     "geometry_msgs/msg/Twist": "twist",
@@ -35,7 +35,7 @@ _MEMBERS: Mapping[Shape, frozenset[str]] = {
 }
 _RATES = ("steering_angle_velocity", "acceleration", "jerk")
 _STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
-LARGEST_WHOLE = 2**63 - 1
+MAX_WHOLE = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _header(value: object) -> Mapping[str, Any]:
     # Half a character is not printable, and ROS cannot take it.
     if (
         not isinstance(frame_id, str)
-        or len(frame_id) > LONGEST_FRAME_ID
+        or len(frame_id) > MAX_FRAME_ID_LENGTH
         or not frame_id.isprintable()
     ):
         raise Refused("shape", "its frame_id is no short printable text")
@@ -144,7 +144,7 @@ def _header_of(frame_id: str) -> Mapping[str, Any]:
 
 def _whole(members: Mapping[str, Any]) -> None:
     for name, value in members.items():
-        if type(value) is not int or not 0 <= value <= LARGEST_WHOLE:
+        if type(value) is not int or not 0 <= value <= MAX_WHOLE:
             raise Refused("shape", f"its {name} is no whole number from 0")
 
 
@@ -159,7 +159,7 @@ def _number(members: Mapping[str, Any], name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise Refused("shape", f"its {name} is no number")
     # An integer may be too large for a float, so it is compared first.
-    if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER or not math.isfinite(value):
+    if not -MAX_NUMBER <= value <= MAX_NUMBER or not math.isfinite(value):
         raise Refused("shape", f"its {name} is no number that a robot can follow")
     return float(value)
 

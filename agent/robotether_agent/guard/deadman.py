@@ -1,8 +1,8 @@
 """When each drive topic gets the guard's zeros: after the deadman time, or at once when told.
 
-Kept by the helm, which alone sends. Per topic: idle (nothing to do), moving (a command that moves was sent last) or
-zeroing (ten zeros at 20 Hz, counted when they were sent, then idle). A topic that never moved gets none,
-unless `force` says so. Knows no clock: every moment in seconds is given. Pure.
+Kept by the drive controller, which alone sends. Per topic: idle (nothing to do), moving (a command that moves was sent
+last) or zeroing (ten zeros at 20 Hz, counted when they were sent, then idle). A topic that never moved gets none,
+unless `force` says so. Knows no clock: every time in seconds is given. Pure.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Deadman:
         """Tell whether the robot was told on this topic last to move."""
         return self._is(name, "moving")
 
-    def stands(self, name: str) -> bool:
+    def is_at_rest(self, name: str) -> bool:
         """Tell whether the robot was told on this topic last to stand, and has got its zeros."""
         return name not in self._topics or self._is(name, "idle")
 
@@ -77,7 +77,7 @@ class Deadman:
 
     def forget(self, known: Container[str]) -> None:
         """Forget the topics that stand and are not `known` any more."""
-        gone = [n for n in self._topics if n not in known and self.stands(n)]
+        gone = [n for n in self._topics if n not in known and self.is_at_rest(n)]
         for name in gone:
             del self._topics[name]
 
@@ -101,15 +101,15 @@ class Deadman:
             if topic.state == "zeroing" and topic.left == ZEROS:
                 topic.due = min(topic.due, now)
 
-    def begin_again(self) -> None:
+    def restart_zeros(self) -> None:
         """Forget the zeros of a connection that is lost: nobody knows which of them arrived."""
         for topic in self._topics.values():
             topic.left = ZEROS
 
     def next_at(self) -> float | None:
         """Return when `due` must be asked next, or None: only after another event."""
-        moments = [topic.due for topic in self._topics.values() if topic.state != "idle"]
-        return min(moments, default=None)
+        times = [topic.due for topic in self._topics.values() if topic.state != "idle"]
+        return min(times, default=None)
 
     def _is(self, name: str, state: State) -> bool:
         return name in self._topics and self._topics[name].state == state

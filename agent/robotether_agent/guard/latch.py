@@ -3,7 +3,7 @@
 Kept by the guard's process. The disk may take its time, so it works in a thread, one order after the other. A stop
 that comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and so it is
 told: nothing else would be true, and the server keeps the stop as well. A disk that hangs lets a bounded number of
-orders wait, the newest stop always among them.
+messages wait, the newest stop always among them.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robotether_agent.guard.marks import StopFile
-from robotether_agent.guard.orders import Release, Stop
+from robotether_agent.guard.agent_messages import Release, Stop
+from robotether_agent.guard.motion_state import StopFile
 from robotether_agent.problems import StateUnusable
 
-MOST_WAITING = 100
+MAX_WAITING = 100
 
 log = logging.getLogger(__name__)
 
 
 @dataclass
 class _Job:
-    order: Stop | Release
+    message: Stop | Release
     stops_before: int
     waits: bool = True
 
@@ -45,29 +45,29 @@ class Latch:
         self.stopped = by is not None
         self.by = by or ""
         # Who stopped the robot, for others to know: None while it is not stopped, or its disk has not answered yet.
-        self.told_by = by
+        self.reported_by = by
 
-    def order(self, order: Stop | Release) -> None:
+    def handle(self, message: Stop | Release) -> None:
         """Stop now, or release as soon as the disk has it."""
-        if isinstance(order, Stop):
+        if isinstance(message, Stop):
             self._stops += 1
-            self.stopped, self.by = True, order.by
+            self.stopped, self.by = True, message.by
             self._changed()
-            self._put_stop(order)
-        elif self._jobs.qsize() < MOST_WAITING:
-            self._put(order)
+            self._put_stop(message)
+        elif self._jobs.qsize() < MAX_WAITING:
+            self._put(message)
 
-    def _put_stop(self, order: Stop) -> None:
+    def _put_stop(self, message: Stop) -> None:
         """Have the stop written after the release before it; it takes the place of a stop that still waits there."""
         newest = self._newest
-        if newest is not None and newest.waits and isinstance(newest.order, Stop):
+        if newest is not None and newest.waits and isinstance(newest.message, Stop):
             # Nobody misses the older one's answer: the agent waits for its newest stop's, the server for releases'.
-            newest.order = order
+            newest.message = message
         else:
-            self._put(order)
+            self._put(message)
 
-    def _put(self, order: Stop | Release) -> None:
-        self._newest = _Job(order, self._stops)
+    def _put(self, message: Stop | Release) -> None:
+        self._newest = _Job(message, self._stops)
         self._jobs.put_nowait(self._newest)
 
     async def run(self) -> None:
@@ -76,35 +76,35 @@ class Latch:
             job = await self._jobs.get()
             job.waits = False
             try:
-                await asyncio.to_thread(self._on_disk, job.order)
+                await asyncio.to_thread(self._on_disk, job.message)
             except StateUnusable as problem:
-                log.error("%s; %s", problem, _despite_the_disk(job.order))  # noqa: TRY400 - no defect
+                log.error("%s; %s", problem, _despite_the_disk(job.message))  # noqa: TRY400 - no defect
             else:
                 self._released(job)
-            if isinstance(job.order, Stop):
-                self.told_by = job.order.by
-            self._answer(job.order.id)
+            if isinstance(job.message, Stop):
+                self.reported_by = job.message.by
+            self._answer(job.message.id)
             self._jobs.task_done()
 
     async def settled(self) -> None:
         """Return when the disk has all that was ordered."""
         await self._jobs.join()
 
-    def _on_disk(self, order: Stop | Release) -> None:
-        if isinstance(order, Stop):
-            self._file.write(order.by)
+    def _on_disk(self, message: Stop | Release) -> None:
+        if isinstance(message, Stop):
+            self._file.write(message.by)
         else:
             self._file.remove()
 
     def _released(self, job: _Job) -> None:
         # One that a newer stop overtook changes nothing, nor what is told: nobody may take it for a release.
-        if isinstance(job.order, Release) and job.stops_before == self._stops:
-            log.info("%s released the robot", job.order.by or "somebody")
-            self.stopped, self.by, self.told_by = False, "", None
+        if isinstance(job.message, Release) and job.stops_before == self._stops:
+            log.info("%s released the robot", job.message.by or "somebody")
+            self.stopped, self.by, self.reported_by = False, "", None
             self._changed()
 
 
-def _despite_the_disk(order: Stop | Release) -> str:
-    if isinstance(order, Stop):
+def _despite_the_disk(message: Stop | Release) -> str:
+    if isinstance(message, Stop):
         return "the robot is stopped, but by itself it will not know so after a loss of power"
     return "the robot stays stopped"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from robotether_agent.guard.commands import STANDSTILL, Command, Vector
 
 # After a pause the robot may not make up for it at once.
-LONGEST_STEP_S = 0.1
+MAX_STEP_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Limits:
 
 def limited(command: Command, before: Command | None, step_s: float, limits: Limits) -> Command:
     """Return `command` within `limits`, `step_s` after `before`; None: the robot stands."""
-    step_s = min(max(step_s, 0.0), LONGEST_STEP_S)
+    step_s = min(max(step_s, 0.0), MAX_STEP_S)
     linear, angular = (before.linear, before.angular) if before else (STANDSTILL, STANDSTILL)
     return replace(
         command,

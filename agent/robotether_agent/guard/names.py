@@ -9,15 +9,15 @@ import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase, translate
 
-LONGEST_NAME = 255
-LONGEST_PATTERN = 256
+MAX_NAME_LENGTH = 255
+MAX_PATTERN_LENGTH = 256
 NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*", re.ASCII)
-PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{LONGEST_PATTERN}}}", re.ASCII)
+PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_PATTERN_LENGTH}}}", re.ASCII)
 
 
 def full_name(name: object) -> str | None:
     """Return the name with its first slash, or None if it is spelled in any other way."""
-    if not isinstance(name, str) or len(name) > LONGEST_NAME or not NAME.fullmatch(name):
+    if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or not NAME.fullmatch(name):
         return None
     return name if name.startswith("/") else "/" + name
 

@@ -17,21 +17,21 @@ import aiohttp
 
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import FieldError
-from robotether_agent.guard.authority import Authority
-from robotether_agent.guard.drive_line import DriveLine
-from robotether_agent.guard.helm import Helm
-from robotether_agent.guard.latch import Latch
-from robotether_agent.guard.marks import MotionFile, StopFile
-from robotether_agent.guard.orders import (
-    Config,
+from robotether_agent.guard.agent_messages import (
+    AgentMessage,
     Exit,
+    GuardConfig,
     Lease,
-    Order,
     Release,
     SessionIs,
     Stop,
     parse,
 )
+from robotether_agent.guard.authorization import Authorizer
+from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
+from robotether_agent.guard.drive_controller import DriveController
+from robotether_agent.guard.latch import Latch
+from robotether_agent.guard.motion_state import MotionFile, StopFile
 from robotether_agent.guard.reports import Reports, State
 from robotether_agent.guard.server import Server
 from robotether_agent.guard.sockets import new_http
@@ -41,7 +41,7 @@ TICK_EVERY_S = 0.2
 # The zeros take 0.5 s; a rosbridge that does not take them must not keep the guard, which leaves its mark.
 LAST_ZEROS_WITHIN_S = 1.0
 LAST_WRITE_WITHIN_S = 2.0
-LONGEST_LINE = 64 * 1024
+MAX_LINE_BYTES = 64 * 1024
 
 log = logging.getLogger(__name__)
 
@@ -54,28 +54,36 @@ class Guard:
     ) -> None:
         self._clock = robot_time
         self._reports = reports
-        self._config: Config | None = None
+        self._config: GuardConfig | None = None
         self._ending = asyncio.Event()
-        self._authority = Authority(self._clock())
-        self._helm = Helm(self._authority, MotionFile(run_dir), self._clock, self._tell)
-        self._helm.line = self._line = DriveLine(http, self._helm, self._clock)
+        self._authorizer = Authorizer(self._clock())
+        self._controller = DriveController(
+            self._authorizer, MotionFile(run_dir), self._clock, self._report_state
+        )
+        self._controller.publisher = self._publisher = CmdVelPublisher(
+            http, self._controller, self._clock
+        )
         self._server = Server(
-            http, self._authority, self._helm, lambda: self._config, lambda: self._line.up
+            http,
+            self._authorizer,
+            self._controller,
+            lambda: self._config,
+            lambda: self._publisher.up,
         )
         self._latch = Latch(StopFile(state_dir), self._latch_changed, self._answer)
-        self._authority.stopped = self._latch.stopped
+        self._authorizer.stopped = self._latch.stopped
 
     async def run(self, lines: asyncio.StreamReader) -> None:
         """Guard the robot until the agent ends it, or itself."""
         self._reports.ready(await self._server.start())
-        self._tell()
+        self._report_state()
         try:
             await first_of(
-                self._until_stood(),
-                self._hear(lines),
+                self._until_at_rest(),
+                self._receive(lines),
                 self._tick(),
-                self._helm.run(),
-                self._line.run(),
+                self._controller.run(),
+                self._publisher.run(),
                 self._latch.run(),
             )
         finally:
@@ -85,86 +93,86 @@ class Guard:
         """Stop the robot, then end."""
         self._ending.set()
 
-    async def _until_stood(self) -> None:
+    async def _until_at_rest(self) -> None:
         await self._ending.wait()
-        self._authority.ending = True
-        self._helm.halt()
+        self._authorizer.ending = True
+        self._controller.halt()
         with suppress(asyncio.TimeoutError):
-            await within(LAST_ZEROS_WITHIN_S, self._helm.until_it_stands())
-        self._helm.close()
+            await within(LAST_ZEROS_WITHIN_S, self._controller.until_at_rest())
+        self._controller.close()
         with suppress(asyncio.TimeoutError):
             await within(LAST_WRITE_WITHIN_S, self._latch.settled())
 
-    async def _hear(self, lines: asyncio.StreamReader) -> None:
+    async def _receive(self, lines: asyncio.StreamReader) -> None:
         """Do what the agent says; its end is the guard's."""
         while True:
             try:
                 line = await lines.readline()
             except ValueError:
-                log.error("the agent sent a line over %d bytes", LONGEST_LINE)  # noqa: TRY400 - no defect
+                log.error("the agent sent a line over %d bytes", MAX_LINE_BYTES)  # noqa: TRY400 - no defect
                 continue
             if not line:
                 break
-            self._obey(line)
+            self._on_line(line)
         self.end()
         await asyncio.Event().wait()
 
-    def _obey(self, line: bytes) -> None:
+    def _on_line(self, line: bytes) -> None:
         # Whatever it is, the agent lives.
-        self._authority.heard(self._clock())
+        self._authorizer.on_agent_message(self._clock())
         try:
-            order = parse(line)
+            message = parse(line)
         except FieldError as error:
             log.error("cannot do what the agent says: %s", error)  # noqa: TRY400 - no defect
             return
-        if order is not None:
-            self._do(order)
+        if message is not None:
+            self._handle(message)
 
-    def _do(self, order: Order) -> None:
-        if isinstance(order, Config):
-            self._use(order)
-        elif isinstance(order, SessionIs):
-            self._authority.session(up=order.up)
+    def _handle(self, message: AgentMessage) -> None:
+        if isinstance(message, GuardConfig):
+            self._apply_config(message)
+        elif isinstance(message, SessionIs):
+            self._authorizer.session(up=message.up)
             self._server.rights_changed()
-        elif isinstance(order, Lease):
-            self._authority.lease(order.fence, held=order.held)
+        elif isinstance(message, Lease):
+            self._authorizer.lease(message.fence, held=message.held)
             self._server.rights_changed()
-        elif isinstance(order, Stop | Release):
-            self._latch.order(order)
-        elif isinstance(order, Exit):
+        elif isinstance(message, Stop | Release):
+            self._latch.handle(message)
+        elif isinstance(message, Exit):
             self.end()
 
-    def _use(self, config: Config) -> None:
+    def _apply_config(self, config: GuardConfig) -> None:
         first, self._config = self._config is None, config
-        self._authority.key, self._authority.direct = config.key, config.direct
-        self._helm.use(config)
+        self._authorizer.key, self._authorizer.direct = config.key, config.direct
+        self._controller.use(config)
         if first:
-            self._helm.resume()
-        self._line.use(config.rosbridge_url)
+            self._controller.resume()
+        self._publisher.use(config.rosbridge_url)
         self._server.rights_changed()
 
     def _latch_changed(self) -> None:
         if self._latch.stopped:
             log.warning("%s stopped the robot", self._latch.by or "somebody")
-            self._authority.stop()
-            self._helm.stop()
+            self._authorizer.stop()
+            self._controller.stop()
         else:
-            self._authority.release()
+            self._authorizer.release()
         self._server.rights_changed()
-        self._tell()
+        self._report_state()
 
-    def _answer(self, order_id: str) -> None:
-        self._tell(answers=order_id)
+    def _answer(self, message_id: str) -> None:
+        self._report_state(answers=message_id)
 
-    def _tell(self, *, answers: str | None = None) -> None:
-        by = self._latch.told_by
-        state = State(by is not None, by or "", self._helm.moving)
-        self._reports.state(state, self._helm.refusals, answers=answers)
+    def _report_state(self, *, answers: str | None = None) -> None:
+        by = self._latch.reported_by
+        state = State(by is not None, by or "", self._controller.moving)
+        self._reports.state(state, self._controller.refusals, answers=answers)
 
     async def _tick(self) -> None:
         while True:
             self._reports.tick()
-            self._tell()
+            self._report_state()
             await asyncio.sleep(TICK_EVERY_S)
 
 
@@ -180,7 +188,7 @@ async def run(state_dir: Path, run_dir: Path) -> None:
 
 
 async def _standard_input() -> asyncio.StreamReader:
-    lines = asyncio.StreamReader(limit=LONGEST_LINE)
+    lines = asyncio.StreamReader(limit=MAX_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(lines)
     await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, sys.stdin)
     return lines

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from robotether_agent.fields import line_of
 from robotether_agent.guard.refused import Kind
 
-LONGEST_QUEUE_BYTES = 16 * 1024
+MAX_QUEUE_BYTES = 16 * 1024
 MOTION_EVERY_S = 0.1
 COUNTS_EVERY_S = 1.0
 
@@ -37,9 +37,9 @@ class Reports:
     ) -> None:
         self._pipe = pipe
         self._clock = clock
-        self._told: State | None = None
-        self._told_refused: Mapping[Kind, int] = {}
-        self._told_at = 0.0
+        self._sent: State | None = None
+        self._sent_refused: Mapping[Kind, int] = {}
+        self._sent_at = 0.0
 
     def ready(self, port: int) -> None:
         """Tell where the guard listens."""
@@ -52,34 +52,34 @@ class Reports:
     def state(
         self, state: State, refused: Mapping[Kind, int], *, answers: str | None = None
     ) -> None:
-        """Tell the state if it or `refused` is another than was told last, or if it `answers` a stop or a release.
+        """Tell the state if it or `refused` is another than was sent last, or if it `answers` a stop or a release.
 
         Call it now and then also when nothing changed: counts and the end of a short motion may be told later.
         """
         if answers is None and self._can_wait(state, refused):
             return
-        told = {"stopped": state.stopped, "by": state.by, "moving": state.moving}
+        sent = {"stopped": state.stopped, "by": state.by, "moving": state.moving}
         line = {
             "type": "guard",
             "state": "ready",
-            **told,
+            **sent,
             "answers": answers,
             "refused": dict(refused),
         }
         if self._line(line):
-            self._told, self._told_at = state, self._clock()
-            self._told_refused = dict(refused)
+            self._sent, self._sent_at = state, self._clock()
+            self._sent_refused = dict(refused)
 
     def _can_wait(self, state: State, refused: Mapping[Kind, int]) -> bool:
-        told, since_s = self._told, self._clock() - self._told_at
-        if state == told:
-            return refused == self._told_refused or since_s < COUNTS_EVERY_S
-        if state.moving or told is None or (told.stopped, told.by) != (state.stopped, state.by):
+        sent, since_s = self._sent, self._clock() - self._sent_at
+        if state == sent:
+            return refused == self._sent_refused or since_s < COUNTS_EVERY_S
+        if state.moving or sent is None or (sent.stopped, sent.by) != (state.stopped, state.by):
             return False
         return since_s < MOTION_EVERY_S
 
     def _line(self, fields: Mapping[str, object]) -> bool:
-        if self._pipe.is_closing() or self._pipe.get_write_buffer_size() > LONGEST_QUEUE_BYTES:
+        if self._pipe.is_closing() or self._pipe.get_write_buffer_size() > MAX_QUEUE_BYTES:
             return False
         self._pipe.write(line_of(fields))
         return True

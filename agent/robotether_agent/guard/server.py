@@ -1,6 +1,6 @@
 """The guard's door: takes WebSockets on a port of this machine, and joins those it lets in to rosbridge.
 
-Run by the guard's process. The agent's forward of the robot's port leads here. Who may enter is the authority's
+Run by the guard's process. The agent's forward of the robot's port leads here. Who may enter is the authorizer's
 matter; rosbridge is reached before the upgrade, so that one that is down is an HTTP answer.
 """
 
@@ -14,18 +14,23 @@ from http import HTTPStatus
 import aiohttp
 from aiohttp import web
 
-from robotether_agent.guard.authority import KEY_HEADER, Admission, Authority, NotAdmitted
-from robotether_agent.guard.helm import Helm
-from robotether_agent.guard.joint import Joint
-from robotether_agent.guard.orders import Config
+from robotether_agent.describe_error import describe_error
+from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.authorization import (
+    KEY_HEADER,
+    Authorization,
+    Authorizer,
+    NotAuthorized,
+)
+from robotether_agent.guard.client_proxy import ClientProxy
+from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.sockets import ClientSocket, open_rosbridge
-from robotether_agent.reasons import why
 
 ADDRESS = "127.0.0.1"
-MOST_CONNECTIONS = 128
+MAX_CONNECTIONS = 128
 # The others are the server's, whoever came first: for the 64 observers and the driver that its relay lets in, and for
 # those that left and are not gone yet when the next ones come. Its look-ups are no upgrades, and need no place.
-MOST_DIRECT = 32
+MAX_DIRECT_CONNECTIONS = 32
 SHUTDOWN_S = 0.2
 
 log = logging.getLogger(__name__)
@@ -37,20 +42,20 @@ class Server:
     def __init__(
         self,
         http: aiohttp.ClientSession,
-        authority: Authority,
-        helm: Helm,
-        config: Callable[[], Config | None],
+        authorizer: Authorizer,
+        controller: DriveController,
+        config: Callable[[], GuardConfig | None],
         rosbridge_up: Callable[[], bool],
     ) -> None:
         self._http = http
-        self._authority = authority
-        self._helm = helm
+        self._authorizer = authorizer
+        self._controller = controller
         self._config = config
         self._rosbridge_up = rosbridge_up
-        self._joints: set[Joint] = set()
+        self._proxies: set[ClientProxy] = set()
         self._count = 0
         self._direct = 0
-        # Cancellation ends a joint whose client is gone also while it waits for rosbridge.
+        # Cancellation ends a client proxy whose client is gone also while it waits for rosbridge.
         server = web.Server(self._answer, handler_cancellation=True, access_log=None)
         self._runner = web.ServerRunner(server, shutdown_timeout=SHUTDOWN_S)
 
@@ -66,11 +71,11 @@ class Server:
         self.end_those(lambda _: True)
         await self._runner.cleanup()
 
-    def end_those(self, concerned: Callable[[Admission], bool]) -> None:
+    def end_those(self, concerned: Callable[[Authorization], bool]) -> None:
         """End the connections with such an admission."""
-        for joint in tuple(self._joints):
-            if concerned(joint.admission):
-                joint.end()
+        for proxy in tuple(self._proxies):
+            if concerned(proxy.authorization):
+                proxy.end()
 
     async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
         client = ClientSocket()
@@ -83,7 +88,7 @@ class Server:
                 else _problem(426, "connect with a WebSocket")
             )
         direct = KEY_HEADER not in request.headers
-        if self._count >= MOST_CONNECTIONS or (direct and self._direct >= MOST_DIRECT):
+        if self._count >= MAX_CONNECTIONS or (direct and self._direct >= MAX_DIRECT_CONNECTIONS):
             return _problem(503, f"{self._count} connections are open")
         self._count += 1
         self._direct += direct
@@ -94,33 +99,35 @@ class Server:
             self._direct -= direct
 
     async def _join(
-        self, request: web.BaseRequest, client: ClientSocket, config: Config | None
+        self, request: web.BaseRequest, client: ClientSocket, config: GuardConfig | None
     ) -> web.StreamResponse:
         try:
-            admission = self._authority.admit(request.headers)
-        except NotAdmitted as refused:
+            authorization = self._authorizer.authorize(request.headers)
+        except NotAuthorized as refused:
             return _problem(refused.status, str(refused))
         # A newer lease than any before ends the older driver's connection.
         self.rights_changed()
         if config is None:
             return _problem(502, "the guard does not know where rosbridge is")
-        joint = Joint(admission, client, self._helm, lambda: (self._config() or config).topics)
-        self._joints.add(joint)
+        proxy = ClientProxy(
+            authorization, client, self._controller, lambda: (self._config() or config).topics
+        )
+        self._proxies.add(proxy)
         try:
-            return await self._serve(request, client, joint, config.rosbridge_url)
+            return await self._serve(request, client, proxy, config.rosbridge_url)
         finally:
-            self._joints.discard(joint)
+            self._proxies.discard(proxy)
 
     async def _serve(
-        self, request: web.BaseRequest, client: ClientSocket, joint: Joint, url: str
+        self, request: web.BaseRequest, client: ClientSocket, proxy: ClientProxy, url: str
     ) -> web.StreamResponse:
         try:
             rosbridge = await open_rosbridge(self._http, url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            return _problem(502, f"rosbridge at {url} does not answer: {why(error, 3)}")
+            return _problem(502, f"rosbridge at {url} does not answer: {describe_error(error, 3)}")
         try:
             await client.open(request)
-            await joint.run(rosbridge)
+            await proxy.run(rosbridge)
         finally:
             rosbridge.drop()
             client.drop()
@@ -128,8 +135,8 @@ class Server:
 
     def rights_changed(self) -> None:
         """Stop and end whoever may not drive any more."""
-        self._helm.rights_changed()
-        self.end_those(lambda admission: not self._authority.keeps(admission))
+        self._controller.rights_changed()
+        self.end_those(lambda authorization: not self._authorizer.keeps(authorization))
 
 
 def _problem(status: int, text: str) -> web.Response:

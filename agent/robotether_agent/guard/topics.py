@@ -1,4 +1,4 @@
-"""What the helm knows of each drive topic: how it was driven last, by whom, and what waits for rosbridge. Pure."""
+"""What is known of each drive topic: how it was driven last, by whom, and what waits for rosbridge. Pure."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from robotether_agent.guard.authority import Admission
+from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.commands import SHAPES, Command, Shape
-from robotether_agent.guard.messages import MessageId
+from robotether_agent.guard.drive_messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
 
-MOST_TOPICS = 16
+MAX_TOPICS = 16
 # A client advertises a topic once, so the type outlives the place. Without one, rosbridge takes what its graph says of
 # the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a zero,
 # show what it is.
-MOST_TYPES = 64
+MAX_TYPES = 64
 
 
 class Source(Protocol):
-    """Who sends drive messages: a joint."""
+    """Who sends drive messages: a client proxy."""
 
     @property
-    def admission(self) -> Admission:
+    def authorization(self) -> Authorization:
         """What it may do."""
 
     def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
         """Answer a message that goes no further."""
 
-    def tell(self, data: bytes) -> None:
+    def notify(self, data: bytes) -> None:
         """Pass on what rosbridge says to its commands."""
 
 
@@ -92,18 +92,18 @@ class Topics:
             self._topics[name] = Topic(name, self._types.pop(name, ""))
         return self._topics[name]
 
-    def place(self, name: str, now: float, may_go: Callable[[Topic], bool]) -> Topic:
-        """Return the topic of this name; one that `may_go` makes room for it, or it is Refused."""
+    def ensure(self, name: str, now: float, is_removable: Callable[[Topic], bool]) -> Topic:
+        """Return the topic of this name; one that `is_removable` makes room for it, or it is Refused."""
         if name not in self._topics and name not in self.named:
-            self._make_room(may_go)
+            self._make_room(is_removable)
         topic = self.add(name)
         topic.used_at = now
         return topic
 
-    def free_unmoved(self, may_go: Callable[[Topic], bool]) -> None:
+    def free_unmoved(self, is_removable: Callable[[Topic], bool]) -> None:
         """Free the places of topics that never moved anything, and forget the types of those that made room."""
         for topic in self._guests():
-            if not topic.moved and may_go(topic):
+            if not topic.moved and is_removable(topic):
                 self._forget(topic)
         self._types.clear()
 
@@ -116,7 +116,7 @@ class Topics:
         """Return, once, the name of such a topic."""
         return self._parting.popitem()[0]
 
-    def line_lost(self) -> None:
+    def on_rosbridge_lost(self) -> None:
         """Note that the next rosbridge knows none of them."""
         self._parting.clear()
         for topic in self:
@@ -125,15 +125,17 @@ class Topics:
     def _guests(self) -> list[Topic]:
         return [topic for topic in self if topic.name not in self.named]
 
-    def _make_room(self, may_go: Callable[[Topic], bool]) -> None:
+    def _make_room(self, is_removable: Callable[[Topic], bool]) -> None:
         guests = self._guests()
-        if len(guests) < MOST_TOPICS:
+        if len(guests) < MAX_TOPICS:
             return
-        goes = min(filter(may_go, guests), key=lambda t: max(t.used_at, t.sent_at), default=None)
+        goes = min(
+            filter(is_removable, guests), key=lambda t: max(t.used_at, t.sent_at), default=None
+        )
         if goes is None:
             raise Refused(
                 "shape",
-                f"the guard knows {MOST_TOPICS} drive topics already, and can forget none now",
+                f"the guard knows {MAX_TOPICS} drive topics already, and can forget none now",
             )
         self._forget(goes)
 
@@ -143,7 +145,7 @@ class Topics:
             self._parting[topic.name] = None
         if topic.type:
             self._types[topic.name] = topic.type
-            if len(self._types) > MOST_TYPES:
+            if len(self._types) > MAX_TYPES:
                 del self._types[next(iter(self._types))]
         # Whoever still has it in hand must not advertise it again.
         topic.type = ""

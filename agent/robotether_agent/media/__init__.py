@@ -1,4 +1,4 @@
-"""Lets video use the uplink without standing in front of control; what others use is `MediaDoor` in door.py.
+"""Frames to the server, which use the uplink without standing in front of control.
 
-door -> budget -> pace, meters (pure); connection_state (what the kernel knows of the SSH connection)
+video_proxy -> pacer -> bandwidth_estimator (pure); connection_state (what the kernel knows of the SSH connection)
 """

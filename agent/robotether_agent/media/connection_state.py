@@ -1,6 +1,6 @@
 """Reads what the kernel knows of a TCP connection: what it sent, what arrived, and how long that takes.
 
-Used by the budget on the media SSH connection's socket, whose own process is ssh. Only looks; never changes or reads
+Used by the pacer on the media SSH connection's socket, whose own process is ssh. Only looks; never changes or reads
 the connection.
 """
 
@@ -36,7 +36,7 @@ class Reading:
     segment: int
 
     @property
-    def under_way(self) -> int:
+    def in_flight(self) -> int:
         """Bytes that wait in the kernel or are in the network."""
         return self.written - self.arrived
 

@@ -1,6 +1,6 @@
-"""One local source for each camera and wish, shared by all receivers who wish the same; none without a receiver.
+"""One local source for each camera and request, shared by all receivers who request the same; none without a receiver.
 
-A feed keeps no picture: it hands each on to those who follow it, and they keep the newest that they have not sent.
+A feed keeps no frame: it hands each on to those who follow it, and they keep the newest that they have not sent.
 A source that ends or stalls is opened again, by and by less often.
 """
 
@@ -15,23 +15,25 @@ from typing import Literal, Protocol
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
-from robotether_agent.media.picture import Kind, Picture, SourceDownError, Wish
-from robotether_agent.media.sources import Take, Tell
+from robotether_agent.media.frame import Frame, Kind, SourceDownError, SourceRequest
+from robotether_agent.media.sources import OnFrame, OnKind
 
 State = Literal["live", "waiting", "down"]
-# A source that is open and gave no picture for so long is waited for.
+# A source that is open and gave no frame for so long is waited for.
 WAITS_AFTER_S = 2.0
-PAUSE_MAX_S = 5.0
-FEEDS_MAX = 8
+MAX_PAUSE_S = 5.0
+MAX_FEEDS = 8
 
 log = logging.getLogger(__name__)
 
 
 class Runs(Protocol):
-    """Runs a source of a wish, as Sources.run does."""
+    """Runs a source of a request, as Sources.run does."""
 
-    def __call__(self, wish: Wish, take: Take, tell: Tell) -> Awaitable[None]:
-        """Give pictures until the source ends."""
+    def __call__(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> Awaitable[None]:
+        """Give frames until the source ends."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,11 @@ class Condition:
 class Feed:
     """A source that runs as long as somebody follows it."""
 
-    def __init__(self, wish: Wish, run: Runs, clock: Callable[[], float]) -> None:
-        self.wish = wish
-        self.followers: dict[object, Take] = {}
+    def __init__(
+        self, source_request: SourceRequest, run: Runs, clock: Callable[[], float]
+    ) -> None:
+        self.source_request = source_request
+        self.followers: dict[object, OnFrame] = {}
         self._run = run
         self._clock = clock
         self._kind: Kind = "web_video_server"
@@ -73,53 +77,53 @@ class Feed:
     async def _keep_open(self) -> None:
         while True:
             try:
-                await self._run(self.wish, self._take, self._tell)
+                await self._run(self.source_request, self._on_frame, self._on_kind)
             except SourceDownError as down:
                 self._is_down(str(down))
             except Exception:
-                log.exception("the source of %s failed", self.wish.topic)
+                log.exception("the source of %s failed", self.source_request.topic)
                 self._is_down("the agent failed; its log has why")
-            await asyncio.sleep(min(PAUSE_MAX_S, next(self._pauses)))
+            await asyncio.sleep(min(MAX_PAUSE_S, next(self._pauses)))
 
     def _is_down(self, detail: str) -> None:
         if detail != self._down:
-            log.info("no pictures of %s: %s", self.wish.topic, detail)
+            log.info("no pictures of %s: %s", self.source_request.topic, detail)
         self._down = detail
 
-    def _tell(self, kind: Kind) -> None:
+    def _on_kind(self, kind: Kind) -> None:
         self._kind = kind
 
-    def _take(self, picture: Picture) -> None:
+    def _on_frame(self, frame: Frame) -> None:
         if self._down or self._last_s is None:
             self._down = ""
             self._pauses = delays(Random())  # noqa: S311
         self._last_s = self._clock()
-        for take in tuple(self.followers.values()):
-            take(picture)
+        for on_frame in tuple(self.followers.values()):
+            on_frame(frame)
 
 
 class Feeds:
-    """All feeds by their wish."""
+    """All feeds by their request."""
 
     def __init__(self, run: Runs, clock: Callable[[], float] = robot_time) -> None:
         self._run = run
         self._clock = clock
-        self._feeds: dict[Wish, Feed] = {}
+        self._feeds: dict[SourceRequest, Feed] = {}
         self._ending: set[asyncio.Future[None]] = set()
 
-    def follow(self, wish: Wish, who: object, take: Take) -> Feed:
-        """Give `who` all pictures of a wish from now on."""
-        feed = self._feeds.get(wish)
+    def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> Feed:
+        """Give `who` all frames of a request from now on."""
+        feed = self._feeds.get(source_request)
         if feed is None:
-            feed = self._feeds[wish] = Feed(wish, self._run, self._clock)
-        feed.followers[who] = take
+            feed = self._feeds[source_request] = Feed(source_request, self._run, self._clock)
+        feed.followers[who] = on_frame
         return feed
 
     def leave(self, feed: Feed, who: object) -> None:
         """Give no more; the last one to leave closes the source."""
         feed.followers.pop(who, None)
-        if not feed.followers and self._feeds.get(feed.wish) is feed:
-            del self._feeds[feed.wish]
+        if not feed.followers and self._feeds.get(feed.source_request) is feed:
+            del self._feeds[feed.source_request]
             ending = feed.end()
             self._ending.add(ending)
             ending.add_done_callback(self._ending.discard)

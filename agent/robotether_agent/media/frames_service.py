@@ -1,6 +1,6 @@
-"""The media service: pictures by credit at /robotether/frames, and web_video_server's answers where there is none.
+"""The media service: frames by credit at /robotether/frames, and web_video_server's answers where there is none.
 
-Started by the agent beside the media door, which leads here what is its own; listens on 127.0.0.1 alone, as the
+Started by the agent beside the video proxy, which leads here what is its own; listens on 127.0.0.1 alone, as the
 robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.
 
     service = FramesService(places)
@@ -21,17 +21,17 @@ import aiohttp
 from aiohttp import web
 
 from robotether_agent.fields import FieldError
-from robotether_agent.media.feeds import FEEDS_MAX, Feeds
-from robotether_agent.media.picture import Picture, Wish
+from robotether_agent.media.feeds import MAX_FEEDS, Feeds
+from robotether_agent.media.frame import Frame, SourceRequest
 from robotether_agent.media.receiver import Receiver
-from robotether_agent.media.sources import Places, Sources
-from robotether_agent.media.want import TEXT_BYTES_MAX, Want
+from robotether_agent.media.sources import Sources, SourceSettings
+from robotether_agent.media.stream_request import MAX_TEXT_BYTES, StreamRequest
 from robotether_agent.tasks import within
 
 ADDRESS = "127.0.0.1"
-TOPIC_MAX = 256
+MAX_TOPIC_LENGTH = 256
 # The relay has one a camera, and for a moment two when it connects anew.
-RECEIVERS_MAX = 2 * FEEDS_MAX
+MAX_RECEIVERS = 2 * MAX_FEEDS
 # What waits in the kernel is old when it leaves.
 SEND_BYTES = 16 * 1024
 SHUTDOWN_S = 0.2
@@ -46,17 +46,19 @@ log = logging.getLogger(__name__)
 
 
 class FramesService:
-    """All receivers of this robot's pictures."""
+    """All receivers of this robot's frames."""
 
-    def __init__(self, places: Places, *, has_video: Callable[[], bool] = lambda: True) -> None:
-        self._places = places
+    def __init__(
+        self, source_settings: SourceSettings, *, has_video: Callable[[], bool] = lambda: True
+    ) -> None:
+        self._source_settings = source_settings
         self._has_video = has_video
         self._topics: Counter[str] = Counter()
 
     async def start(self) -> int:
         """Listen, and return the port, which the kernel chooses."""
         self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
-        self._sources = Sources(self._http, self._places)
+        self._sources = Sources(self._http, self._source_settings)
         self._feeds = Feeds(self._sources.run)
         app = web.Application(middlewares=[_one_answer])
         app.router.add_get("/robotether/frames", self._frames)
@@ -64,7 +66,7 @@ class FramesService:
             app.router.add_get(path, self._snapshot, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/", self._list)
-        # Cancellation ends an answer whose asker is gone also while it waits for a picture.
+        # Cancellation ends an answer whose asker is gone also while it waits for a frame.
         self._runner = web.AppRunner(
             app, access_log=None, handler_cancellation=True, shutdown_timeout=SHUTDOWN_S
         )
@@ -82,7 +84,7 @@ class FramesService:
     async def _frames(self, request: web.Request) -> web.StreamResponse:
         topic = _topic(request)
         answer = web.WebSocketResponse(
-            timeout=FAREWELL_S, compress=False, max_msg_size=TEXT_BYTES_MAX, writer_limit=SEND_BYTES
+            timeout=FAREWELL_S, compress=False, max_msg_size=MAX_TEXT_BYTES, writer_limit=SEND_BYTES
         )
         if not answer.can_prepare(request):
             raise web.HTTPNotFound(text="connect with a WebSocket\n")
@@ -109,7 +111,7 @@ class FramesService:
 
     def _check_room(self, topic: str) -> None:
         is_new = topic not in self._topics
-        if self._topics.total() >= RECEIVERS_MAX or (is_new and len(self._topics) >= FEEDS_MAX):
+        if self._topics.total() >= MAX_RECEIVERS or (is_new and len(self._topics) >= MAX_FEEDS):
             raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
 
     async def _list(self, request: web.Request) -> web.Response:
@@ -121,23 +123,23 @@ class FramesService:
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         newest = _Newest(self._feeds, _asked(request))
         try:
-            picture = await newest.first()
+            frame = await newest.first()
         finally:
             newest.leave()
-        return web.Response(body=picture.jpeg, content_type="image/jpeg")
+        return web.Response(body=frame.jpeg, content_type="image/jpeg")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        wish = _asked(request)
-        self._check_room(wish.topic)
-        self._topics[wish.topic] += 1
-        newest = _Newest(self._feeds, wish)
+        source_request = _asked(request)
+        self._check_room(source_request.topic)
+        self._topics[source_request.topic] += 1
+        newest = _Newest(self._feeds, source_request)
         try:
             # A camera that gives nothing is an error, which a stream that has begun cannot tell.
             first = await newest.first()
             return await _pour(request, first, newest)
         finally:
             newest.leave()
-            self._leave(wish.topic)
+            self._leave(source_request.topic)
 
     def _leave(self, topic: str) -> None:
         self._topics[topic] -= 1
@@ -146,23 +148,23 @@ class FramesService:
 
 
 class _Newest:
-    """The newest picture of a wish, for answers that have no credit."""
+    """The newest frame of a request, for answers that have no credit."""
 
-    def __init__(self, feeds: Feeds, wish: Wish) -> None:
+    def __init__(self, feeds: Feeds, source_request: SourceRequest) -> None:
         self._feeds = feeds
-        self._picture: Picture | None = None
-        self._came = asyncio.Event()
-        self._feed = feeds.follow(wish, self, self._take)
+        self._frame: Frame | None = None
+        self._has_frame = asyncio.Event()
+        self._feed = feeds.follow(source_request, self, self._on_frame)
 
-    async def next(self) -> Picture:
+    async def next(self) -> Frame:
         """Return one that was not returned before."""
-        while self._picture is None:
-            self._came.clear()
-            await self._came.wait()
-        picture, self._picture = self._picture, None
-        return picture
+        while self._frame is None:
+            self._has_frame.clear()
+            await self._has_frame.wait()
+        frame, self._frame = self._frame, None
+        return frame
 
-    async def first(self) -> Picture:
+    async def first(self) -> Frame:
         """Return the first one, or answer why there is none."""
         try:
             return await within(STILL_WITHIN_S, self.next())
@@ -174,9 +176,9 @@ class _Newest:
         """Want no more."""
         self._feeds.leave(self._feed, self)
 
-    def _take(self, picture: Picture) -> None:
-        self._picture = picture
-        self._came.set()
+    def _on_frame(self, frame: Frame) -> None:
+        self._frame = frame
+        self._has_frame.set()
 
 
 @web.middleware
@@ -194,24 +196,26 @@ async def _one_answer(request: web.Request, handler: Handler) -> web.StreamRespo
 
 def _topic(request: web.Request) -> str:
     topic = request.query.get("topic", "")
-    if not 0 < len(topic) <= TOPIC_MAX or not topic.isprintable():
+    if not 0 < len(topic) <= MAX_TOPIC_LENGTH or not topic.isprintable():
         raise web.HTTPBadRequest(text="say which camera: ?topic=/camera/image_raw\n")
     return topic
 
 
-def _asked(request: web.Request) -> Wish:
+def _asked(request: web.Request) -> SourceRequest:
     """Return what a URL of web_video_server's kind asks for; its other words are not known here."""
     query = request.query
     try:
-        quality = int(query.get("quality", Want.quality_max))
+        quality = int(query.get("quality", StreamRequest.quality_max))
         sizes = [int(query[name]) for name in ("width", "height") if name in query]
     except ValueError as error:
         raise web.HTTPBadRequest(text="quality, width and height are whole numbers\n") from error
     width, height = sizes if len(sizes) == 2 else (None, None)  # noqa: PLR2004
-    return Wish(_topic(request), max(1, min(quality, 100)), width, height, Want.fps)
+    return SourceRequest(
+        _topic(request), max(1, min(quality, 100)), width, height, StreamRequest.fps
+    )
 
 
-async def _pour(request: web.Request, first: Picture, newest: _Newest) -> web.StreamResponse:
+async def _pour(request: web.Request, first: Frame, newest: _Newest) -> web.StreamResponse:
     kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
     answer = web.StreamResponse(headers={"Content-Type": kind})
     answer.force_close()
@@ -224,9 +228,9 @@ async def _pour(request: web.Request, first: Picture, newest: _Newest) -> web.St
     return answer
 
 
-def _part(picture: Picture) -> bytes:
-    head = f"Content-type: image/jpeg\r\nContent-Length: {len(picture.jpeg)}\r\n\r\n"
-    return head.encode() + picture.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
+def _part(frame: Frame) -> bytes:
+    head = f"Content-type: image/jpeg\r\nContent-Length: {len(frame.jpeg)}\r\n\r\n"
+    return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
 
 
 def _keep_little_unsent(request: web.Request) -> None:

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
 
-from robotether_agent.media.picture import PICTURE_BYTES_MAX
+from robotether_agent.media.frame import MAX_FRAME_BYTES
 
-HEAD_BYTES_MAX = 8 * 1024
+MAX_HEAD_BYTES = 8 * 1024
 BLANK = b"\r\n"
 
 
@@ -71,7 +71,7 @@ class Parts:
             if (at := self._buffer.find(mark, start)) >= 0
         ]
         if not ends:
-            if len(self._buffer) > HEAD_BYTES_MAX:
+            if len(self._buffer) > MAX_HEAD_BYTES:
                 raise PartsBrokenError("a part's headers do not end")
             return None
         at, length = min(ends)
@@ -102,5 +102,5 @@ class Parts:
         return body
 
     def _check(self, length: int) -> None:
-        if length > PICTURE_BYTES_MAX:
-            raise PartsBrokenError(f"it sends a picture of over {PICTURE_BYTES_MAX} bytes")
+        if length > MAX_FRAME_BYTES:
+            raise PartsBrokenError(f"it sends a picture of over {MAX_FRAME_BYTES} bytes")

@@ -1,8 +1,8 @@
-"""Steps quality, then size, so that pictures come within the wanted time; pure, each moment is an argument.
+"""Steps quality, then size, so that frames come within the wanted time; pure, each moment is an argument.
 
 Down quickly: after LATE_PICTURES late ones, by two steps when they are very late, or when clearly fewer go out than
 come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A
-step down for the rate that brought no more pictures is taken back: the round trip limits them, and not their size.
+step down for the rate that brought no more frames is taken back: the round trip limits them, and not their size.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LATE_PICTURES = 3
 VERY_LATE = 2.0
 # What comes within this part of the wanted time leaves room for a step up.
 WELL_WITHIN = 0.6
-UP_AFTER_S, UP_AFTER_MAX_S = 4.0, 60.0
+UP_AFTER_S, MAX_UP_AFTER_S = 4.0, 60.0
 # A step down that follows one up so soon shows that the way up was wrong.
 REGRET_S = 10.0
 # So long without a step down, and the ways up are quick again.
@@ -52,7 +52,7 @@ class _Trial:
 
 
 class Steps:
-    """Which level is in force; told of each picture that was taken and, once a second, of the rates."""
+    """Which level is in force; told of each frame that was taken and, once a second, of the rates."""
 
     def __init__(self, levels: tuple[Level, ...], latency_s: float, now_s: float) -> None:
         self._levels = levels
@@ -85,8 +85,8 @@ class Steps:
         self._trial = None
         self._begin(now_s)
 
-    def taken(self, now_s: float, took_s: float) -> bool:
-        """A picture of this level took `took_s` to be taken; tell whether the level changed."""
+    def on_taken(self, now_s: float, took_s: float) -> bool:
+        """A frame of this level took `took_s` to be taken; tell whether the level changed."""
         if took_s > self._latency_s:
             self._good_since_s = now_s
             very = took_s > VERY_LATE * self._latency_s
@@ -97,7 +97,7 @@ class Steps:
             self._good_since_s = now_s
         return now_s - self._good_since_s >= self._up_after_s and self._up(now_s)
 
-    def looked(self, now_s: float, offered: float, sent: float) -> bool:
+    def on_rates(self, now_s: float, offered: float, sent: float) -> bool:
         """So many a second came in and went out; tell whether the level changed."""
         if self._trial is not None:
             return now_s >= self._trial.until_s and self._judge(now_s, sent)
@@ -129,7 +129,7 @@ class Steps:
         to = min(self._at + steps, len(self._levels) - 1)
         changed = to != self._at
         if changed and now_s - self._up_at_s < REGRET_S:
-            self._up_after_s = min(UP_AFTER_MAX_S, 2 * self._up_after_s)
+            self._up_after_s = min(MAX_UP_AFTER_S, 2 * self._up_after_s)
         self._at = to
         self._down_at_s = now_s
         self._begin(now_s)

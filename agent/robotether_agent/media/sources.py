@@ -1,10 +1,10 @@
-"""Where a camera's pictures come from, by its name and the settings: one function a kind.
+"""Where a camera's frames come from, by its name and the settings: one function a kind.
 
 mjpeg      web_video_server's /stream, and any URL that `cameras` names
 rosbridge  sensor_msgs/CompressedImage
 
 Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
-pictures come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
+frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from urllib.parse import quote
 import aiohttp
 from yarl import URL
 
+from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
-from robotether_agent.media.moments import moment, now
-from robotether_agent.media.multipart import Part, Parts, PartsBrokenError, boundary_of
-from robotether_agent.media.picture import (
+from robotether_agent.media.frame import (
     JPEG_START,
-    PICTURE_BYTES_MAX,
+    MAX_FRAME_BYTES,
+    Frame,
     Kind,
-    Picture,
     SourceDownError,
-    Wish,
+    SourceRequest,
 )
-from robotether_agent.reasons import why
+from robotether_agent.media.multipart import Part, Parts, PartsBrokenError, boundary_of
+from robotether_agent.media.timestamps import now, timestamp_of
 from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
 from robotether_agent.tasks import first_of, within
 
 CONNECT_WITHIN_S = 3.0
-# Without a picture for so long a source is opened anew.
+# Without a frame for so long a source is opened anew.
 STALL_S = 10.0
 # Where both kinds may be, so often is looked whether web_video_server has come back.
-LOOK_AGAIN_S = 10.0
+RECHECK_S = 10.0
 COMPRESSED = "/compressed"
 # As base64, and what stands around it.
-MESSAGE_BYTES_MAX = PICTURE_BYTES_MAX // 3 * 4 + 64 * 1024
-# rosbridge sends nothing sooner than this part of the time between two pictures; all of it would drop every second one
+MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
+# rosbridge sends nothing sooner than this part of the time between two frames; all of it would drop every second one
 # of a camera that has just the wanted rate.
 THROTTLE = 0.75
 
-Take = Callable[[Picture], None]
-Tell = Callable[[Kind], None]
+OnFrame = Callable[[Frame], None]
+OnKind = Callable[[Kind], None]
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where the robot's pictures are, of the settings: `source` is auto, web_video_server or rosbridge."""
+class SourceSettings:
+    """Where the robot's frames are, of the settings: `source` is auto, web_video_server or rosbridge."""
 
     video_url: str
     rosbridge_url: str
@@ -66,71 +66,86 @@ class Places:
 class Sources:
     """Opens the source of any camera."""
 
-    def __init__(self, http: aiohttp.ClientSession, places: Places) -> None:
+    def __init__(self, http: aiohttp.ClientSession, source_settings: SourceSettings) -> None:
         self._http = http
-        self._places = places
+        self._source_settings = source_settings
 
     def steps_quality(self, topic: str) -> bool:
         """Whether quality and size of a camera can be asked for, as far as is known before it is opened."""
-        return topic not in self._places.cameras and self._places.source != "rosbridge"
+        return (
+            topic not in self._source_settings.cameras
+            and self._source_settings.source != "rosbridge"
+        )
 
-    async def run(self, wish: Wish, take: Take, tell: Tell) -> NoReturn:
-        """Give pictures, after telling of which kind the source is; SourceDownError when there are no more."""
-        url = self._places.cameras.get(wish.topic)
+    async def run(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> NoReturn:
+        """Give frames, after telling of which kind the source is; SourceDownError when there are no more."""
+        url = self._source_settings.cameras.get(source_request.topic)
         if url is not None:
-            tell("mjpeg")
-            await run_mjpeg(self._http, url, take, f"camera {wish.topic}")
-        elif self._places.source == "rosbridge":
-            tell("rosbridge")
-            await run_rosbridge(self._places.rosbridge_url, wish, take)
-        elif self._places.source == "web_video_server":
-            tell("web_video_server")
-            await self._run_server(wish, take)
+            on_kind("mjpeg")
+            await run_mjpeg(self._http, url, on_frame, f"camera {source_request.topic}")
+        elif self._source_settings.source == "rosbridge":
+            on_kind("rosbridge")
+            await run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame)
+        elif self._source_settings.source == "web_video_server":
+            on_kind("web_video_server")
+            await self._run_server(source_request, on_frame)
         else:
-            await self._run_either(wish, take, tell)
+            await self._run_either(source_request, on_frame, on_kind)
         raise SourceDownError("it ended")
 
-    async def _run_server(self, wish: Wish, take: Take) -> None:
-        what = f"web_video_server at {self._places.video_url}"
-        await run_mjpeg(self._http, stream_url(self._places.video_url, wish), take, what)
+    async def _run_server(self, source_request: SourceRequest, on_frame: OnFrame) -> None:
+        what = f"web_video_server at {self._source_settings.video_url}"
+        await run_mjpeg(
+            self._http, stream_url(self._source_settings.video_url, source_request), on_frame, what
+        )
 
-    async def _run_either(self, wish: Wish, take: Take, tell: Tell) -> None:
+    async def _run_either(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> None:
         """Use rosbridge while nothing answers where web_video_server should be."""
-        tell("web_video_server")
+        on_kind("web_video_server")
         try:
-            await self._run_server(wish, take)
+            await self._run_server(source_request, on_frame)
         except SourceDownError as down:
             if down.answers:
                 raise
             first = down
-        tell("rosbridge")
+        on_kind("rosbridge")
         try:
             await first_of(
-                run_rosbridge(self._places.rosbridge_url, wish, take),
+                run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame),
                 self._until_server_answers(),
             )
         except SourceDownError as down:
-            tell("web_video_server")
+            on_kind("web_video_server")
             raise SourceDownError(f"{first}; {down}") from down
         raise SourceDownError("web_video_server answers again")
 
     async def _until_server_answers(self) -> None:
         while True:
-            await asyncio.sleep(LOOK_AGAIN_S)
+            await asyncio.sleep(RECHECK_S)
             with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
                 timeout = aiohttp.ClientTimeout(total=CONNECT_WITHIN_S)
-                async with self._http.get(self._places.video_url, timeout=timeout):
+                async with self._http.get(self._source_settings.video_url, timeout=timeout):
                     return
 
 
-def stream_url(video_url: str, wish: Wish) -> str:
+def stream_url(video_url: str, source_request: SourceRequest) -> str:
     """Return the URL of web_video_server's stream."""
-    size = "" if wish.width is None else f"&width={wish.width}&height={wish.height}"
-    return f"{video_url}/stream?topic={quote(wish.topic)}&type=mjpeg&quality={wish.quality}{size}"
+    size = (
+        ""
+        if source_request.width is None
+        else f"&width={source_request.width}&height={source_request.height}"
+    )
+    return f"{video_url}/stream?topic={quote(source_request.topic)}&type=mjpeg&quality={source_request.quality}{size}"
 
 
-async def run_mjpeg(http: aiohttp.ClientSession, url: str, take: Take, what: str) -> NoReturn:
-    """Give the pictures of a multipart stream; `what` names it in errors."""
+async def run_mjpeg(
+    http: aiohttp.ClientSession, url: str, on_frame: OnFrame, what: str
+) -> NoReturn:
+    """Give the frames of a multipart stream; `what` names it in errors."""
     timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_WITHIN_S, sock_read=STALL_S)
     try:
         # Encoded already; a camera's own signs stay as they are.
@@ -140,50 +155,50 @@ async def run_mjpeg(http: aiohttp.ClientSession, url: str, take: Take, what: str
             parts = Parts(boundary_of(answer.headers.get("Content-Type", "")))
             async for data in answer.content.iter_any():
                 for part in parts.feed(data):
-                    _take_part(part, take)
+                    _pass_part(part, on_frame)
     except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError) as error:
-        reason = why(error, CONNECT_WITHIN_S)
+        reason = describe_error(error, CONNECT_WITHIN_S)
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
         raise SourceDownError(f"{what} gave no picture for {STALL_S:g} s") from error
     except PartsBrokenError as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        raise SourceDownError(f"{what} ended: {why(error, STALL_S)}") from error
+        raise SourceDownError(f"{what} ended: {describe_error(error, STALL_S)}") from error
     raise SourceDownError(f"{what} ended the stream; is there such a camera?")
 
 
-def _take_part(part: Part, take: Take) -> None:
+def _pass_part(part: Part, on_frame: OnFrame) -> None:
     if not part.body.startswith(JPEG_START):
         return
     arrived = now()
     stamp: float | None = None
     with suppress(ValueError):
         stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
-    moment_s, is_stamped = moment(stamp, arrived)
-    take(Picture(part.body, moment_s, arrived.robot_s, is_stamped))
+    timestamp_s, is_stamped = timestamp_of(stamp, arrived)
+    on_frame(Frame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
-async def run_rosbridge(url: str, wish: Wish, take: Take) -> NoReturn:
-    """Give the pictures of a CompressedImage topic."""
+async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFrame) -> NoReturn:
+    """Give the frames of a CompressedImage topic."""
     try:
-        async with connected(url, message_bytes_max=MESSAGE_BYTES_MAX) as rosbridge:
-            topic = await _image_topic(rosbridge, wish.topic)
-            throttle_ms = int(1000 * THROTTLE / wish.fps)
+        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+            topic = await _image_topic(rosbridge, source_request.topic)
+            throttle_ms = int(1000 * THROTTLE / source_request.fps)
             await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
             while True:
-                # A topic slower than one picture in STALL_S is asked for anew, and that is all.
-                message = await within(max(STALL_S, 3 / wish.fps), rosbridge.message())
-                take(_picture_of(message, topic))
+                # A topic slower than one frame in STALL_S is asked for anew, and that is all.
+                message = await within(max(STALL_S, 3 / source_request.fps), rosbridge.message())
+                on_frame(_frame_of(message, topic))
     except asyncio.TimeoutError as error:
         raise SourceDownError(f"rosbridge gave no picture for {STALL_S:g} s") from error
     except (aiohttp.ClientError, OSError) as error:
-        reason = why(error, CONNECT_WITHIN_S)
+        reason = describe_error(error, CONNECT_WITHIN_S)
         raise SourceDownError(f"rosbridge at {url} gives no pictures: {reason}") from error
 
 
 async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
-    """Return the name under which rosbridge has a camera's compressed pictures."""
+    """Return the name under which rosbridge has a camera's compressed frames."""
     name = wanted if wanted.startswith("/") else f"/{wanted}"
     names = (name, f"{name}{COMPRESSED}")
     try:
@@ -197,7 +212,7 @@ async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
     raise SourceDownError(f"rosbridge has no compressed pictures of {printable(name, 100)}")
 
 
-def _picture_of(message: JsonObject, topic: str) -> Picture:
+def _frame_of(message: JsonObject, topic: str) -> Frame:
     data = message.get("data")
     try:
         jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
@@ -207,8 +222,8 @@ def _picture_of(message: JsonObject, topic: str) -> Picture:
         shown = printable(str(message.get("format", "")), 40)
         raise SourceDownError(f"{topic} has pictures of format {shown!r}, not JPEG")
     arrived = now()
-    moment_s, is_stamped = moment(stamp_of(message), arrived)
-    return Picture(jpeg, moment_s, arrived.robot_s, is_stamped)
+    timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
+    return Frame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
 def stamp_of(message: JsonObject) -> float | None:

@@ -15,12 +15,12 @@ from typing import NoReturn
 
 from robotether_agent.agent import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
-from robotether_agent.guard.process import LONGEST_LINE, Guard
+from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.reports import Reports
 from robotether_agent.guard.sockets import new_http
-from robotether_agent.guard_keeper import GuardKeeper
-from robotether_agent.guard_life import GuardLife
+from robotether_agent.guard_handle import GuardHandle
 from robotether_agent.guard_process import EXIT_S, TICK, TICK_S
+from robotether_agent.guard_supervisor import GuardSupervisor
 from robotether_agent.problems import GuardDown
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of
@@ -49,13 +49,13 @@ class GuardHere:
     pid = os.getpid()
 
     def __init__(self, state_dir: Path, run_dir: Path) -> None:
-        self._orders = asyncio.StreamReader(limit=LONGEST_LINE)
+        self._lines = asyncio.StreamReader(limit=MAX_LINE_BYTES)
         self._pipe = _Pipe()
         self._life = asyncio.ensure_future(self._run(state_dir, run_dir))
 
     def send(self, message: Mapping[str, object]) -> None:
         """Send one line."""
-        self._orders.feed_data(line_of(message))
+        self._lines.feed_data(line_of(message))
 
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
         """Tick, and hand on each line of the guard; raise GuardDown when it has ended."""
@@ -75,7 +75,7 @@ class GuardHere:
 
     async def _run(self, state_dir: Path, run_dir: Path) -> None:
         async with new_http() as http:
-            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._orders)
+            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._lines)
 
     async def _until_end(self) -> None:
         await asyncio.wait({self._life})
@@ -92,15 +92,15 @@ class GuardHere:
             await asyncio.sleep(TICK_S)
 
 
-class _KeeperHere(GuardKeeper):
-    """Keeps a guard in this process, and none on the bench: Python need not start for it."""
+class _SupervisorHere(GuardSupervisor):
+    """Keeps a guard in this process, and none as a hot spare: Python need not start for it."""
 
     def __init__(self, settings: Settings, **others: object) -> None:
-        super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the keeper's own
-        self._places = settings.state_dir, settings.run_dir
+        super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the supervisor's own
+        self._directories = settings.state_dir, settings.run_dir
 
-    async def _next_guard(self) -> GuardLife:
-        return GuardLife(GuardHere(*self._places))  # type: ignore[arg-type] # has all that it uses
+    async def _next_guard(self) -> GuardHandle:
+        return GuardHandle(GuardHere(*self._directories))  # type: ignore[arg-type] # has all that it uses
 
     async def _keep_spare(self) -> NoReturn:
         await asyncio.Event().wait()
@@ -110,5 +110,5 @@ class _KeeperHere(GuardKeeper):
 class LightAgent(Agent):
     """The agent, all of it; its guard is no process of its own."""
 
-    def _keeper(self) -> GuardKeeper:
-        return _KeeperHere(self._settings, on_change=self._show_guard)
+    def _supervisor(self) -> GuardSupervisor:
+        return _SupervisorHere(self._settings, on_change=self._show_guard)

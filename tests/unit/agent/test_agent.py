@@ -34,7 +34,7 @@ async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent
     assert "token" not in cloud.joins[0]
 
 
-async def test_pictures_and_battery_reach_the_server(make_cloud, start_agent):
+async def test_frames_and_battery_reach_the_server(make_cloud, start_agent):
     """A camera by credit at the video port, all else there unchanged, and the battery on the session alone."""
     topics = {"/battery_state": "sensor_msgs/msg/BatteryState"}
     async with FakeVideoServer() as camera, TopicRosbridge(topics) as rosbridge:

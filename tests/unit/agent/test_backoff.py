@@ -72,15 +72,15 @@ def test_gives_up_on_a_changed_host_key():
 def test_starts_anew_after_a_connection_that_stood():
     """Pauses grow while connections fail at once, and are short again after one that stood 10 s."""
     backoff = Backoff(Longest())
-    assert [backoff.after(LinkLost("x"), stood_s=1) for _ in range(4)] == [1, 2, 4, 8]
-    assert backoff.after(LinkLost("x"), stood_s=STABLE_S) == 1
+    assert [backoff.after(LinkLost("x"), uptime_s=1) for _ in range(4)] == [1, 2, 4, 8]
+    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S) == 1
 
 
 def test_silence_on_a_connection_that_stood_is_the_networks():
     """It is dialled again at once, and only then; a login that stalls again and again is not."""
     backoff = Backoff(Longest())
-    assert backoff.after(ServerSilent("x"), stood_s=STABLE_S) == 0.5
-    assert [backoff.after(ServerSilent("x"), stood_s=0) for _ in range(3)] == [1, 2, 4]
+    assert backoff.after(ServerSilent("x"), uptime_s=STABLE_S) == 0.5
+    assert [backoff.after(ServerSilent("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
 
 
 def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():

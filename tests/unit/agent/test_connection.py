@@ -18,14 +18,14 @@ from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
 from robotether_agent.connection import Role, run_connection
 from robotether_agent.enrolment import parse_host_keys
-from robotether_agent.guard_keeper import GuardKeeper
+from robotether_agent.guard_supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.keys import KeyPair, ensure_key
 from robotether_agent.known_hosts import pin
-from robotether_agent.media.sources import Places
+from robotether_agent.media.sources import SourceSettings
 from robotether_agent.problems import HostKeyChanged, PortTaken, Problem
-from robotether_agent.session import Config, Session
-from robotether_agent.setting_values import RUN_DIR_LIMIT
+from robotether_agent.session import Session, SessionConfig
+from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH
 from robotether_agent.ssh_command import Forward, SshFiles, Target
 
 TIMEOUT_S = 15.0
@@ -37,10 +37,10 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 class Up:
     """Notes each time that a connection says it is up, and whether its port was open by then."""
 
-    configs: list[Config] = field(default_factory=list)
+    configs: list[SessionConfig] = field(default_factory=list)
     ports_were_open: bool = True
 
-    def note(self, _: Target, config: Config, __: Session) -> None:
+    def note(self, _: Target, config: SessionConfig, __: Session) -> None:
         self.configs.append(config)
         self.ports_were_open &= listens(config.ros_port)
 
@@ -227,7 +227,7 @@ async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
     """First who the robot is, then how its services are, and again only when that changes."""
-    health = Health(Places(services.http_url, services.ws_url), every_s=0.05)
+    health = Health(SourceSettings(services.http_url, services.ws_url), every_s=0.05)
     probing = asyncio.ensure_future(health.run())
     robot.started.append(probing)
     robot.connect(robot.trust(cloud.ssh), Up(), health)
@@ -253,7 +253,7 @@ async def test_the_forward_follows_where_it_leads(cloud, robot, caplog):
     caplog.set_level("INFO")
     up, moved, leads_to = Up(), asyncio.Event(), [free_port()]
 
-    def forward(config: Config) -> Forward | None:
+    def forward(config: SessionConfig) -> Forward | None:
         return Forward(config.ros_port, "127.0.0.1", leads_to[0]) if leads_to else None
 
     robot.connect(robot.trust(cloud.ssh), up, forward=forward, moved=moved)
@@ -276,10 +276,10 @@ async def test_the_forward_follows_where_it_leads(cloud, robot, caplog):
 
 async def test_the_session_joins_the_guard(cloud, robot, place):
     """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
-    keeper = GuardKeeper("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
-    robot.started.append(asyncio.ensure_future(keeper.run()))
-    health = Health(Places("http://127.0.0.1:9", "ws://127.0.0.1:9"))
-    connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=keeper)
+    supervisor = GuardSupervisor("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
+    robot.started.append(asyncio.ensure_future(supervisor.run()))
+    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=supervisor)
     link = await cloud.link("session")
     link.send({"type": "lease", "fence": 13, "held": True})
     link.send({"type": "stop", "id": "5f0c", "by": "ben"})
@@ -303,7 +303,7 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
     """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
     monkeypatch.setattr("robotether_agent.connection.CHECK_PAUSE_S", 0.6)
-    health = Health(Places("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
     recheck = asyncio.Event()
     robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
     link = await cloud.link("session")
@@ -328,9 +328,9 @@ async def test_media_tells_nothing(cloud, robot):
 
 async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, place):
     """What run_dir allows is what OpenSSH can bind."""
-    run_dir = place / ("x" * (RUN_DIR_LIMIT - len(str(place)) - 1))
+    run_dir = place / ("x" * (MAX_RUN_DIR_LENGTH - len(str(place)) - 1))
     run_dir.mkdir()
-    assert len(str(run_dir)) == RUN_DIR_LIMIT
+    assert len(str(run_dir)) == MAX_RUN_DIR_LENGTH
     robot.files = replace(robot.files, control=run_dir / "session.ctl")
     up = Up()
     robot.connect(robot.trust(cloud.ssh), up)

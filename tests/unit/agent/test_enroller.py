@@ -266,7 +266,7 @@ async def test_another_server_in_the_settings_is_joined_and_pinned(cloud, settin
     assert pins(enroller.known_hosts) == {cloud.ssh.host_keys[0].split()[1]}
 
 
-async def test_a_wish_for_a_name_goes_with_a_token_only(cloud, settings):
+async def test_a_request_for_a_name_goes_with_a_token_only(cloud, settings):
     """Without a token nobody could tell whose wish it is."""
     await Enroller(replace(settings, name="turtle")).join()
     await Enroller(replace(settings, name="turtle", token="rj_x")).join()

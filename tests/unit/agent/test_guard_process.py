@@ -23,7 +23,7 @@ from robotether_agent.guard_process import (
     START_S,
     TICK_S,
     GuardProcess,
-    Hearing,
+    SilenceDetector,
     guard_command,
     guard_environment,
 )
@@ -134,8 +134,8 @@ async def test_a_guard_that_cannot_be_started_is_down(place):
 
 def test_time_in_which_the_agent_stood_still_is_no_silence():
     """After a suspension the guard gets the time to be heard, and no more than that."""
-    hearing = Hearing(0.0)
-    hearing.heard(0.1)
+    hearing = SilenceDetector(0.0)
+    hearing.on_line(0.1)
     assert not hearing.is_lost(0.2)
     assert not hearing.is_lost(30.0)
     assert not hearing.is_lost(30.2)
@@ -145,7 +145,7 @@ def test_time_in_which_the_agent_stood_still_is_no_silence():
 
 def test_a_start_may_take_longer_than_a_silence():
     """A small computer that boots loads Python for seconds; for ever it does not."""
-    hearing, now = Hearing(0.0), 0.0
+    hearing, now = SilenceDetector(0.0), 0.0
     while not hearing.is_lost(now):
         now += TICK_S
     assert START_S < now < START_S + 1
@@ -248,7 +248,7 @@ async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, capl
 
 def guard_pid() -> int:
     """The guard that this process's agent has started."""
-    # Another one may wait on the bench.
+    # Another one may wait as a hot spare.
     return processes.oldest(
         pid for pid in descendants(os.getpid()) if "robotether_agent.guard" in command_line(pid)
     )

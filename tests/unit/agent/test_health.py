@@ -11,7 +11,7 @@ from fake_cameras import TopicRosbridge
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
-from robotether_agent.media.sources import Places
+from robotether_agent.media.sources import SourceSettings
 
 EVERY_S = 0.1
 
@@ -22,7 +22,7 @@ async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
     tasks = []
 
     def start(rosbridge_url: str, video_url: str, *more: object) -> Health:
-        health = Health(Places(video_url, rosbridge_url, *more), every_s=EVERY_S)
+        health = Health(SourceSettings(video_url, rosbridge_url, *more), every_s=EVERY_S)
         tasks.append(asyncio.ensure_future(health.run()))
         return health
 

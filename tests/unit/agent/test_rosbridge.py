@@ -21,7 +21,7 @@ async def test_topics_with_types_as_ros_1_spells_them():
     kinds = {"/battery": "sensor_msgs/msg/BatteryState", "/scan": "sensor_msgs/LaserScan"}
     async with (
         TopicRosbridge(kinds) as robot,
-        connected(robot.url, message_bytes_max=BYTES_MAX) as rosbridge,
+        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         assert await rosbridge.topics() == {
             "/battery": "sensor_msgs/BatteryState",
@@ -34,7 +34,7 @@ async def test_a_robot_without_rosapi_answers_nothing(monkeypatch):
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.1)
     async with (
         TopicRosbridge(None) as robot,
-        connected(robot.url, message_bytes_max=BYTES_MAX) as rosbridge,
+        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         with pytest.raises(asyncio.TimeoutError):
             await rosbridge.topics()
@@ -44,7 +44,7 @@ async def test_messages_of_a_subscription():
     """The newest only, by rosbridge's own means; other words are skipped, and the end is an error."""
     async with (
         TopicRosbridge({}) as robot,
-        connected(robot.url, message_bytes_max=BYTES_MAX) as rosbridge,
+        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         await rosbridge.subscribe("/battery", "sensor_msgs/BatteryState", throttle_ms=5000)
         await eventually(lambda: bool(robot.subscribed("/battery")), lambda: str(robot.got))
@@ -63,7 +63,7 @@ async def test_messages_of_a_subscription():
 async def test_too_large_a_message_ends_the_connection():
     async with (
         TopicRosbridge({}) as robot,
-        connected(robot.url, message_bytes_max=BYTES_MAX) as rosbridge,
+        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         await rosbridge.subscribe("/a", "std_msgs/String", throttle_ms=0)
         await robot.publish("/a", {"data": "x" * BYTES_MAX})
@@ -77,7 +77,7 @@ async def test_a_rosbridge_that_hangs_holds_nobody_up():
 
         async def hold() -> None:
             url = f"ws://127.0.0.1:{robot.port}"
-            async with connected(url, message_bytes_max=BYTES_MAX) as rosbridge:
+            async with connected(url, max_message_bytes=BYTES_MAX) as rosbridge:
                 await rosbridge.topics()
 
         holding = asyncio.ensure_future(hold())
@@ -90,7 +90,7 @@ async def test_a_rosbridge_that_hangs_holds_nobody_up():
 
 async def test_no_rosbridge_is_an_error():
     with pytest.raises(aiohttp.ClientConnectorError):
-        async with connected(f"ws://127.0.0.1:{free_port()}", message_bytes_max=BYTES_MAX):
+        async with connected(f"ws://127.0.0.1:{free_port()}", max_message_bytes=BYTES_MAX):
             pass
 
 

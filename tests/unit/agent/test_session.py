@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from fake_cloud import eventually
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
-from robotether_agent.session import Checked, Config, Session
+from robotether_agent.session import Checked, Session, SessionConfig
 
 CONFIG = {
     "type": "config",
@@ -52,34 +52,34 @@ class Done:
     """Notes what a session has done, in order."""
 
     def __init__(self) -> None:
-        self.orders: list[tuple[Any, ...]] = []
+        self.drive_handler: list[tuple[Any, ...]] = []
 
-    def configured(self, wants: Any, *, direct: bool) -> None:
-        self.orders.append(("configured", wants, direct))
+    def on_config(self, guard: Any, *, direct: bool) -> None:
+        self.drive_handler.append(("configured", guard, direct))
 
-    def lease(self, fence: int, *, held: bool) -> None:
-        self.orders.append(("lease", fence, held))
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        self.drive_handler.append(("lease", fence, held))
 
-    def stop(self, order: str, by: str) -> None:
-        self.orders.append(("stop", order, by))
+    def on_stop(self, message_id: str, by: str) -> None:
+        self.drive_handler.append(("stop", message_id, by))
 
-    def release(self, order: str, by: str) -> None:
-        self.orders.append(("release", order, by))
+    def on_release(self, message_id: str, by: str) -> None:
+        self.drive_handler.append(("release", message_id, by))
 
 
 @pytest.fixture
-def orders() -> Done:
+def drive_handler() -> Done:
     """Who does what the server says about driving."""
     return Done()
 
 
 @pytest.fixture
-async def ends(orders: Done) -> AsyncIterator[tuple[Session, Peer]]:
+async def ends(drive_handler: Done) -> AsyncIterator[tuple[Session, Peer]]:
     """A session and its peer."""
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
-    yield Session(reader, writer, orders=orders), Peer(peer_reader, peer_writer)
+    yield Session(reader, writer, drive_handler=drive_handler), Peer(peer_reader, peer_writer)
     for each in (writer, peer_writer):
         each.close()
     await asyncio.gather(writer.wait_closed(), peer_writer.wait_closed(), return_exceptions=True)
@@ -90,7 +90,7 @@ async def test_pings_in_the_given_time_and_measures(ends):
     session, peer = ends
     running = asyncio.ensure_future(session.run())
     peer.send(CONFIG)
-    assert await session.new_config(None) == Config("sim1", 20000, 20001, 0.1, 0.4, {})
+    assert await session.new_config(None) == SessionConfig("sim1", 20000, 20001, 0.1, 0.4, {})
     ping = await peer.receive("ping")
     peer.send({"type": "pong", "seq": ping["seq"], "t_ms": -1e9})
     assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
@@ -149,8 +149,8 @@ async def test_its_silence_is_known(ends):
     await asyncio.wait_for(running, 5)
 
 
-async def test_orders_are_done_in_the_order_in_which_they_come(ends, orders):
-    """Configuration, lease and stop reach the guard's keeper at once, before anybody else learns of them."""
+async def test_messages_are_done_in_the_order_in_which_they_come(ends, drive_handler):
+    """Configuration, lease and stop reach the guard's supervisor at once, before anybody else learns of them."""
     session, peer = ends
     running = asyncio.ensure_future(session.run())
     peer.send({**CONFIG, "guard": {"key": "s3cret"}, "direct": True})
@@ -159,8 +159,10 @@ async def test_orders_are_done_in_the_order_in_which_they_come(ends, orders):
     config = await session.new_config(None)
     assert (config.guard, config.direct) == ({"key": "s3cret"}, True)
     assert "s3cret" not in repr(config)
-    await eventually(lambda: len(orders.orders) == 3, lambda: f"{orders.orders}")
-    assert orders.orders == [
+    await eventually(
+        lambda: len(drive_handler.drive_handler) == 3, lambda: f"{drive_handler.drive_handler}"
+    )
+    assert drive_handler.drive_handler == [
         ("configured", {"key": "s3cret"}, True),
         ("lease", 13, False),
         ("stop", "5f0c", "ben"),
@@ -232,7 +234,7 @@ async def test_superseded_explains_two_robots_with_one_key(ends):
         await asyncio.wait_for(session.run(), 5)
 
 
-async def test_a_shell_and_a_new_key_are_wishes_of_a_configuration(ends):
+async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(ends):
     """A server that knows neither says nothing of them; nonsense ends the session."""
     session, peer = ends
     serving = asyncio.ensure_future(session.run())

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent import setting_values
-from robotether_agent.setting_values import RUN_DIR_LIMIT, RefusedValueError
+from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH, RefusedValueError
 from robotether_agent.settings import PARSERS
 
 # What TOML and the environment can give.
@@ -150,7 +150,7 @@ def test_cameras_by_name():
 
 def test_run_dir_keeps_room_for_the_control_sockets():
     """The longest run directory is the longest whose sockets the kernel takes, one more is refused."""
-    longest = "/" + "x" * (RUN_DIR_LIMIT - 1)
+    longest = "/" + "x" * (MAX_RUN_DIR_LENGTH - 1)
     assert setting_values.run_dir(longest) == Path(longest)
-    with pytest.raises(RefusedValueError, match=f"at most {RUN_DIR_LIMIT} characters"):
+    with pytest.raises(RefusedValueError, match=f"at most {MAX_RUN_DIR_LENGTH} characters"):
         setting_values.run_dir(longest + "x")

@@ -9,7 +9,7 @@ from robotether_agent.problems import KeyRefused, LinkLost
 from robotether_agent.status import (
     STALE_S,
     Status,
-    StatusBoard,
+    StatusWriter,
     has_problem,
     headline,
     is_alive,
@@ -99,7 +99,7 @@ def test_reads_the_file_of_an_earlier_agent(place):
 
 def test_a_robot_that_waits_shows_its_key(place):
     """The admin who approves it compares this with what the server got; before there is a key it says so."""
-    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
+    board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
     assert "key           (none yet)" in render(board.status, NOW).splitlines()
     board.set(fingerprint="SHA256:abc", state="pending")
     assert "key           SHA256:abc" in render(board.status, NOW).splitlines()
@@ -107,8 +107,8 @@ def test_a_robot_that_waits_shows_its_key(place):
 
 def test_a_problem_and_what_to_do(place):
     """A problem that lasts stands there with its code, its time and an advice."""
-    board = StatusBoard(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
-    board.tell(KeyRefused("cannot log in", advice="approve it"), "waiting")
+    board = StatusWriter(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
+    board.report_problem(KeyRefused("cannot log in", advice="approve it"), "waiting")
     text = render(board.status, NOW)
     assert "not connected, tries again by itself" in text
     assert "cannot log in [key_refused]" in text
@@ -118,9 +118,11 @@ def test_a_problem_and_what_to_do(place):
 def test_a_problem_that_is_over(place):
     """Once both connections stand, a person reads that the problem is over, and no advice on it."""
     clock = [NOW]
-    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
+    board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
     board.set(state="connected", robot="sim1", video_tunnel="open")
-    board.tell(KeyRefused("cannot log in", advice="approve it"), "waiting", video_tunnel="closed")
+    board.report_problem(
+        KeyRefused("cannot log in", advice="approve it"), "waiting", video_tunnel="closed"
+    )
     board.set(state="connected")
     assert has_problem(board.status), "the video tunnel is still closed"
     assert "what to do    approve it" in render(board.status, NOW)
@@ -139,10 +141,10 @@ def test_a_problem_that_is_over(place):
 
 def test_a_new_problem_is_not_over(place):
     """A problem that comes after one that is over lasts, until all is open again."""
-    board = StatusBoard(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
-    board.tell(KeyRefused("cannot log in"), "waiting")
+    board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
+    board.report_problem(KeyRefused("cannot log in"), "waiting")
     board.set(state="connected", video_tunnel="open")
-    board.tell(LinkLost("lost the video tunnel"), "connected", video_tunnel="closed")
+    board.report_problem(LinkLost("lost the video tunnel"), "connected", video_tunnel="closed")
     assert has_problem(board.status)
     assert "problem       lost the video tunnel [link_lost]" in render(board.status, NOW)
 
@@ -157,7 +159,7 @@ def test_an_agent_that_no_longer_writes_is_not_running():
 def test_the_file_holds_what_was_set(place):
     """What the board writes is what the command reads, for everybody."""
     lines: list[str] = []
-    board = StatusBoard(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
+    board = StatusWriter(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
     board.set(state="connected", robot="sim1", ros="ok", video="ok")
     board.set(rtt_ms=3.0)
     assert read_status(place) == board.status
@@ -175,7 +177,7 @@ def test_no_or_broken_file_is_no_status(place):
 
 def test_a_directory_that_is_gone_ends_nothing(place, caplog):
     """A status that cannot be written is told once, and the agent goes on."""
-    board = StatusBoard(place / "none", "a.example", on_state=lambda _: None)
+    board = StatusWriter(place / "none", "a.example", on_state=lambda _: None)
     board.refresh()
     board.refresh()
     assert [record.levelname for record in caplog.records] == ["WARNING"]

@@ -38,10 +38,10 @@ async def test_can_be_cancelled_in_its_pause():
     async def attempt(_: Uptime) -> None:
         raise LinkLost("x")
 
-    def tell(_: Problem) -> None:
+    def log_problem(_: Problem) -> None:
         reached.set()
 
-    task = asyncio.ensure_future(keep_going("session", attempt, Backoff(Random(1)), tell))
+    task = asyncio.ensure_future(keep_going("session", attempt, Backoff(Random(1)), log_problem))
     await asyncio.wait_for(reached.wait(), 5)
     task.cancel()
     done, _ = await asyncio.wait({task}, timeout=0.3)
@@ -53,8 +53,8 @@ def test_repeats_are_thinned_out(caplog):
     caplog.set_level(logging.INFO)
     repeats = Repeats()
     for _ in range(10):
-        repeats.tell("session", LinkLost("lost it"), 1)
-    repeats.tell("session", NotEnrolled("not yet"), 1)
+        repeats.log_problem("session", LinkLost("lost it"), 1)
+    repeats.log_problem("session", NotEnrolled("not yet"), 1)
     assert [record.levelname for record in caplog.records] == ["WARNING"] * 4 + ["INFO"]
     assert "lost it [link_lost]; next try in 1.0 s (for the 8. time)" in caplog.text
 
@@ -63,20 +63,20 @@ def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
     """A network that comes and goes for days fills no log; after a success all is told anew."""
     repeats = Repeats()
     for _ in range(8):
-        repeats.tell("session", LinkLost("lost it"), 1)
-        repeats.tell("session", HostKeyChanged("changed"))
+        repeats.log_problem("session", LinkLost("lost it"), 1)
+        repeats.log_problem("session", HostKeyChanged("changed"))
     assert len(caplog.records) == 8
     repeats.forget()
-    repeats.tell("session", LinkLost("lost it"), 1)
+    repeats.log_problem("session", LinkLost("lost it"), 1)
     assert len(caplog.records) == 9
 
 
 def test_uptime_counts_from_when_it_stood():
     now = [10.0]
     uptime = Uptime(lambda: now[0])
-    assert uptime.stood_s == 0
+    assert uptime.uptime_s == 0
     now[0] = 15
     uptime.is_up()
     now[0] = 18
     uptime.is_up()
-    assert uptime.stood_s == 3
+    assert uptime.uptime_s == 3

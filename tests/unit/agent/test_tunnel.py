@@ -23,7 +23,7 @@ AF21 = 18
 
 
 @pytest.fixture
-async def way(make_cloud, place):
+async def dialer(make_cloud, place):
     """A server that lets our key in, and what it takes to connect to it."""
     cloud = await make_cloud()
     key = await ensure_key(place)
@@ -33,9 +33,9 @@ async def way(make_cloud, place):
     return cloud, Target("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
 
 
-async def test_forwards_are_added_and_cancelled_while_it_runs(way):
+async def test_forwards_are_added_and_cancelled_while_it_runs(dialer):
     """A forward opens and closes on the live connection."""
-    cloud, target, files = way
+    cloud, target, files = dialer
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -50,9 +50,9 @@ async def test_forwards_are_added_and_cancelled_while_it_runs(way):
     assert not files.control.exists()
 
 
-async def test_a_port_that_is_not_the_robots_is_refused(way):
+async def test_a_port_that_is_not_the_robots_is_refused(dialer):
     """A port outside permitlisten is told as port_taken."""
-    _, target, files = way
+    _, target, files = dialer
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -62,22 +62,22 @@ async def test_a_port_that_is_not_the_robots_is_refused(way):
         await tunnel.close()
 
 
-async def test_a_stale_control_socket_is_removed(way):
+async def test_a_stale_control_socket_is_removed(dialer):
     """What a killed agent left in the way of the next connection is removed."""
-    _, target, files = way
+    _, target, files = dialer
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(files.control))
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-        await tunnel.add(Forward(_first_port(way), "127.0.0.1", 9))
+        await tunnel.add(Forward(_first_port(dialer), "127.0.0.1", 9))
     finally:
         await tunnel.close()
 
 
-async def test_a_client_that_an_agent_left_is_ended(way):
+async def test_a_client_that_an_agent_left_is_ended(dialer):
     """A client that still runs behind the control socket is ended before the next one starts."""
-    _, target, files = way
+    _, target, files = dialer
     left = await Tunnel.open(target, files, "session")
     assert await asyncio.wait_for(left.lines_in.readline(), 10)
     tunnel = await Tunnel.open(target, files, "session")
@@ -125,9 +125,9 @@ async def test_without_ssh(place, monkeypatch):
             await Tunnel.open(target, files, "session")
 
 
-async def test_the_client_runs_on_our_connection(way):
+async def test_the_client_runs_on_our_connection(dialer):
     """What ssh sets on it, the class of service, shows on ours; both are gone after the end."""
-    cloud, target, files = way
+    cloud, target, files = dialer
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -139,9 +139,9 @@ async def test_the_client_runs_on_our_connection(way):
     assert tunnel.socket.fileno() == -1
 
 
-async def test_no_descriptor_stays_open(way, place, monkeypatch):
+async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
     """Neither after a tunnel nor after one that could not start."""
-    _, target, files = way
+    _, target, files = dialer
     before = _descriptors()
     tunnel = await Tunnel.open(target, files, "media")
     await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -164,5 +164,5 @@ def _descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def _first_port(way) -> int:
-    return way[0].ports[0]
+def _first_port(dialer) -> int:
+    return dialer[0].ports[0]

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from robotether_agent.problems import StateUnusable, SwitchFailed
+from robotether_agent.problems import StateUnusable, UpgradeFailed
 from robotether_agent.versions import COMMAND, NEW_UNIT, Layout, Report
 
 
@@ -45,14 +45,14 @@ def test_a_unit_file_is_installed_when_it_differs(layout):
 
 def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
     """The first installation makes the link itself."""
-    with pytest.raises(SwitchFailed, match="current leads to no version"):
+    with pytest.raises(UpgradeFailed, match="current leads to no version"):
         Layout(tmp_path).in_use()
 
 
 @pytest.mark.parametrize("name", ["versions/none", "2", "versions/2/bin"])
 def test_only_a_whole_version_in_its_place_is_one(layout, name):
     """Another folder, or one without the command, is refused."""
-    with pytest.raises(SwitchFailed, match="cannot switch to"):
+    with pytest.raises(UpgradeFailed, match="cannot switch to"):
         layout.check(layout.base / name)
     layout.check(version(layout, "2"))
 

@@ -22,18 +22,18 @@ Told = list[Mapping[str, Any]]
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """A test waits for no half minute."""
-    monkeypatch.setattr(vitals_module, "LOOK_AGAIN_S", 0.05)
+    monkeypatch.setattr(vitals_module, "RETRY_S", 0.05)
 
 
 @pytest.fixture
-async def tell() -> AsyncIterator[Callable[[str], Told]]:
+async def report() -> AsyncIterator[Callable[[str], Told]]:
     """Starts to tell, and ends it."""
     tasks = []
 
     def start(url: str) -> Told:
-        told: Told = []
-        tasks.append(asyncio.ensure_future(Vitals(url, every_s=EVERY_S).tell(told.append)))
-        return told
+        reported: Told = []
+        tasks.append(asyncio.ensure_future(Vitals(url, every_s=EVERY_S).report(reported.append)))
+        return reported
 
     yield start
     for task in tasks:
@@ -58,54 +58,54 @@ async def until_subscribed(robot: TopicRosbridge, times: int = 1) -> None:
     )
 
 
-async def test_changes_are_told_and_nothing_else(tell):
+async def test_changes_are_told_and_nothing_else(report):
     """Once for each, and seldom: rosbridge is asked for one message in so long."""
     async with TopicRosbridge(TOPICS) as robot:
-        told = tell(robot.url)
+        reported = report(robot.url)
         await until_subscribed(robot)
         assert robot.subscribed("/battery_state")[0]["throttle_rate"] == 200
         for percentage in (0.81, 0.811, 0.809):
             await robot.publish("/battery_state", state(percentage))
-        await eventually(lambda: told == [line(81)], lambda: str(told))
+        await eventually(lambda: reported == [line(81)], lambda: str(reported))
         with Stopwatch() as stopwatch:
             await robot.publish("/battery_state", state(0.8))
             await robot.publish("/battery_state", state(0.79, status=1))
-            await eventually(lambda: len(told) > 1, lambda: str(told))
-        assert told == [line(81), line(79, charging=True)]
+            await eventually(lambda: len(reported) > 1, lambda: str(reported))
+        assert reported == [line(81), line(79, charging=True)]
         assert stopwatch.s < 2 * EVERY_S + 0.2
 
 
-async def test_a_rosbridge_that_restarts_is_found_again(tell):
+async def test_a_rosbridge_that_restarts_is_found_again(report):
     async with TopicRosbridge(TOPICS) as robot:
-        told = tell(robot.url)
+        reported = report(robot.url)
         await until_subscribed(robot)
         await robot.publish("/battery_state", state(0.5))
-        await eventually(lambda: told == [line(50)], lambda: str(told))
+        await eventually(lambda: reported == [line(50)], lambda: str(reported))
         await robot.stop()
-        await eventually(lambda: told[-1] == NONE, lambda: str(told))
+        await eventually(lambda: reported[-1] == NONE, lambda: str(reported))
         await robot.start()
         await until_subscribed(robot, 2)
         await robot.publish("/battery_state", state(0.4))
-        await eventually(lambda: told[-1] == line(40), lambda: str(told))
+        await eventually(lambda: reported[-1] == line(40), lambda: str(reported))
 
 
-async def test_a_battery_that_falls_silent_is_unknown(tell, monkeypatch):
+async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
     """An old charge is not told as today's."""
     monkeypatch.setattr(vitals_module, "SILENT_S", 0.3)
     async with TopicRosbridge(TOPICS) as robot:
-        told = tell(robot.url)
+        reported = report(robot.url)
         await until_subscribed(robot)
         await robot.publish("/battery_state", state(0.5))
-        await eventually(lambda: told == [line(50), NONE], lambda: str(told))
+        await eventually(lambda: reported == [line(50), NONE], lambda: str(reported))
 
 
-async def test_a_robot_without_a_battery_tells_nothing(tell):
+async def test_a_robot_without_a_battery_tells_nothing(report):
     """And holds no connection: it is looked up again now and then."""
     async with TopicRosbridge({"/scan": "sensor_msgs/LaserScan"}) as robot:
-        told = tell(robot.url)
+        reported = report(robot.url)
         await eventually(lambda: len(robot.got) > 2, lambda: str(robot.got))
         assert {operation["op"] for operation in robot.got} == {"call_service"}
-        assert told == []
+        assert reported == []
         robot.topics = TOPICS
         await until_subscribed(robot)
 
@@ -114,7 +114,7 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end():
     """The guard is told of a lost session after this has ended."""
     async with FakeRosbridge("slow_reader") as robot:
         vitals = Vitals(f"ws://127.0.0.1:{robot.port}")
-        task = asyncio.ensure_future(vitals.tell(lambda _: None))
+        task = asyncio.ensure_future(vitals.report(lambda _: None))
         await eventually(lambda: len(robot.got) == 1, lambda: str(robot.got))
         with Stopwatch() as stopwatch:
             task.cancel()

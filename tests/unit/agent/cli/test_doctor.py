@@ -22,11 +22,11 @@ from robotether_agent.settings import Settings
 def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, last):
     settings = Settings(server="a.example", state_dir=Path("/none"))
 
-    async def examine(_: Settings) -> AsyncIterator[Finding]:
+    async def run_checks(_: Settings) -> AsyncIterator[Finding]:
         for finding in findings:
             yield finding
 
-    monkeypatch.setattr(command, "examine", examine)
+    monkeypatch.setattr(command, "run_checks", run_checks)
     assert command.doctor(lambda: settings) == code
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "ok       a            x"

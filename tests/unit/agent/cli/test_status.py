@@ -6,7 +6,7 @@ import json
 
 from robotether_agent.cli.status import status
 from robotether_agent.settings import Settings
-from robotether_agent.status import StatusBoard
+from robotether_agent.status import StatusWriter
 
 
 def test_for_programs_it_is_one_object(place, capsys):
@@ -14,7 +14,7 @@ def test_for_programs_it_is_one_object(place, capsys):
     settings = Settings(server="a.example", run_dir=place)
     assert status(settings, as_json=True) == 1
     assert json.loads(capsys.readouterr().out) == {"is_running": False}
-    board = StatusBoard(place, "a.example", on_state=lambda _: None)
+    board = StatusWriter(place, "a.example", on_state=lambda _: None)
     board.set(state="connected", robot="sim1")
     assert status(settings, as_json=True) == 0
     told = json.loads(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""The command as an upgrade calls it; what it does is tested with robotether_agent.switching."""
+"""The command as an upgrade calls it; what it does is tested with robotether_agent.upgrade."""
 
 from __future__ import annotations
 

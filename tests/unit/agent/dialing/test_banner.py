@@ -39,7 +39,7 @@ async def test_a_shy_one_is_spoken_to_and_remembered():
         checker = Banner()
         assert not await check(door, checker)
         assert door.heard.startswith(b"SSH-2.0-")
-        assert door.port in checker._shy
+        assert door.port in checker._silent_ports
         assert not await check(door, checker)
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 from robotether_agent.dialing import resolver
-from robotether_agent.dialing.resolver import Resolver, in_turn, look_up
+from robotether_agent.dialing.resolver import Resolver, interleaved, resolve
 
 FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
 SIX = [(socket.AF_INET6, (f"2001:db8::{number}", 22, 0, 0)) for number in (1, 2, 3)]
@@ -49,14 +49,14 @@ def names() -> NameService:
 
 def test_families_take_turns():
     """The resolver's first choice comes first, then the other family, as far as they go."""
-    assert in_turn(SIX + FOUR) == [SIX[0], FOUR[0], SIX[1], FOUR[1], SIX[2]]
-    assert in_turn(FOUR) == FOUR
+    assert interleaved(SIX + FOUR) == [SIX[0], FOUR[0], SIX[1], FOUR[1], SIX[2]]
+    assert interleaved(FOUR) == FOUR
 
 
 def test_addresses_need_no_name_service():
     """What is an address already comes back, in either family."""
-    assert look_up("127.0.0.1", 22) == [(socket.AF_INET, ("127.0.0.1", 22))]
-    assert look_up("::1", 22)[0][0] == socket.AF_INET6
+    assert resolve("127.0.0.1", 22) == [(socket.AF_INET, ("127.0.0.1", 22))]
+    assert resolve("::1", 22)[0][0] == socket.AF_INET6
 
 
 async def test_it_is_asked_each_time(names):
@@ -91,7 +91,7 @@ async def test_an_answer_that_comes_late_counts_the_next_time(names):
 
 async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
     """Only so many threads wait for a name service, however often it is asked."""
-    monkeypatch.setattr(resolver, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(resolver, "CACHED_TIMEOUT_S", 0.01)
     known = Resolver(names)
     await known.addresses("h", 22)
     with names.hanging():

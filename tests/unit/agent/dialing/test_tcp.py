@@ -52,7 +52,7 @@ async def test_an_unknown_name():
         await connect("h", 22, Resolver(unknown), "it")
 
 
-async def test_no_way_to_the_address():
+async def test_no_route_to_the_address():
     """What the kernel knows not to work is no answer either."""
     with pytest.raises(NoAnswer, match=r"240\.0\.0\.1|255\.255"):
         await connect("h", 22, at("255.255.255.255"), "it")

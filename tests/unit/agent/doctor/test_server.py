@@ -13,7 +13,7 @@ from fake_cloud import FakeCloud, certificate, fingerprint
 from local_network import free_port
 from robotether_agent.doctor import server
 from robotether_agent.doctor.findings import FAIL, OK, SKIPPED, Finding
-from robotether_agent.doctor.server import Look, look
+from robotether_agent.doctor.server import ServerView, view_server
 from robotether_agent.settings import Settings
 
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=timezone.utc)
@@ -26,7 +26,7 @@ async def cloud(make_cloud) -> FakeCloud:
     return await make_cloud()
 
 
-def all_checks(seen: Look, pinned: bytes | None = PINNED) -> dict[str, Finding]:
+def all_checks(seen: ServerView, pinned: bytes | None = PINNED) -> dict[str, Finding]:
     now = datetime.now(timezone.utc)
     found = [
         server.check_name(seen),
@@ -38,20 +38,20 @@ def all_checks(seen: Look, pinned: bytes | None = PINNED) -> dict[str, Finding]:
     return {finding.step: finding for finding in found}
 
 
-def states(seen: Look) -> list[str]:
+def states(seen: ServerView) -> list[str]:
     return [finding.state for finding in all_checks(seen).values()]
 
 
 async def test_all_is_well_with_a_pinned_server(cloud):
     """Name, port, certificate, clock and answer are looked at, and nothing is joined."""
-    seen = await look(Settings(server=cloud.server, tls_fingerprint=PINNED))
+    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
     assert states(seen) == [OK] * 5, all_checks(seen)
     assert cloud.joins == []
 
 
 async def test_a_wrong_fingerprint_shows_both(cloud):
     """A person compares what the server shows with what agent.toml says."""
-    seen = await look(Settings(server=cloud.server, tls_fingerprint=b"\1" * 32))
+    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=b"\1" * 32))
     found = all_checks(seen, b"\1" * 32)["certificate"]
     assert found.state == FAIL
     assert fingerprint() in found.detail
@@ -60,19 +60,19 @@ async def test_a_wrong_fingerprint_shows_both(cloud):
 
 async def test_an_authority_is_asked_when_nothing_is_pinned(cloud):
     """A certificate of its own needs tls_fingerprint or ca_file, and the line says so."""
-    found = all_checks(await look(Settings(server=cloud.server)), None)["certificate"]
+    found = all_checks(await view_server(Settings(server=cloud.server)), None)["certificate"]
     assert found.state == FAIL
     assert "self-signed" in found.detail
     assert "tls_fingerprint or ca_file" in found.advice
-    trusted = await look(Settings(server=cloud.server, ca_file=certificate()))
+    trusted = await view_server(Settings(server=cloud.server, ca_file=certificate()))
     assert all_checks(trusted, None)["certificate"].state == OK
 
 
 async def test_what_follows_a_failure_is_skipped():
     """One trouble is one FAIL: no port without a name, no certificate without a port."""
-    seen = await look(Settings(server="no-such-host.invalid"))
+    seen = await view_server(Settings(server="no-such-host.invalid"))
     assert states(seen) == [FAIL, SKIPPED, SKIPPED, OK, SKIPPED]
-    seen = await look(Settings(server=f"127.0.0.1:{free_port()}"))
+    seen = await view_server(Settings(server=f"127.0.0.1:{free_port()}"))
     assert states(seen) == [OK, FAIL, SKIPPED, OK, SKIPPED]
     assert "Connection refused" in all_checks(seen)["https port"].detail
 
@@ -88,7 +88,7 @@ async def test_what_does_not_speak_tls_is_told(cloud):
     plain = await asyncio.start_server(greet, "127.0.0.1", 0)
     async with plain:
         port = plain.sockets[0].getsockname()[1]
-        seen = await look(Settings(server=f"127.0.0.1:{port}"))
+        seen = await view_server(Settings(server=f"127.0.0.1:{port}"))
     found = all_checks(seen)
     assert (found["certificate"].state, found["answer"].state) == (FAIL, SKIPPED)
     assert "does not speak TLS" in found["certificate"].detail
@@ -104,7 +104,7 @@ async def test_what_does_not_speak_tls_is_told(cloud):
 async def test_a_captive_portal_is_told(cloud, answer, why):
     """What answers in the server's place is named with what to do."""
     cloud.greeting = lambda: answer
-    seen = await look(Settings(server=cloud.server, tls_fingerprint=PINNED))
+    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
     found = all_checks(seen)["answer"]
     assert found.state == FAIL
     assert why in found.detail
@@ -113,7 +113,7 @@ async def test_a_captive_portal_is_told(cloud, answer, why):
 
 def test_a_clock_that_differs_from_the_servers(place):
     """Both times are shown, and that a pinned robot connects all the same."""
-    seen = Look("a.example", 443, date=NOW)
+    seen = ServerView("a.example", 443, date=NOW)
     assert server.check_clock(seen, NOW + timedelta(seconds=90), is_pinned=False).state == OK
     found = server.check_clock(seen, datetime(1970, 1, 1, tzinfo=timezone.utc), is_pinned=True)
     assert found.state == FAIL
@@ -124,7 +124,7 @@ def test_a_clock_that_differs_from_the_servers(place):
 def test_a_clock_is_compared_with_the_certificate_when_there_is_no_answer(place):
     """A server in trouble still shows its certificate."""
     der = der_of(make_certificate(place, NOW, NOW + timedelta(days=9)))
-    seen = Look("a.example", 443, certificate=der, no_answer="x")
+    seen = ServerView("a.example", 443, certificate=der, no_answer="x")
     early = server.check_clock(seen, NOW - timedelta(days=1), is_pinned=False)
     assert early.state == FAIL
     assert "the server's certificate is for 2026-03-01" in early.detail
@@ -133,7 +133,7 @@ def test_a_clock_is_compared_with_the_certificate_when_there_is_no_answer(place)
 
 def test_a_clock_alone_can_still_be_absurd():
     """Without a network the year says something."""
-    seen = Look("a.example", 443, no_address="x")
+    seen = ServerView("a.example", 443, no_address="x")
     found = server.check_clock(seen, datetime(1970, 1, 1, tzinfo=timezone.utc), is_pinned=False)
     assert found.state == FAIL
     assert server.check_clock(seen, NOW, is_pinned=False).state == OK
@@ -141,5 +141,5 @@ def test_a_clock_alone_can_still_be_absurd():
 
 def test_a_server_that_does_not_answer_in_time():
     """TLS that stands and says nothing is not a captive portal."""
-    seen = replace(Look("a.example", 443), certificate=b"x", no_answer="no answer in 6 s")
+    seen = replace(ServerView("a.example", 443), certificate=b"x", no_answer="no answer in 6 s")
     assert server.check_answer(seen).state == FAIL

@@ -1,9 +1,9 @@
-"""What the tests of the helm share."""
+"""What the tests of the drive controller share."""
 
 from __future__ import annotations
 
 import pytest
-from helm_world import World
+from controller_world import World
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.commands import LARGEST_NUMBER, SHAPES, Shape, read, write, zero
+from robotether_agent.guard.commands import MAX_NUMBER, SHAPES, Shape, read, write, zero
 from robotether_agent.guard.refused import Refused
 
 TWIST: dict[str, Any] = {
@@ -108,5 +108,5 @@ def test_whatever_passes_is_finite_and_json(message: dict[str, Any]) -> None:
     except Refused:
         return
     numbers = (*command.linear, *command.angular, command.steering)
-    assert all(-LARGEST_NUMBER <= number <= LARGEST_NUMBER for number in numbers)
+    assert all(-MAX_NUMBER <= number <= MAX_NUMBER for number in numbers)
     json.dumps(write(command), allow_nan=False)

@@ -36,7 +36,7 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     deadman.commanded(TOPIC, 0.1, moves=True)
-    assert not deadman.stands(TOPIC)
+    assert not deadman.is_at_rest(TOPIC)
     for _ in range(ZEROS):
         deadman.zeroed(TOPIC, 0.1)
     assert deadman.state == "moving"
@@ -45,11 +45,11 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
 
 def test_a_robot_stands_when_it_has_its_zeros() -> None:
     deadman = moving()
-    assert not deadman.stands(TOPIC)
+    assert not deadman.is_at_rest(TOPIC)
     run_zeros(deadman, 0.0, 0.6)
-    assert not deadman.stands(TOPIC)
+    assert not deadman.is_at_rest(TOPIC)
     run_zeros(deadman, 0.6, 60.0)
-    assert deadman.stands(TOPIC)
+    assert deadman.is_at_rest(TOPIC)
 
 
 def test_zeros_begin_after_the_deadman_time_and_end() -> None:
@@ -116,7 +116,7 @@ def test_a_lost_connection_owes_all_zeros_again() -> None:
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     run_zeros(deadman, 0.1, 0.4)
-    deadman.begin_again()
+    deadman.restart_zeros()
     assert len(run_zeros(deadman, 0.4, 60.0)) == ZEROS
 
 
@@ -140,14 +140,14 @@ class AnyEvents(RuleBasedStateMachine):
         self.now = 0.0
         self.moved_at: float | None = None
         self.takes_since = 0.0
-        self.takes = True
+        self.can_send = True
 
     def _let_time_pass(self, seconds: float) -> None:
         end = self.now + seconds
         while (moment := self.deadman.next_at()) is not None and moment <= end:
             self.now = max(self.now, moment)
             for name in self.deadman.due(self.now):
-                if self.takes:
+                if self.can_send:
                     self.deadman.zeroed(name, self.now)
                     self.moved_at = None
                 else:
@@ -158,8 +158,8 @@ class AnyEvents(RuleBasedStateMachine):
     def time_passes(self, seconds: float) -> None:
         self._let_time_pass(seconds)
 
-    # The helm sends no command while rosbridge takes none or a zero is owed.
-    @precondition(lambda self: self.takes and not self.deadman.owes)
+    # The drive controller sends no command while rosbridge takes none or a zero is owed.
+    @precondition(lambda self: self.can_send and not self.deadman.owes)
     @rule(moves=st.booleans())
     def a_command(self, *, moves: bool) -> None:
         self.deadman.commanded(TOPIC, self.now, moves=moves)
@@ -175,24 +175,24 @@ class AnyEvents(RuleBasedStateMachine):
 
     @rule()
     def rosbridge_dies(self) -> None:
-        self.deadman.begin_again()
+        self.deadman.restart_zeros()
         self.deadman.stop([TOPIC], self.now)
-        self.takes = False
+        self.can_send = False
 
     @rule()
     def rosbridge_lives(self) -> None:
-        if not self.takes:
+        if not self.can_send:
             self.takes_since = self.now
-        self.takes = True
+        self.can_send = True
 
     @invariant()
     def no_motion_outlives_the_deadman_time(self) -> None:
-        if self.moved_at is not None and self.takes:
+        if self.moved_at is not None and self.can_send:
             begun = max(self.moved_at, self.takes_since)
             assert self.now <= begun + TIMEOUT_S + ZERO_EVERY_S + 1e-6
 
     def teardown(self) -> None:
-        self.takes = True
+        self.can_send = True
         self._let_time_pass(TIMEOUT_S + 0.5 + 2 * ZERO_EVERY_S)
         assert self.moved_at is None
         assert self.deadman.state == "idle"
@@ -203,7 +203,7 @@ TestAnyEvents = AnyEvents.TestCase
 
 
 @given(st.floats(0.2, 2.0), st.floats(0, 1e6))
-def test_the_next_moment_is_never_behind_what_is_due(timeout_s: float, start: float) -> None:
+def test_the_next_time_is_never_behind_what_is_due(timeout_s: float, start: float) -> None:
     """A task that sleeps until it neither spins nor sleeps too long."""
     deadman = Deadman(timeout_s)
     deadman.commanded(TOPIC, start, moves=True)

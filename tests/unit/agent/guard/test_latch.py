@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.latch import MOST_WAITING, Latch
-from robotether_agent.guard.marks import StopFile
-from robotether_agent.guard.orders import Release, Stop
+from robotether_agent.guard.agent_messages import Release, Stop
+from robotether_agent.guard.latch import MAX_WAITING, Latch
+from robotether_agent.guard.motion_state import StopFile
 from sim_client import until
 
 
@@ -46,7 +46,7 @@ async def running(
     def answer(order_id: str) -> None:
         answers.append(order_id)
         if told is not None:
-            told.append(latch.told_by)
+            told.append(latch.reported_by)
 
     latch = Latch(file, lambda: None, answer)
     task = asyncio.create_task(latch.run())
@@ -59,14 +59,14 @@ async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_pa
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        latch.order(Stop("5f", "ben"))
+        latch.handle(Stop("5f", "ben"))
         assert (latch.stopped, latch.by) == (True, "ben")
         await asyncio.sleep(0)
         assert answers == []
-        assert latch.told_by is None
+        assert latch.reported_by is None
         file.go.set()
         await latch.settled()
-        assert (answers, latch.told_by) == (["5f"], "ben")
+        assert (answers, latch.reported_by) == (["5f"], "ben")
         assert file.read() == "ben"
 
 
@@ -77,11 +77,11 @@ async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
     async with running(file, answers) as latch:
         assert (latch.stopped, latch.by) == (True, "ben")
         file.go.clear()
-        latch.order(Release("77", "ann"))
-        assert (latch.stopped, latch.told_by) == (True, "ben")
+        latch.handle(Release("77", "ann"))
+        assert (latch.stopped, latch.reported_by) == (True, "ben")
         file.go.set()
         await latch.settled()
-        assert (latch.stopped, latch.told_by) == (False, None)
+        assert (latch.stopped, latch.reported_by) == (False, None)
         assert file.read() is None
 
 
@@ -89,12 +89,12 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
     """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
     file, answers, told = SlowFile(tmp_path), list[str](), list[str | None]()
     async with running(file, answers, told) as latch:
-        latch.order(Stop("1", "ben"))
+        latch.handle(Stop("1", "ben"))
         await latch.settled()
         file.go.clear()
-        latch.order(Release("2", "ann"))
+        latch.handle(Release("2", "ann"))
         await asyncio.sleep(0)
-        latch.order(Stop("3", "eve"))
+        latch.handle(Stop("3", "eve"))
         file.go.set()
         await latch.settled()
         assert (latch.stopped, latch.by, file.read()) == (True, "eve", "eve")
@@ -102,18 +102,18 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
         assert told == ["ben", "ben", "eve"]
 
 
-async def test_a_stop_is_written_however_many_orders_wait(tmp_path: Path) -> None:
+async def test_a_stop_is_written_however_many_messages_wait(tmp_path: Path) -> None:
     """Else the release before it would be the last that the disk learns."""
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        for number in range(MOST_WAITING + 1):
-            latch.order(Release(str(number), "ann"))
-        latch.order(Stop("last", "ben"))
+        for number in range(MAX_WAITING + 1):
+            latch.handle(Release(str(number), "ann"))
+        latch.handle(Stop("last", "ben"))
         file.go.set()
         await latch.settled()
         assert (latch.stopped, file.read(), answers[-1]) == (True, "ben", "last")
-        assert len(answers) <= MOST_WAITING + 2
+        assert len(answers) <= MAX_WAITING + 2
 
 
 async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:
@@ -121,28 +121,28 @@ async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_pat
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        latch.order(Stop("first", "ben"))
+        latch.handle(Stop("first", "ben"))
         await asyncio.sleep(0)
         for number in range(1000):
-            latch.order(Stop(str(number), f"p{number}"))
+            latch.handle(Stop(str(number), f"p{number}"))
         assert (latch.stopped, latch.by) == (True, "p999")
         file.go.set()
         await latch.settled()
         assert (file.written, file.read()) == (["ben", "p999"], "p999")
-        assert (answers, latch.told_by) == (["first", "999"], "p999")
+        assert (answers, latch.reported_by) == (["first", "999"], "p999")
 
 
 async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
-    """Whatever the orders; those that are dropped are releases, so that the robot stays stopped."""
+    """Whatever the messages; those that are dropped are releases, so that the robot stays stopped."""
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        for number in range(10 * MOST_WAITING):
-            latch.order(Stop(f"s{number}", "ben"))
-            latch.order(Release(f"r{number}", "ann"))
+        for number in range(10 * MAX_WAITING):
+            latch.handle(Stop(f"s{number}", "ben"))
+            latch.handle(Release(f"r{number}", "ann"))
         file.go.set()
         await latch.settled()
-        assert len(answers) <= MOST_WAITING + 1
+        assert len(answers) <= MAX_WAITING + 1
         assert (latch.stopped, file.read()) == (True, "ben")
 
 
@@ -163,18 +163,18 @@ def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
             for number, step in enumerate(steps):
                 if step.startswith("stop"):
                     last = step.removeprefix("stop by ")
-                    latch.order(Stop(str(number), last))
+                    latch.handle(Stop(str(number), last))
                     assert (latch.stopped, latch.by) == (True, last)
                 elif step == "release":
                     last = None
-                    latch.order(Release(str(number), "ann"))
+                    latch.handle(Release(str(number), "ann"))
                 elif step == "wait":
                     await asyncio.sleep(0.001)
                 else:
                     (file.go.set if step == "disk works" else file.go.clear)()
             file.go.set()
             await latch.settled()
-            assert (file.read(), latch.told_by) == (last, last)
+            assert (file.read(), latch.reported_by) == (last, last)
             assert (latch.stopped, latch.by) == (last is not None, last or "")
         releases = [str(number) for number, step in enumerate(steps) if step == "release"]
         stops = [str(number) for number, step in enumerate(steps) if step.startswith("stop")]
@@ -190,7 +190,7 @@ async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> Non
     (tmp_path / "stop.json").mkdir()
     async with running(StopFile(tmp_path), answers) as latch:
         assert latch.stopped
-        latch.order(Release("77", "ann"))
+        latch.handle(Release("77", "ann"))
         await until("it answers", lambda: answers == ["77"])
         assert latch.stopped
 
@@ -201,8 +201,8 @@ async def test_a_stop_that_no_disk_takes_is_told_and_logged(
     """The robot is stopped, which is what counts; that it will not last is for the log."""
     answers = list[str]()
     async with running(StopFile(tmp_path / "gone"), answers) as latch:
-        latch.order(Stop("5f", "ben"))
+        latch.handle(Stop("5f", "ben"))
         await until("it answers", lambda: answers == ["5f"])
-        assert (latch.stopped, latch.told_by) == (True, "ben")
+        assert (latch.stopped, latch.reported_by) == (True, "ben")
     assert "stop.json" in caplog.text
     assert "loss of power" in caplog.text

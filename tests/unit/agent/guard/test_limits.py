@@ -7,7 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.commands import Command, Vector
-from robotether_agent.guard.limits import LONGEST_STEP_S, Limits, limited
+from robotether_agent.guard.limits import MAX_STEP_S, Limits, limited
 
 SLACK = 1 + 1e-9
 
@@ -43,8 +43,7 @@ def test_no_command_exceeds_a_limit(
     if within.max_acceleration_m_s2 is not None:
         had = length(before.linear) if before else 0.0
         assert (
-            length(got.linear)
-            <= (had + within.max_acceleration_m_s2 * LONGEST_STEP_S) * SLACK + 1e-9
+            length(got.linear) <= (had + within.max_acceleration_m_s2 * MAX_STEP_S) * SLACK + 1e-9
         )
 
 
@@ -90,7 +89,7 @@ def test_speed_grows_by_the_acceleration() -> None:
 def test_a_pause_is_not_made_up_for() -> None:
     """After ten seconds a robot that stood begins as slowly as always."""
     got = limited(driven(5), None, 10, Limits(max_acceleration_m_s2=2))
-    assert math.isclose(got.linear[0], 2 * LONGEST_STEP_S)
+    assert math.isclose(got.linear[0], 2 * MAX_STEP_S)
 
 
 def test_the_other_way_begins_at_a_standstill() -> None:

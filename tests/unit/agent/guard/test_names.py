@@ -7,7 +7,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.names import LONGEST_PATTERN, DriveTopics, full_name
+from robotether_agent.guard.names import MAX_PATTERN_LENGTH, DriveTopics, full_name
 
 DEFAULT = DriveTopics(["/cmd_vel", "*/cmd_vel"])
 
@@ -52,9 +52,9 @@ def test_patterns_are_names_with_stars() -> None:
         with pytest.raises(ValueError, match="no name"):
             DriveTopics([wrong])
     with pytest.raises(ValueError, match="no name"):
-        DriveTopics(["/" * (LONGEST_PATTERN + 1)])
+        DriveTopics(["/" * (MAX_PATTERN_LENGTH + 1)])
     # The server takes as many; a robot that refused one would never connect.
-    assert DriveTopics(["*" * LONGEST_PATTERN]).match("/cmd_vel")
+    assert DriveTopics(["*" * MAX_PATTERN_LENGTH]).match("/cmd_vel")
     assert DEFAULT.plain() == ["/cmd_vel"]
     assert not DriveTopics([]).match("/cmd_vel")
 

@@ -17,7 +17,7 @@ from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import GuardClient, GuardProcess
 from robotether_agent.clock import robot_time
-from robotether_agent.guard.marks import StopFile
+from robotether_agent.guard.motion_state import StopFile
 from robotether_agent.guard.process import Guard
 from robotether_agent.guard.reports import Reports
 from robotether_agent.guard.sockets import new_http
@@ -37,9 +37,9 @@ class Robot:
         self.port = simulator.rosbridge.listener.port
         self.told: list[tuple[float, float]] = []
         bus = simulator.graph.bus
-        bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._hear)
+        bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._receive)
 
-    def _hear(self, message: TopicMessage) -> None:
+    def _receive(self, message: TopicMessage) -> None:
         self.told.append((time.monotonic(), message.values["linear"]["x"]))
 
     @property
@@ -199,10 +199,10 @@ async def test_a_stop_is_told_when_the_disk_has_it(
     async with new_http() as http:
         guard = Guard(http, tmp_path, tmp_path, Reports(pipe := FakePipe()))
         disk = asyncio.create_task(guard._latch.run())
-        guard._tell()
-        guard._obey(b'{"type": "stop", "id": "5f", "by": "ben"}')
-        guard._tell()
-        assert guard._authority.stopped
+        guard._report_state()
+        guard._on_line(b'{"type": "stop", "id": "5f", "by": "ben"}')
+        guard._report_state()
+        assert guard._authorizer.stopped
         assert [line["stopped"] for line in pipe.lines] == [False]
         go.set()
         await until("it is told", lambda: len(pipe.lines) == 2)
@@ -279,7 +279,7 @@ async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> No
             rosbridge.read_on()
             await until("zeros came", lambda: rosbridge.speeds().count(0.0) >= 1)
             speeds = rosbridge.speeds()
-            # What was sent before a pong was late; the drive line's own limit is 0.1 s.
+            # What was sent before a pong was late; the publisher's own limit is 0.1 s.
             assert speeds.index(0.0) <= 8
             await client.drive(0.7)
             await until("it drives again", lambda: 0.7 in rosbridge.speeds())
@@ -294,7 +294,7 @@ async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
             assert rosbridge.speeds().count(0.5) <= 4
 
 
-async def test_the_drive_line_comes_back_and_zeroes_first(place: Path) -> None:
+async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
     """A rosbridge that crashed in motion stops the robot before anybody moves it."""
     async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
         await guard.grant(13)
@@ -335,7 +335,7 @@ async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(pl
                 async with http.get(url) as answer:
                     return answer.status
 
-            await guard.until(lambda: rosbridge.connections > 0, "the drive line stands")
+            await guard.until(lambda: rosbridge.connections > 0, "the publisher is connected")
             assert await status() == 426
             await rosbridge.stop()
             end = time.monotonic() + 5

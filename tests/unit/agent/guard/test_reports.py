@@ -6,7 +6,7 @@ from fake_pipe import FakePipe
 from robotether_agent.guard.refused import KINDS
 from robotether_agent.guard.reports import (
     COUNTS_EVERY_S,
-    LONGEST_QUEUE_BYTES,
+    MAX_QUEUE_BYTES,
     MOTION_EVERY_S,
     Reports,
     State,
@@ -75,7 +75,7 @@ def test_what_is_refused_is_told_without_a_motion_too() -> None:
 def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
     """Its lines are dropped, and the state is told again when it reads."""
     reports = Reports(pipe := FakePipe())
-    pipe.waiting = LONGEST_QUEUE_BYTES + 1
+    pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.tick()
     reports.state(STANDS, COUNTS)
     assert pipe.lines == []

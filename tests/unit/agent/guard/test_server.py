@@ -13,29 +13,29 @@ import pytest
 from fake_rosbridge import FakeRosbridge
 from guard_process import KEY, GuardClient
 from robotether_agent.guard import server as server_module
-from robotether_agent.guard.authority import Authority
-from robotether_agent.guard.drive_line import DriveLine
-from robotether_agent.guard.helm import Helm
-from robotether_agent.guard.marks import MotionFile
-from robotether_agent.guard.orders import Config
-from robotether_agent.guard.server import MOST_DIRECT, Server
+from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.authorization import Authorizer
+from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
+from robotether_agent.guard.drive_controller import DriveController
+from robotether_agent.guard.motion_state import MotionFile
+from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
 from robotether_agent.guard.sockets import new_http
 from sim_client import until
 
 
 @asynccontextmanager
-async def running(port: int | None, place: Path) -> AsyncIterator[tuple[int, Authority, Server]]:
+async def running(port: int | None, place: Path) -> AsyncIterator[tuple[int, Authorizer, Server]]:
     """A server before a rosbridge, or before its configuration."""
-    config = None if port is None else Config(f"ws://127.0.0.1:{port}/", KEY)
-    authority = Authority(time.monotonic())
-    authority.key = KEY
-    authority.session(up=True)
-    authority.lease(13, held=True)
+    config = None if port is None else GuardConfig(f"ws://127.0.0.1:{port}/", KEY)
+    authorizer = Authorizer(time.monotonic())
+    authorizer.key = KEY
+    authorizer.session(up=True)
+    authorizer.lease(13, held=True)
     async with new_http() as http:
-        helm = Helm(authority, MotionFile(place), time.monotonic, lambda: None)
-        helm.line = DriveLine(http, helm, time.monotonic)
-        server = Server(http, authority, helm, lambda: config, lambda: True)
-        yield await server.start(), authority, server
+        controller = DriveController(authorizer, MotionFile(place), time.monotonic, lambda: None)
+        controller.publisher = CmdVelPublisher(http, controller, time.monotonic)
+        server = Server(http, authorizer, controller, lambda: config, lambda: True)
+        yield await server.start(), authorizer, server
         await server.stop()
 
 
@@ -98,7 +98,7 @@ async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:
 async def test_the_number_of_connections_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 1)
+    monkeypatch.setattr(server_module, "MAX_CONNECTIONS", 1)
     async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
         client = GuardClient(port, 0)
         async with client:
@@ -126,7 +126,7 @@ async def test_direct_connections_leave_places_for_the_server(tmp_path: Path) ->
     """Whoever reaches the robot's port keeps out neither its driver nor the 64 observers that the relay lets in."""
     async with AsyncExitStack() as stack:
         port = await direct_door(stack, tmp_path)
-        for _ in range(MOST_DIRECT):
+        for _ in range(MAX_DIRECT_CONNECTIONS):
             await stack.enter_async_context(GuardClient(port, None))
         assert await status(port, None) == 503
         for fence in [0] * 64 + [13]:
@@ -135,7 +135,7 @@ async def test_direct_connections_leave_places_for_the_server(tmp_path: Path) ->
 
 async def test_a_look_up_needs_no_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The server asks whether rosbridge is there, however many connections are open."""
-    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 0)
+    monkeypatch.setattr(server_module, "MAX_CONNECTIONS", 0)
     async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
         assert await status(port) == 503
         async with aiohttp.ClientSession() as http, http.get(f"http://127.0.0.1:{port}/") as answer:
@@ -146,7 +146,7 @@ async def test_a_direct_connection_that_ends_frees_its_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For another direct one; those of the server never take it."""
-    monkeypatch.setattr(server_module, "MOST_DIRECT", 1)
+    monkeypatch.setattr(server_module, "MAX_DIRECT_CONNECTIONS", 1)
     async with AsyncExitStack() as stack:
         port = await direct_door(stack, tmp_path)
         await stack.enter_async_context(GuardClient(port, 0))

@@ -1,29 +1,29 @@
-"""What the helm knows of each drive topic, and which it takes, with a line and a clock of the tests."""
+"""What the drive controller knows of each drive topic, and which it takes, with a line and a clock of the tests."""
 
 from __future__ import annotations
 
 import asyncio
 
 import pytest
-from helm_world import FakeSource, World
+from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.authority import Admission
+from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.commands import Command
-from robotether_agent.guard.messages import MessageId
+from robotether_agent.guard.drive_messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
-from robotether_agent.guard.topics import MOST_TOPICS, MOST_TYPES, Topic, Topics, Waiting
+from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, Topic, Topics, Waiting
 
 
 class Nobody:
     """A source that hears nothing."""
 
-    admission = Admission("observe")
+    authorization = Authorization("observe")
 
     def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
         """Drop it."""
 
-    def tell(self, data: bytes) -> None:
+    def notify(self, data: bytes) -> None:
         """Drop it."""
 
 
@@ -39,24 +39,24 @@ def goes(_: Topic) -> bool:
 
 def test_their_number_is_bounded() -> None:
     topics = Topics()
-    for number in range(MOST_TOPICS):
-        topics.place(f"/t{number}", 1.0, stays)
+    for number in range(MAX_TOPICS):
+        topics.ensure(f"/t{number}", 1.0, stays)
     with pytest.raises(Refused):
-        topics.place("/one_more", 2.0, stays)
-    assert topics.place("/t3", 3.0, stays).name == "/t3"
-    assert len(list(topics)) == MOST_TOPICS
+        topics.ensure("/one_more", 2.0, stays)
+    assert topics.ensure("/t3", 3.0, stays).name == "/t3"
+    assert len(list(topics)) == MAX_TOPICS
 
 
 def test_the_one_that_was_used_the_longest_ago_makes_room() -> None:
     """Of those that may go; rosbridge is told of it if it knows it."""
     topics = Topics()
-    for number in range(MOST_TOPICS):
-        topics.place(f"/t{number}", float(number), stays).announced = number == 3
-    topics.place("/t2", 50.0, stays)
+    for number in range(MAX_TOPICS):
+        topics.ensure(f"/t{number}", float(number), stays).announced = number == 3
+    topics.ensure("/t2", 50.0, stays)
     zeroed = topics.find("/t1")
     assert zeroed is not None
     zeroed.sent_at = 60.0
-    topics.place("/new", 70.0, lambda topic: topic.name != "/t0")
+    topics.ensure("/new", 70.0, lambda topic: topic.name != "/t0")
     assert "/t3" not in topics
     assert all(name in topics for name in ("/t0", "/t1", "/t2", "/new"))
     assert topics.parting
@@ -68,79 +68,79 @@ def test_named_topics_have_places_of_their_own() -> None:
     """However many others there are, and they never make room."""
     topics = Topics()
     topics.named = frozenset({"/cmd_vel", "/base/cmd_vel"})
-    topics.place("/cmd_vel", 0.0, goes)
-    for number in range(3 * MOST_TOPICS):
-        topics.place(f"/t{number}", 1.0, goes)
+    topics.ensure("/cmd_vel", 0.0, goes)
+    for number in range(3 * MAX_TOPICS):
+        topics.ensure(f"/t{number}", 1.0, goes)
     topics.free_unmoved(goes)
     assert [topic.name for topic in topics] == ["/cmd_vel"]
-    for number in range(MOST_TOPICS):
-        topics.place(f"/t{number}", 1.0, stays)
-    assert topics.place("/base/cmd_vel", 2.0, stays).name == "/base/cmd_vel"
+    for number in range(MAX_TOPICS):
+        topics.ensure(f"/t{number}", 1.0, stays)
+    assert topics.ensure("/base/cmd_vel", 2.0, stays).name == "/base/cmd_vel"
 
 
 def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
     topics = Topics()
-    topics.place("/t", 0.0, goes).announced = True
+    topics.ensure("/t", 0.0, goes).announced = True
     topics.free_unmoved(goes)
     assert topics.parting
-    topics.place("/t", 1.0, goes)
+    topics.ensure("/t", 1.0, goes)
     assert not topics.parting
 
 
 def advertised(topics: Topics, names: list[str]) -> None:
     """Let these topics be advertised, one after the other."""
     for at, name in enumerate(names):
-        topics.place(name, float(at), goes).type = "geometry_msgs/Twist"
+        topics.ensure(name, float(at), goes).type = "geometry_msgs/Twist"
 
 
 def test_the_type_of_a_topic_that_made_room_comes_back_with_it() -> None:
     """Its client advertised it once; of more topics than may be kept, those count that went last."""
     topics = Topics()
-    invented = [f"/t{number}" for number in range(MOST_TOPICS + MOST_TYPES)]
+    invented = [f"/t{number}" for number in range(MAX_TOPICS + MAX_TYPES)]
     advertised(topics, ["/first", *invented])
-    assert topics.place("/t1", 200.0, goes).type == "geometry_msgs/Twist"
-    assert topics.place("/first", 201.0, goes).type == ""
+    assert topics.ensure("/t1", 200.0, goes).type == "geometry_msgs/Twist"
+    assert topics.ensure("/first", 201.0, goes).type == ""
 
 
 def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
     """Else the one before could make rosbridge refuse what the new one sends."""
     topics = Topics()
-    advertised(topics, ["/first", *(f"/t{number}" for number in range(MOST_TOPICS))])
+    advertised(topics, ["/first", *(f"/t{number}" for number in range(MAX_TOPICS))])
     topics.free_unmoved(goes)
-    assert {topics.place(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
+    assert {topics.ensure(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
 def test_topics_that_moved_keep_their_places_for_a_new_driver() -> None:
     topics = Topics()
-    topics.place("/t", 0.0, goes).moved = True
-    topics.place("/other", 0.0, goes)
+    topics.ensure("/t", 0.0, goes).moved = True
+    topics.ensure("/other", 0.0, goes)
     topics.free_unmoved(goes)
     assert [topic.name for topic in topics] == ["/t"]
 
 
 def test_what_a_source_sent_goes_with_it() -> None:
     """What waits is forgotten, and no reference to it stays."""
-    topics, gone, other = Topics(), Nobody(), Nobody()
-    for name, source in (("/a", gone), ("/b", other)):
+    topics, on_disconnected, other = Topics(), Nobody(), Nobody()
+    for name, source in (("/a", on_disconnected), ("/b", other)):
         topic = topics.add(name)
         topic.source, topic.waiting = source, Waiting(Command("twist"), source, 0.0, None)
-    assert topics.of(lambda source: source is gone) == ["/a"]
-    topics.forget_waiting(lambda source: source is gone)
-    topics.forget_source(gone)
+    assert topics.of(lambda source: source is on_disconnected) == ["/a"]
+    topics.forget_waiting(lambda source: source is on_disconnected)
+    topics.forget_source(on_disconnected)
     assert [(t.source, t.waiting is None) for t in topics] == [(None, True), (other, False)]
 
 
-async def test_a_topic_is_advertised_on_the_drive_line(world: World) -> None:
+async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
     """Once, without a latch, and again to the next rosbridge, before any command."""
     await world.send(op="advertise", type="geometry_msgs/Twist", latch=True)
     await world.send(op="advertise", type="geometry_msgs/Twist")
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
-    assert world.line.sent == [advertise]
-    world.helm.line_lost()
-    world.helm.line_up()
+    assert world.publisher.sent == [advertise]
+    world.controller.on_rosbridge_lost()
+    world.controller.on_rosbridge_connected()
     await world.drive(0.5)
-    assert world.line.sent[1] == advertise
-    assert world.line.sent[2]["op"] == "publish"
+    assert world.publisher.sent[1] == advertise
+    assert world.publisher.sent[2]["op"] == "publish"
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ async def test_a_topic_is_advertised_on_the_drive_line(world: World) -> None:
 async def test_other_types_are_no_drive_types(world: World, name: object) -> None:
     """The guard could not stop what moves by them."""
     await world.send(op="advertise", type=name)
-    assert world.line.sent == []
+    assert world.publisher.sent == []
     assert world.source.kinds == ["shape"]
 
 
@@ -161,9 +161,9 @@ async def test_standing_still_in_another_type_is_refused(world: World) -> None:
     await world.drive(0.5)
     await world.drive(0.0, msg=STAMPED)
     assert world.source.kinds == ["shape"]
-    assert world.helm.moving
+    assert world.controller.moving
     await world.pass_time(0.6)
-    assert world.line.speeds[:2] == [0.5, 0.0]
+    assert world.publisher.speeds[:2] == [0.5, 0.0]
 
 
 async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World) -> None:
@@ -171,11 +171,11 @@ async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World
     await world.drive(0.5)
     await world.send(op="advertise", type="geometry_msgs/TwistStamped")
     await world.drive(0.7, msg=STAMPED)
-    world.helm.stop()
+    world.controller.stop()
     await world.pass_time(0.1)
     assert world.source.kinds == ["shape", "shape"]
-    assert world.line.sent[-1] == world.line.sent[-2]
-    assert world.line.speeds[-1] == 0.0
+    assert world.publisher.sent[-1] == world.publisher.sent[-2]
+    assert world.publisher.speeds[-1] == 0.0
 
 
 async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None:
@@ -184,35 +184,35 @@ async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None
     await world.pass_time(1.2)
     await world.drive(0.5, msg=STAMPED)
     assert world.source.kinds == []
-    assert world.line.sent[-1]["msg"]["twist"]
+    assert world.publisher.sent[-1]["msg"]["twist"]
 
 
 async def test_the_number_of_topics_is_bounded(world: World) -> None:
-    for number in range(MOST_TOPICS + 5):
+    for number in range(MAX_TOPICS + 5):
         await world.drive(0.1, topic=f"/r{number}/cmd_vel")
-    assert len(world.line.sent) == MOST_TOPICS
+    assert len(world.publisher.sent) == MAX_TOPICS
     assert world.source.kinds == ["shape"] * 5
 
 
 async def invent(world: World, count: int, speed: float = 0.0) -> None:
     """Let the driver publish to so many topics that nobody listens to."""
     for number in range(count):
-        world.line.read_until = world.now = world.now + 0.001
-        world.authority.heard(world.now)
+        world.publisher.read_until = world.now = world.now + 0.001
+        world.authorizer.on_agent_message(world.now)
         await world.drive(speed, topic=f"/i{number}/cmd_vel")
 
 
 def names(world: World, operation: str) -> list[str]:
     """The topics of such messages on the line."""
-    return [m["topic"] for m in world.line.sent if m["op"] == operation]
+    return [m["topic"] for m in world.publisher.sent if m["op"] == operation]
 
 
 async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> None:
     """Those that stand make room, the oldest first, and rosbridge is told."""
-    await invent(world, MOST_TOPICS + 2)
-    world.line.read_until = world.now
+    await invent(world, MAX_TOPICS + 2)
+    world.publisher.read_until = world.now
     await world.drive(0.5, topic="/real/cmd_vel")
-    await world.helm.step()
+    await world.controller.step()
     assert world.source.refused == []
     assert sorted(names(world, "unadvertise")) == [f"/i{n}/cmd_vel" for n in range(3)]
     assert names(world, "publish")[-1] == "/real/cmd_vel"
@@ -220,10 +220,10 @@ async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> Non
 
 async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
     """Also a stop that rosbridge may not have read; and a named topic needs nobody's place."""
-    await invent(world, MOST_TOPICS, speed=0.1)
-    world.helm.gone(world.source)
-    await world.helm.step()
-    world.line.read_until = world.now
+    await invent(world, MAX_TOPICS, speed=0.1)
+    world.controller.on_disconnected(world.source)
+    await world.controller.step()
+    world.publisher.read_until = world.now
     await world.drive(0.1, topic="/real/cmd_vel")
     await world.drive(0.1)
     assert world.source.kinds == ["shape"]
@@ -231,24 +231,24 @@ async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
     await world.pass_time(2)
     await world.drive(0.1, topic="/real/cmd_vel")
     assert world.source.kinds == ["shape"] * 2
-    world.line.read_until = world.now
+    world.publisher.read_until = world.now
     await world.drive(0.1, topic="/real/cmd_vel")
     assert names(world, "publish")[-1] == "/real/cmd_vel"
 
 
 async def test_a_new_driver_finds_free_places(world: World) -> None:
     """Of topics that were only named; whoever may not drive gets nobody's place."""
-    await invent(world, MOST_TOPICS)
-    world.line.read_until = world.now
-    direct, new = FakeSource(Admission("direct")), FakeSource(Admission("drive", 14))
+    await invent(world, MAX_TOPICS)
+    world.publisher.read_until = world.now
+    direct, new = FakeSource(Authorization("direct")), FakeSource(Authorization("drive", 14))
     advertise = {"op": "advertise", "topic": "/x/cmd_vel", "type": "geometry_msgs/Twist"}
     await world.send(direct, **advertise)
     assert direct.kinds == ["shape"]
-    world.authority.lease(14, held=True)
+    world.authorizer.lease(14, held=True)
     await world.send(new, **advertise)
-    await world.helm.step()
+    await world.controller.step()
     assert new.refused == []
-    assert len(names(world, "unadvertise")) == MOST_TOPICS
+    assert len(names(world, "unadvertise")) == MAX_TOPICS
     await world.send(direct, **{**advertise, "topic": "/y/cmd_vel"})
     assert direct.kinds == ["shape"]
 
@@ -257,46 +257,46 @@ async def test_a_topic_that_made_room_is_zeroed_by_its_type(world: World) -> Non
     """A rosbridge that has just started knows no types: it would refuse a zero that has not been advertised."""
     advertise = {"op": "advertise", "topic": "/real/cmd_vel", "type": "geometry_msgs/Twist"}
     await world.send(**advertise)
-    await invent(world, MOST_TOPICS)
-    world.line.read_until = world.now
-    await world.helm.step()
+    await invent(world, MAX_TOPICS)
+    world.publisher.read_until = world.now
+    await world.controller.step()
     assert names(world, "unadvertise") == ["/real/cmd_vel"]
     await world.drive(0.5, topic="/real/cmd_vel")
-    world.helm.line_lost()
-    world.line.sent.clear()
-    world.helm.line_up()
-    await world.helm.step()
-    assert next(m for m in world.line.sent if m["topic"] == "/real/cmd_vel") == advertise
-    assert world.line.sent[-1]["op"] == "publish"
+    world.controller.on_rosbridge_lost()
+    world.publisher.sent.clear()
+    world.controller.on_rosbridge_connected()
+    await world.controller.step()
+    assert next(m for m in world.publisher.sent if m["topic"] == "/real/cmd_vel") == advertise
+    assert world.publisher.sent[-1]["op"] == "publish"
 
 
 async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) -> None:
     """Rosbridge reads it as zero of the advertised type."""
     await world.send(op="advertise", topic="/real/cmd_vel", type="geometry_msgs/Twist")
-    await invent(world, MOST_TOPICS)
-    world.line.read_until = world.now
+    await invent(world, MAX_TOPICS)
+    world.publisher.read_until = world.now
     await world.drive(0.5, topic="/real/cmd_vel")
     await world.drive(0.0, topic="/real/cmd_vel", msg={})
     assert world.source.refused == []
-    assert world.line.speeds[-2:] == [0.5, 0.0]
+    assert world.publisher.speeds[-2:] == [0.5, 0.0]
 
 
 async def test_a_broken_command_takes_nobodys_place(world: World) -> None:
-    await invent(world, MOST_TOPICS)
-    world.line.read_until = world.now
+    await invent(world, MAX_TOPICS)
+    world.publisher.read_until = world.now
     await world.drive(0.5, topic="/real/cmd_vel", msg={"linear": {"x": None}})
-    await world.helm.step()
+    await world.controller.step()
     assert names(world, "unadvertise") == []
 
 
 STEPS = st.lists(
     st.tuples(
-        st.integers(0, 4 * MOST_TOPICS),
+        st.integers(0, 4 * MAX_TOPICS),
         st.booleans(),
         st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.6]),
         st.booleans(),
     ),
-    min_size=MOST_TOPICS + 4,
+    min_size=MAX_TOPICS + 4,
     max_size=60,
 )
 
@@ -310,10 +310,10 @@ def test_every_motion_ends_with_its_zero(steps: list[tuple[int, bool, float, boo
         for number, moves, pause_s, read in steps:
             await world.drive(float(moves), topic=f"/i{number}/cmd_vel")
             await world.pass_time(pause_s, 0.1)
-            world.line.read_until = world.now if read else world.line.read_until
+            world.publisher.read_until = world.now if read else world.publisher.read_until
         await world.pass_time(3, 0.1)
-        last = {m["topic"]: m["msg"]["linear"]["x"] for m in world.line.sent if "msg" in m}
+        last = {m["topic"]: m["msg"]["linear"]["x"] for m in world.publisher.sent if "msg" in m}
         assert set(last.values()) <= {0.0}
-        assert world.mark.read() is None
+        assert world.motion_file.read() is None
 
     asyncio.run(scenario())

@@ -34,7 +34,7 @@ def test_tells_what_was_written_and_what_arrived(pair: tuple[socket.socket, sock
     here, _ = pair
     before = look(here)
     here.sendall(bytes(10_000))
-    wait_until(lambda: look(here).under_way == 0, lambda: "all has arrived")
+    wait_until(lambda: look(here).in_flight == 0, lambda: "all has arrived")
     after = look(here)
     assert after.written - before.written == 10_000
     assert after.arrived - before.arrived == 10_000
@@ -53,7 +53,7 @@ def test_tells_what_has_no_room_at_the_other_end(
     with suppress(BlockingIOError):
         while True:
             sent += here.send(bytes(65536))
-    assert 0 < look(here).under_way < sent
+    assert 0 < look(here).in_flight < sent
 
 
 def test_a_duplicate_tells_the_same(pair: tuple[socket.socket, socket.socket]) -> None:

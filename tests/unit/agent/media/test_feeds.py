@@ -10,39 +10,42 @@ from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.media import feeds as feeds_module
 from robotether_agent.media.feeds import Condition, Feeds
-from robotether_agent.media.picture import Kind, Picture, SourceDownError, Wish
+from robotether_agent.media.frame import Frame, Kind, SourceDownError, SourceRequest
 
-WISH = Wish("/camera", 70, None, None, 15.0)
+WISH = SourceRequest("/camera", 70, None, None, 15.0)
 
 
 class FakeSource:
     """A source that gives and ends as a test says; a clock too."""
 
     def __init__(self) -> None:
-        self.takes: dict[Wish, Callable[[Picture], None]] = {}
+        self.takes: dict[SourceRequest, Callable[[Frame], None]] = {}
         self.opened = 0
         self.fault: Exception | None = None
         self.now_s = 100.0
 
     async def run(
-        self, wish: Wish, take: Callable[[Picture], None], tell: Callable[[Kind], None]
+        self,
+        source_request: SourceRequest,
+        take: Callable[[Frame], None],
+        tell: Callable[[Kind], None],
     ) -> None:
         self.opened += 1
         tell("mjpeg")
         if self.fault is not None:
             raise self.fault
-        self.takes[wish] = take
+        self.takes[source_request] = take
         try:
             await asyncio.Event().wait()
         finally:
-            del self.takes[wish]
+            del self.takes[source_request]
 
     def clock(self) -> float:
         return self.now_s
 
     def give(self, number: int = 1) -> None:
         for take in self.takes.values():
-            take(Picture(fake_jpeg(number), self.now_s, self.now_s))
+            take(Frame(fake_jpeg(number), self.now_s, self.now_s))
 
 
 @pytest.fixture
@@ -63,14 +66,14 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
     await eventually(lambda: len(source.takes) == count, lambda: f"{len(source.takes)} are open")
 
 
-async def test_equal_wishes_share_a_source(feeds, source):
-    """Two followers of one wish, one source; another quality has its own."""
-    got: dict[str, list[Picture]] = {"a": [], "b": []}
+async def test_equal_requests_share_a_source(feeds, source):
+    """Two followers of one request, one source; another quality has its own."""
+    got: dict[str, list[Frame]] = {"a": [], "b": []}
     followed = [feeds.follow(WISH, name, got[name].append) for name in got]
     await until_open(source)
     source.give()
     assert (source.opened, len(got["a"]), len(got["b"])) == (1, 1, 1)
-    other = feeds.follow(Wish("/camera", 60, None, None, 15.0), "a", got["a"].append)
+    other = feeds.follow(SourceRequest("/camera", 60, None, None, 15.0), "a", got["a"].append)
     await until_open(source, 2)
     feeds.leave(other, "a")
     await until_open(source, 1)
@@ -89,7 +92,7 @@ async def test_the_last_to_leave_closes_the_source(feeds, source):
     feeds.leave(feed, "b")
 
 
-async def test_the_condition_follows_the_pictures(feeds, source):
+async def test_the_condition_follows_the_frames(feeds, source):
     """Waiting, live, waiting again after two seconds, down with the reason."""
     feed = feeds.follow(WISH, "a", lambda _: None)
     await until_open(source)
@@ -101,8 +104,8 @@ async def test_the_condition_follows_the_pictures(feeds, source):
 
 
 async def test_a_source_that_ends_is_opened_again(feeds, source, monkeypatch):
-    """Until it gives pictures, and then it is not down any more."""
-    monkeypatch.setattr(feeds_module, "PAUSE_MAX_S", 0.02)
+    """Until it gives frames, and then it is not down any more."""
+    monkeypatch.setattr(feeds_module, "MAX_PAUSE_S", 0.02)
     source.fault = SourceDownError("the camera has no power")
     feed = feeds.follow(WISH, "a", lambda _: None)
     await eventually(lambda: source.opened > 2, lambda: f"opened {source.opened} times")
@@ -115,7 +118,7 @@ async def test_a_source_that_ends_is_opened_again(feeds, source, monkeypatch):
 
 async def test_a_defect_is_no_end(feeds, source, monkeypatch, caplog):
     """It is logged, told, and tried again."""
-    monkeypatch.setattr(feeds_module, "PAUSE_MAX_S", 0.02)
+    monkeypatch.setattr(feeds_module, "MAX_PAUSE_S", 0.02)
     source.fault = KeyError("a defect")
     feed = feeds.follow(WISH, "a", lambda _: None)
     await eventually(lambda: source.opened > 1, lambda: f"opened {source.opened} times")

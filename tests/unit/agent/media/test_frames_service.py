@@ -19,10 +19,10 @@ from local_network import free_port
 from robotether_agent.clock import robot_time
 from robotether_agent.media import frames_service as service_module
 from robotether_agent.media import receiver as receiver_module
-from robotether_agent.media.door import MediaDoor, Own
+from robotether_agent.media.frame_header import Header
 from robotether_agent.media.frames_service import FramesService
-from robotether_agent.media.header import Header
-from robotether_agent.media.sources import Places
+from robotether_agent.media.sources import SourceSettings
+from robotether_agent.media.video_proxy import LocalService, VideoProxy
 from slow_uplink import SlowUplink
 
 WITHIN_S = 5
@@ -30,7 +30,7 @@ TOPIC = "/camera/image_raw"
 
 
 class FakeReceiver:
-    """The relay's end: gives credit when a test says, or for each picture that comes."""
+    """The relay's end: gives credit when a test says, or for each frame that comes."""
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse, *, gives_credit: bool) -> None:
         self._socket = socket
@@ -68,9 +68,9 @@ class FakeReceiver:
             elif message.type is aiohttp.WSMsgType.BINARY:
                 header = unpacked(message.data)
                 self.pictures.append((header, message.data[SIZE:]))
-                self.ages_s.append(robot_time() - header.moment_ms / 1000)
+                self.ages_s.append(robot_time() - header.timestamp_ms / 1000)
                 if self._gives_credit:
-                    await self.say("credit", frames=1, taken=header.number)
+                    await self.say("credit", frames=1, taken=header.sequence)
         self.closed = self._socket.close_code
 
 
@@ -80,21 +80,30 @@ class World:
     def __init__(self, camera: FakeVideoServer, http: aiohttp.ClientSession) -> None:
         self.camera = camera
         self.http = http
-        self.places = Places(camera.url, f"ws://127.0.0.1:{free_port()}", "web_video_server")
+        self.source_settings = SourceSettings(
+            camera.url, f"ws://127.0.0.1:{free_port()}", "web_video_server"
+        )
         self.receivers: list[FakeReceiver] = []
         self.has_video = True
 
-    async def start(self, places: Places | None = None) -> None:
-        self.service = FramesService(places or self.places, has_video=lambda: self.has_video)
+    async def start(self, source_settings: SourceSettings | None = None) -> None:
+        self.service = FramesService(
+            source_settings or self.source_settings, has_video=lambda: self.has_video
+        )
         self.port = await self.service.start()
 
     async def receive(
-        self, topic: str = TOPIC, *, gives_credit: bool = True, port: int = 0, **want: object
+        self,
+        topic: str = TOPIC,
+        *,
+        gives_credit: bool = True,
+        port: int = 0,
+        **stream_request: object,
     ) -> FakeReceiver:
         url = f"http://127.0.0.1:{port or self.port}/robotether/frames"
         socket = await self.http.ws_connect(url, params={"topic": topic}, max_msg_size=0)
         self.receivers.append(FakeReceiver(socket, gives_credit=gives_credit))
-        await self.receivers[-1].say("want", **want)
+        await self.receivers[-1].say("want", **stream_request)
         if gives_credit:
             await self.receivers[-1].say("credit", frames=2)
         return self.receivers[-1]
@@ -117,14 +126,14 @@ async def world() -> AsyncIterator[World]:
         await made.service.close()
 
 
-async def test_pictures_come_with_their_moment_and_number(world):
+async def test_frames_come_with_their_timestamp_and_sequence(world):
     """The newest first, each newer than the last, at the wanted rate."""
     world.camera.stamp = lambda: time.time() - 0.1
     receiver = await world.receive(fps=15, quality_max=70)
     await receiver.some(30)
     headers = [header for header, _ in receiver.pictures]
     assert [unpacked(h.packed()) for h in headers] == headers
-    numbers = [header.number for header in headers]
+    numbers = [header.sequence for header in headers]
     assert numbers == sorted(set(numbers))
     # The camera has 30 a second, of which each second one is skipped, but for the first ones.
     settled = numbers[8:]
@@ -145,7 +154,7 @@ async def test_without_credit_nothing_comes_and_two_are_the_most(world):
     made = world.camera.number
     await eventually(lambda: world.camera.number > made + 30, lambda: "thirty more are made")
     assert len(receiver.pictures) == 2
-    await receiver.say("credit", frames=1, taken=receiver.pictures[-1][0].number)
+    await receiver.say("credit", frames=1, taken=receiver.pictures[-1][0].sequence)
     await receiver.some(3)
     # The newest, not the next in line.
     assert number_of(receiver.pictures[2][1]) >= made + 10
@@ -163,7 +172,7 @@ async def test_a_receiver_that_takes_nothing_costs_nothing(world, monkeypatch):
 
 
 async def test_no_receiver_no_source(world):
-    """One without a `want` opens nothing, and the last one to leave closes the source."""
+    """One without a `stream_request` opens nothing, and the last one to leave closes the source."""
     url = f"http://127.0.0.1:{world.port}/robotether/frames"
     async with world.http.ws_connect(url, params={"topic": TOPIC}) as silent:
         await silent.send_json({"op": "beat", "t_ms": 1})
@@ -210,21 +219,21 @@ async def test_a_stalled_source_is_waited_for(world):
 
 
 async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
-    """Late pictures bring the quality down; the new stream is open before the old one ends, none comes twice."""
+    """Late frames bring the quality down; the new stream is open before the old one ends, none comes twice."""
     receiver = await world.receive(gives_credit=False, latency_ms=50)
     await receiver.say("credit")
     while not {70, 60, 50} & {header.quality for header, _ in receiver.pictures}:
         count = len(receiver.pictures)
         await receiver.some(count + 1 if count else 1)
-        # What a slow link is: the picture is taken late.
+        # What a slow link is: the frame is taken late.
         await asyncio.sleep(0.12)
-        await receiver.say("credit", taken=receiver.pictures[-1][0].number)
+        await receiver.say("credit", taken=receiver.pictures[-1][0].sequence)
         assert count < 40, receiver.told()
     assert world.camera.open_most == 2
     await eventually(lambda: world.camera.open == 1, lambda: f"{world.camera.open} are open")
     shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
     assert shown == sorted(set(shown))
-    moments = [header.moment_ms for header, _ in receiver.pictures]
+    moments = [header.timestamp_ms for header, _ in receiver.pictures]
     assert moments == sorted(set(moments))
 
 
@@ -261,8 +270,8 @@ async def test_what_is_no_receiver_is_told_so(world):
 
 async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     """503 beyond; a place that was left is free again."""
-    monkeypatch.setattr(service_module, "FEEDS_MAX", 2)
-    monkeypatch.setattr(service_module, "RECEIVERS_MAX", 3)
+    monkeypatch.setattr(service_module, "MAX_FEEDS", 2)
+    monkeypatch.setattr(service_module, "MAX_RECEIVERS", 3)
     first = await world.receive("/a")
     await world.receive("/b")
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
@@ -276,7 +285,7 @@ async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
 
 
 async def test_a_still_of_any_camera(world):
-    """At the wanted quality; a camera without pictures is an error."""
+    """At the wanted quality; a camera without frames is an error."""
     status, body = await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=100")
     assert (status, body[:2], world.camera.asked[0]["quality"]) == (200, b"\xff\xd8", "100")
     await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
@@ -291,11 +300,11 @@ async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
     assert (await world.get(f"/stream?topic={TOPIC}"))[0] == 503
 
 
-async def test_a_stream_of_rosbridges_pictures(world):
+async def test_a_stream_of_rosbridges_frames(world):
     """As web_video_server would give it, for whoever asks for that."""
     async with TopicRosbridge({f"{TOPIC}/compressed": "sensor_msgs/CompressedImage"}) as rosbridge:
         await world.service.close()
-        await world.start(Places(world.camera.url, rosbridge.url, "rosbridge"))
+        await world.start(SourceSettings(world.camera.url, rosbridge.url, "rosbridge"))
         url = f"http://127.0.0.1:{world.port}/stream?topic={TOPIC}"
         asking = asyncio.ensure_future(world.http.get(url))
         await eventually(
@@ -319,7 +328,7 @@ async def test_whoever_looks_whether_video_works_is_told(world):
 
 
 async def age_of_plain_mjpeg(http: aiohttp.ClientSession, port: int, for_s: float) -> list[float]:
-    """The ages of the pictures of web_video_server's own stream, as they come."""
+    """The ages of the frames of web_video_server's own stream, as they come."""
     ages = []
     until = time.monotonic() + for_s
     async with http.get(f"http://127.0.0.1:{port}/stream?topic={TOPIC}&quality=80") as answer:
@@ -331,11 +340,11 @@ async def age_of_plain_mjpeg(http: aiohttp.ClientSession, port: int, for_s: floa
 
 
 @pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
-async def test_over_a_slow_link_pictures_stay_new_while_plain_mjpeg_gets_old(world):
+async def test_over_a_slow_link_frames_stay_new_while_plain_mjpeg_gets_old(world):
     """1 Mbit/s up for a camera of 7 Mbit/s: what comes is new, in a quality that fits."""
     world.camera.fps = 15
     with Link(up=Shape(rate_bit_s=1e6, delay_s=0.03), down=Shape(delay_s=0.03)) as link:
-        door = MediaDoor(world.camera.url, Own(world.port))
+        door = VideoProxy(world.camera.url, LocalService(world.port))
         port = await door.start()
         async with SlowUplink(link, port) as uplink:
             door.use(uplink.tunnel)

@@ -58,8 +58,8 @@ def test_what_is_no_stream_is_named(content_type):
 
 
 def test_nothing_grows_without_bound(monkeypatch):
-    """A huge picture, one that never ends, headers that never end, and empty lines alone are refused."""
-    monkeypatch.setattr(multipart, "PICTURE_BYTES_MAX", 1000)
+    """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
+    monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
     for stream in (
         b"--b\r\nContent-Length: 1001\r\n\r\n",
         b"--b\r\nA: b\r\n\r\n" + bytes(2000),

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import pytest
 from robotether_agent.media.quality import (
+    MAX_UP_AFTER_S,
     SCALES,
-    UP_AFTER_MAX_S,
     Level,
     Steps,
     ladder,
@@ -21,11 +21,11 @@ FPS = 15
 
 @dataclass
 class FakeLink:
-    """Takes one picture after the other: its round trip, and its bytes at so many a second."""
+    """Takes one frame after the other: its round trip, and its bytes at so many a second."""
 
     bytes_s: float
     round_trip_s: float = 0.04
-    # What a picture of quality 100 at its whole size has.
+    # What a frame of quality 100 at its whole size has.
     whole: int = 60_000
     sizes: list[int] = field(default_factory=list)
 
@@ -35,7 +35,7 @@ class FakeLink:
 
 
 def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[tuple[float, Level]]:
-    """One picture on its way at a time, of a camera of 15 a second; return the changes."""
+    """One frame on its way at a time, of a camera of 15 a second; return the changes."""
     changes = []
     now_s, looked_s, sent = from_s, from_s, 0
     while now_s < from_s + seconds:
@@ -43,9 +43,9 @@ def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[t
         took_s = link.took_s(level)
         now_s += max(took_s, 1 / FPS)
         sent += 1
-        steps.taken(now_s, took_s)
+        steps.on_taken(now_s, took_s)
         if now_s - looked_s >= 1:
-            steps.looked(now_s, FPS, sent / (now_s - looked_s))
+            steps.on_rates(now_s, FPS, sent / (now_s - looked_s))
             looked_s, sent = now_s, 0
         if steps.level != level:
             changes.append((now_s, steps.level))
@@ -64,7 +64,7 @@ def test_a_good_link_keeps_the_best():
 
 
 def test_a_slow_link_gets_what_it_carries_within_seconds():
-    """The paper's 4.97 Mbit/s with pictures of 200 KB: soon within the wanted time, and it stays there."""
+    """The paper's 4.97 Mbit/s with frames of 200 KB: soon within the wanted time, and it stays there."""
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(0.62e6, whole=400_000)
     changes = drive(steps, link, 0, 120)
     assert changes[0][0] < 3
@@ -92,30 +92,30 @@ def test_a_link_that_gets_better_gets_the_best_again():
     assert min(gaps) >= 4
 
 
-def test_one_late_picture_changes_nothing():
+def test_one_late_frame_changes_nothing():
     """A hiccup of the network is no slow link."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     for n in range(100):
-        assert not steps.taken(n / FPS, 0.4 if n % 10 == 0 else 0.1)
+        assert not steps.on_taken(n / FPS, 0.4 if n % 10 == 0 else 0.1)
 
 
-def test_very_late_pictures_are_left_soon():
+def test_very_late_frames_are_left_soon():
     """Two of them are enough, and they go down two steps."""
     steps = Steps(LEVELS, LATENCY_S, 0)
-    assert not steps.taken(1.0, 1.0)
-    assert steps.taken(2.0, 1.0)
+    assert not steps.on_taken(1.0, 1.0)
+    assert steps.on_taken(2.0, 1.0)
     assert steps.level == LEVELS[2]
 
 
 def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
-    """0.2 s there and back, and bytes enough: smaller pictures would come no more often, so it goes back up."""
+    """0.2 s there and back, and bytes enough: smaller frames would come no more often, so it goes back up."""
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6, round_trip_s=0.2)
     changes = drive(steps, link, 0, 25)
     assert [level for _, level in changes] == [LEVELS[1], LEVELS[0]]
 
 
 def test_a_rate_that_bytes_limit_steps_down():
-    """Each picture within the wanted time, but fewer than the camera gives."""
+    """Each frame within the wanted time, but fewer than the camera gives."""
     steps, link = Steps(LEVELS, 1.0, 0), FakeLink(0.3e6, round_trip_s=0.01)
     drive(steps, link, 0, 40)
     assert steps.level.quality < 60
@@ -127,12 +127,12 @@ def test_the_way_up_comes_later_each_time_it_led_down():
     for _ in range(6000):
         now_s += 1 / FPS
         before = steps.level
-        steps.taken(now_s, 0.1 if steps.level.quality <= 50 else 0.35)
+        steps.on_taken(now_s, 0.1 if steps.level.quality <= 50 else 0.35)
         if steps.level.quality > before.quality:
             ups.append(now_s)
     gaps = [after - before for before, after in itertools.pairwise(ups)]
     assert gaps[0] < 10
-    assert max(gaps) >= UP_AFTER_MAX_S
+    assert max(gaps) >= MAX_UP_AFTER_S
     assert all(after >= before * 0.9 for before, after in itertools.pairwise(gaps))
 
 
@@ -140,8 +140,8 @@ def test_the_way_up_comes_later_each_time_it_led_down():
 def test_another_range_goes_on_near_where_it_was(low, high, at):
     """No better than before, and within the new range."""
     steps = Steps(LEVELS, LATENCY_S, 0)
-    steps.taken(1.0, 1.0)
-    steps.taken(2.0, 1.0)
+    steps.on_taken(1.0, 1.0)
+    steps.on_taken(2.0, 1.0)
     assert steps.level.quality == 60
     steps.use(ladder(low, high, scales=False), LATENCY_S, 3.0)
     assert steps.level.quality == at

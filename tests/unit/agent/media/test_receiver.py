@@ -15,7 +15,7 @@ from frame_header import SIZE, unpacked
 from robotether_agent.fields import FieldError
 from robotether_agent.media import receiver as receiver_module
 from robotether_agent.media.feeds import Feeds
-from robotether_agent.media.picture import Picture, Wish
+from robotether_agent.media.frame import Frame, SourceRequest
 from robotether_agent.media.receiver import Receiver
 
 
@@ -63,7 +63,7 @@ class World:
     def __init__(self, *, steps_quality: bool = True) -> None:
         self.now_s = 100.0
         self.socket = FakeSocket()
-        self.open: dict[Wish, object] = {}
+        self.open: dict[SourceRequest, object] = {}
         self.feeds = Feeds(self._run, lambda: self.now_s)
         self.receiver = Receiver(
             self.socket,
@@ -74,27 +74,27 @@ class World:
         )
         self.task = asyncio.ensure_future(self.receiver.run())
 
-    async def _run(self, wish, take, tell) -> None:
+    async def _run(self, source_request, take, tell) -> None:
         tell("web_video_server")
-        self.open[wish] = take
+        self.open[source_request] = take
         try:
             await asyncio.Event().wait()
         finally:
-            del self.open[wish]
+            del self.open[source_request]
 
     async def end(self) -> None:
         self.task.cancel()
         await asyncio.gather(self.task, return_exceptions=True)
         await self.feeds.close()
 
-    async def until_open(self) -> Wish:
+    async def until_open(self) -> SourceRequest:
         await eventually(lambda: bool(self.open), lambda: "a source is open")
         return list(self.open)[-1]
 
     def give(self, number: int, after_s: float = 0.1) -> None:
         self.now_s += after_s
         for take in tuple(self.open.values()):
-            take(Picture(fake_jpeg(number), self.now_s, self.now_s))
+            take(Frame(fake_jpeg(number), self.now_s, self.now_s))
 
     async def got(self, count: int) -> list[int]:
         await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))
@@ -117,11 +117,11 @@ async def test_the_newest_goes_out_when_credit_comes(world):
         world.give(number)
     world.socket.ask("credit")
     assert await world.got(1) == [3]
-    assert unpacked(world.socket.pictures[0]).number == 3
+    assert unpacked(world.socket.pictures[0]).sequence == 3
 
 
-async def test_a_picture_goes_out_once(world):
-    """Credit without a new picture waits for one."""
+async def test_a_frame_goes_out_once(world):
+    """Credit without a new frame waits for one."""
     world.socket.ask("want")
     world.socket.ask("credit", frames=2)
     await world.until_open()
@@ -131,7 +131,7 @@ async def test_a_picture_goes_out_once(world):
     assert await world.got(2) == [1, 2]
 
 
-async def test_while_a_picture_is_on_its_way_the_next_is_the_newest_then(world):
+async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     """Nothing is chosen before the link takes it, and requests are still heard."""
     world.socket.stuck = True
     world.socket.ask("want")
@@ -147,27 +147,27 @@ async def test_while_a_picture_is_on_its_way_the_next_is_the_newest_then(world):
 
 
 async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
-    """By parts of the camera's own size, which its picture tells; both sides even."""
+    """By parts of the camera's own size, which its frame tells; both sides even."""
     world.socket.ask("want", quality_min=50, quality_max=50, latency_ms=100)
     world.socket.ask("credit")
-    assert await world.until_open() == Wish("/camera", 50, None, None, 15.0)
+    assert await world.until_open() == SourceRequest("/camera", 50, None, None, 15.0)
     for number in range(1, 4):
         world.give(number)
         await world.got(number)
         world.now_s += 0.15
         world.socket.ask("credit", taken=number)
-        await eventually(lambda: not world.receiver._under_way, lambda: "it was taken")
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
     await eventually(lambda: len(world.open) == 2, lambda: str(list(world.open)))
-    assert list(world.open)[-1] == Wish("/camera", 50, 480, 360, 15.0)
+    assert list(world.open)[-1] == SourceRequest("/camera", 50, 480, 360, 15.0)
 
 
-async def test_a_camera_that_takes_no_wishes_is_asked_for_none():
+async def test_a_camera_that_takes_no_requests_is_asked_for_none():
     """Its quality is unknown, and it is not opened anew for a step."""
     world = World(steps_quality=False)
     try:
         world.socket.ask("want", latency_ms=50)
         world.socket.ask("credit")
-        assert await world.until_open() == Wish("/camera", 0, None, None, 15.0)
+        assert await world.until_open() == SourceRequest("/camera", 0, None, None, 15.0)
         for number in range(1, 8):
             world.give(number)
             await world.got(number)
@@ -180,8 +180,8 @@ async def test_a_camera_that_takes_no_wishes_is_asked_for_none():
 
 
 async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
-    """At once with the first `want`, and then when something is another."""
-    monkeypatch.setattr(receiver_module, "LOOK_EVERY_S", 0.01)
+    """At once with the first `stream_request`, and then when something is another."""
+    monkeypatch.setattr(receiver_module, "CHECK_EVERY_S", 0.01)
     world.socket.ask("want")
     await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
     assert world.socket.texts[0]["state"] == "waiting"

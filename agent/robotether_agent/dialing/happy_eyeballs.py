@@ -1,0 +1,141 @@
+"""Tries several ways side by side, each a little after the one before, and takes the first that works (RFC 8305).
+
+Used for addresses, for ports, and for trying again while nothing answers. What comes in too late is dropped.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from typing import Generic, TypeVar
+
+from robotether_agent.problems import NoAnswer, Problem, ServerBusy, ServerUnreachable
+
+T = TypeVar("T")
+Pause = Callable[[], Awaitable[None]]
+# A race may be without end; its last problems tell enough.
+MAX_PROBLEMS = 8
+
+
+def after(seconds: float) -> Pause:
+    """Return a pause of always the same length."""
+    return lambda: asyncio.sleep(seconds)
+
+
+class HappyEyeballs(Generic[T]):
+    """One race; `pause` stands between two starts, and `drop` gets what came in too late.
+
+    An `eager` race starts the next attempt also when one has failed. Another goes on until something answers: it is
+    for attempts without end, and a refusal ends it.
+    """
+
+    def __init__(
+        self,
+        attempts: Iterable[Callable[[], Awaitable[T]]],
+        *,
+        pause: Pause,
+        drop: Callable[[T], None],
+        eager: bool = True,
+    ) -> None:
+        self._waiting: Iterator[Callable[[], Awaitable[T]]] = iter(attempts)
+        self._pause = pause
+        self._drop = drop
+        self._eager = eager
+        self._running: list[asyncio.Future[T]] = []
+        self._pausing: asyncio.Future[None] | None = None
+        self._failed: deque[Problem] = deque(maxlen=MAX_PROBLEMS)
+
+    @property
+    def problem(self) -> Problem:
+        """What the attempts said so far, as one."""
+        return combined_problem(self._failed)
+
+    async def winner(self) -> T:
+        """Return what the first attempt that works returns; raise `problem` when all have failed."""
+        won = None
+        try:
+            self._start_next()
+            while won is None and (self._running or self._pausing):
+                await self._something()
+                won = self._won()
+            if won is None:
+                raise self.problem
+        finally:
+            await self._end(won)
+        return won.result()
+
+    def _start_next(self) -> None:
+        if self._pausing is not None:
+            self._pausing.cancel()
+            self._pausing = None
+        attempt = next(self._waiting, None)
+        if attempt is not None:
+            self._running.append(asyncio.ensure_future(attempt()))
+            self._pausing = asyncio.ensure_future(self._pause())
+
+    async def _something(self) -> None:
+        awaited: list[asyncio.Future[T] | asyncio.Future[None]] = [*self._running]
+        if self._pausing is not None:
+            awaited.append(self._pausing)
+        await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
+
+    def _won(self) -> asyncio.Future[T] | None:
+        """Return an attempt that worked; put away those that failed, and start the next when it is time."""
+        is_time = self._pausing is not None and self._pausing.done()
+        for attempt in [item for item in self._running if item.done()]:
+            error = attempt.exception()
+            if error is None:
+                return attempt
+            self._running.remove(attempt)
+            if not isinstance(error, Problem):
+                raise error
+            self._failed.append(error)
+            # A busy server is the server: its other ports and addresses would only give it more to do.
+            ends = ServerBusy if self._eager else ServerUnreachable
+            if isinstance(error, ends):
+                raise error
+            is_time = is_time or self._eager
+        if is_time:
+            self._start_next()
+        return None
+
+    async def _end(self, won: asyncio.Future[T] | None) -> None:
+        """End all other attempts; whoever is cancelled meanwhile will not take what the first one brought either."""
+        late = [attempt for attempt in self._running if attempt is not won]
+        left: list[asyncio.Future[T] | asyncio.Future[None]] = [*late]
+        if self._pausing is not None:
+            left.append(self._pausing)
+        for item in left:
+            item.cancel()
+        try:
+            if left:
+                await asyncio.wait(left)
+        except asyncio.CancelledError:
+            late = self._running
+            raise
+        finally:
+            for attempt in late:
+                if attempt.done():
+                    self._drop_late(attempt)
+                else:
+                    attempt.add_done_callback(self._drop_late)
+
+    def _drop_late(self, attempt: asyncio.Future[T]) -> None:
+        if not attempt.cancelled() and attempt.exception() is None:
+            self._drop(attempt.result())
+
+
+def combined_problem(failed: Sequence[Problem]) -> Problem:
+    """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
+    for kind in (ServerBusy, ServerUnreachable):
+        told = [problem for problem in failed if isinstance(problem, kind)]
+        if told:
+            return _one(kind, told)
+    return _one(NoAnswer, failed)
+
+
+def _one(kind: type[Problem], told: Sequence[Problem]) -> Problem:
+    message = "; ".join(dict.fromkeys(problem.message for problem in told))
+    advice = next((problem.advice for problem in told if problem.advice), None)
+    return kind(message or "cannot connect: nothing answers", advice=advice)

@@ -1,0 +1,159 @@
+"""What the agent tells the guard, one JSON object a line; read by the guard's process."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_flag,
+    get_int,
+    get_match,
+    get_number,
+    get_object,
+    get_text,
+    get_texts,
+    parse_object,
+)
+from robotether_agent.guard.authorization import MAX_FENCE
+from robotether_agent.guard.limits import Limits
+from robotether_agent.guard.motion_state import MAX_BY_LENGTH
+from robotether_agent.guard.names import DriveTopics
+
+DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
+DEFAULT_MS = 500
+TIMES_MS = (200, 2000)
+MAX_LIMIT = 1e6
+MAX_TOPICS = 64
+ROSBRIDGE_URL = re.compile(r"wss?://\S{1,500}")
+MAX_KEY_LENGTH = 500
+
+
+@dataclass(frozen=True)
+class GuardConfig:
+    """What is in force; without a key nobody but direct connections gets in."""
+
+    rosbridge_url: str
+    key: str = field(default="", repr=False)
+    topics: DriveTopics = field(default_factory=lambda: DriveTopics(DEFAULT_TOPICS))
+    deadman_s: float = DEFAULT_MS / 1000
+    max_age_s: float = DEFAULT_MS / 1000
+    limits: Limits = field(default_factory=Limits)
+    direct: bool = False
+
+
+@dataclass(frozen=True)
+class Tick:
+    """The agent lives."""
+
+
+@dataclass(frozen=True)
+class SessionIs:
+    """The session with the server stands, or is lost."""
+
+    up: bool
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The server's newest number of a lease."""
+
+    fence: int
+    held: bool
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Somebody stops the robot."""
+
+    id: str
+    by: str
+
+
+@dataclass(frozen=True)
+class Release:
+    """Somebody lets it drive again."""
+
+    id: str
+    by: str
+
+
+@dataclass(frozen=True)
+class Exit:
+    """Stop the robot, then end."""
+
+
+AgentMessage = GuardConfig | Tick | SessionIs | Lease | Stop | Release | Exit
+
+
+def parse(line: bytes) -> AgentMessage | None:
+    """Return what a line says, None for a type that a newer agent may know; FieldError if it is broken."""
+    fields = parse_object(line, "a line of the agent")
+    kind = get_text(fields, "type", limit=50)
+    if kind == "config":
+        return _config(fields)
+    if kind == "session":
+        return SessionIs(get_flag(fields, "up", default=False))
+    if kind == "lease":
+        return Lease(
+            get_int(fields, "fence", 0, MAX_FENCE), get_flag(fields, "held", default=False)
+        )
+    if kind in {"stop", "release"}:
+        return _latch(kind, fields)
+    if kind == "tick":
+        return Tick()
+    return Exit() if kind == "exit" else None
+
+
+def _latch(kind: str, fields: JsonObject) -> Stop | Release:
+    # A stop counts even if it does not say whose it is.
+    who = get_text(fields, "by", default="", limit=MAX_BY_LENGTH)
+    if kind == "stop":
+        return Stop(get_text(fields, "id", default=""), who)
+    return Release(get_text(fields, "id"), who)
+
+
+def _config(fields: JsonObject) -> GuardConfig:
+    url = get_match(fields, "rosbridge_url", ROSBRIDGE_URL, "a WebSocket's URL")
+    direct = get_flag(fields, "direct", default=False)
+    if fields.get("guard") is None:
+        return GuardConfig(url, direct=direct)
+    guard = get_object(fields, "guard")
+    given = {name: value for name, value in guard.items() if value is not None}
+    return GuardConfig(
+        url,
+        key=get_text(given, "key", default="", limit=MAX_KEY_LENGTH),
+        topics=_topics(given),
+        deadman_s=_seconds(given, "deadman_ms"),
+        max_age_s=_seconds(given, "max_age_ms"),
+        limits=Limits(
+            max_speed_m_s=_limit(given, "max_speed_m_s"),
+            max_turn_rad_s=_limit(given, "max_turn_rad_s"),
+            max_acceleration_m_s2=_limit(given, "max_acceleration_m_s2"),
+            max_turn_acceleration_rad_s2=_limit(given, "max_turn_acceleration_rad_s2"),
+            max_steering_rad=_limit(given, "max_steering_rad"),
+        ),
+        direct=direct,
+    )
+
+
+def _topics(guard: JsonObject) -> DriveTopics:
+    if "drive_topics" not in guard:
+        return DriveTopics(DEFAULT_TOPICS)
+    if guard["drive_topics"] == []:
+        return DriveTopics(())
+    patterns = get_texts(guard, "drive_topics", limit=MAX_TOPICS)
+    try:
+        return DriveTopics(patterns)
+    except ValueError as error:
+        raise FieldError(f"field drive_topics: {error}") from error
+
+
+def _seconds(guard: JsonObject, name: str) -> float:
+    return get_number({name: DEFAULT_MS, **guard}, name, *TIMES_MS) / 1000
+
+
+def _limit(guard: JsonObject, name: str) -> float | None:
+    return get_number(guard, name, 0, MAX_LIMIT) if name in guard else None

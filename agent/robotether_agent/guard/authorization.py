@@ -1,0 +1,152 @@
+"""Who may drive now: the server's key, the lease's fencing number, the stop, the session and the agent's life.
+
+Asked at each handshake and again for each command, so that a right that ended is gone at once. The newest number
+that anybody showed counts: the lease's line and the driver's handshake come on two channels, in either order. Pure.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from robotether_agent.guard.refused import Refused
+
+AGENT_SILENT_S = 1.0
+MAX_FENCE = 2**63 - 1
+
+KEY_HEADER = "Robotether-Key"
+MODE_HEADER = "Robotether-Mode"
+FENCE_HEADER = "Robotether-Fence"
+
+Mode = Literal["observe", "drive", "direct"]
+
+
+@dataclass(frozen=True)
+class Authorization:
+    """What a connection was let in for; `fence` is 0 unless it drives with a lease."""
+
+    mode: Mode
+    fence: int = 0
+
+
+class NotAuthorized(Exception):  # noqa: N818 - as its neighbour Refused
+    """A handshake gets the HTTP `status` and this text."""
+
+    def __init__(self, status: int, why: str) -> None:
+        super().__init__(why)
+        self.status = status
+
+
+class Authorizer:
+    """What the agent has told about rights."""
+
+    def __init__(self, now: float) -> None:
+        self.key = ""
+        self.direct = False
+        self.stopped = False
+        self.ending = False
+        self._fence = 0
+        self._held = False
+        self._session = False
+        # In a new session the server's first word on the number counts, even if its database was set back.
+        self._first_word = True
+        self._agent_at = now
+
+    @property
+    def silent_at(self) -> float:
+        """When the agent counts as silent."""
+        return self._agent_at + AGENT_SILENT_S
+
+    def on_agent_message(self, now: float) -> None:
+        """Note that the agent lives."""
+        self._agent_at = now
+
+    def session(self, *, up: bool) -> None:
+        """Note that the session with the server stands, or is lost."""
+        if up and not self._session:
+            self._first_word = True
+        if not up:
+            self._held = False
+        self._session = up
+
+    def lease(self, fence: int, *, held: bool) -> None:
+        """Note the server's newest number; not `held`: it and all before it are over."""
+        if self._first_word or fence > self._fence:
+            self._fence, self._held = fence, held
+        elif fence == self._fence and not held:
+            self._held = False
+        self._first_word = False
+
+    def stop(self) -> None:
+        """Stop the robot, which ends the lease."""
+        self.stopped, self._held = True, False
+
+    def release(self) -> None:
+        """Let the next lease drive."""
+        self.stopped = False
+
+    def authorize(self, headers: Mapping[str, str]) -> Authorization:
+        """Return what a handshake may do, or raise NotAdmitted."""
+        key = headers.get(KEY_HEADER)
+        if key is None and self.direct:
+            return Authorization("direct")
+        if not self.key or not hmac.compare_digest(_bytes(key), _bytes(self.key)):
+            raise NotAuthorized(403, "cannot join rosbridge: only the server may, with its key")
+        if headers.get(MODE_HEADER) == "observe":
+            return Authorization("observe")
+        if headers.get(MODE_HEADER) != "drive":
+            raise NotAuthorized(
+                403, f"cannot join rosbridge: {MODE_HEADER} is neither drive nor observe"
+            )
+        return self._authorize_driver(_fence(headers.get(FENCE_HEADER, "")))
+
+    def check(self, authorization: Authorization, fence: object, now: float) -> None:
+        """Raise Refused unless a drive message with this `fence` may move the robot now."""
+        if self.stopped:
+            raise Refused("stopped", "the robot is stopped; a driver must release it")
+        if self.ending or not self._session or now >= self.silent_at:
+            raise Refused("held", "the robot's agent or its session with the server is not there")
+        if not self.holds(authorization):
+            raise Refused("fence", "somebody else has the control, or the control is over")
+        if authorization.mode == "drive" and (
+            type(fence) is not int or fence != authorization.fence
+        ):
+            raise Refused("fence", "it is not of the connection's lease")
+
+    def holds(self, authorization: Authorization) -> bool:
+        """Tell whether a connection's right to drive still stands, apart from holds that pass."""
+        if authorization.mode == "direct":
+            return self.direct and not self._held
+        return authorization.mode == "drive" and self._held and authorization.fence == self._fence
+
+    def keeps(self, authorization: Authorization) -> bool:
+        """Tell whether a connection may stay: a driver whose lease is over may do nothing more."""
+        if authorization.mode == "direct":
+            return self.direct and self._session
+        return authorization.mode == "observe" or self.holds(authorization)
+
+    def _authorize_driver(self, fence: int) -> Authorization:
+        if self.stopped:
+            raise NotAuthorized(409, "cannot drive: the robot is stopped")
+        if not self._session or self.ending:
+            raise NotAuthorized(
+                409, "cannot drive: the robot's session with the server is not there"
+            )
+        if fence > self._fence:
+            self._fence, self._held, self._first_word = fence, True, False
+        if fence != self._fence or not self._held:
+            raise NotAuthorized(409, f"cannot drive: lease {fence} is over")
+        return Authorization("drive", fence)
+
+
+def _bytes(key: str | None) -> bytes:
+    return (key or "").encode(errors="surrogateescape")
+
+
+def _fence(text: str) -> int:
+    # isdecimal takes digits of all scripts; int() would too.
+    if text.isascii() and text.isdecimal() and 0 < int(text[:20]) <= MAX_FENCE:
+        return int(text[:20])
+    raise NotAuthorized(403, f"cannot drive: {FENCE_HEADER} is no number of a lease")

@@ -1,0 +1,189 @@
+"""The guard's own connection to rosbridge: the one way on which drive commands and zeros go, in their order.
+
+Run by the guard's process for its whole life; connects again at once and for ever. Nothing waits in it: `can_send` says
+whether what is sent now is read soon. TCP alone would not tell, for the kernel takes minutes of commands for a
+rosbridge that reads nothing, and delivers them when it reads again. So a ping follows each command, and while its
+pong is late nothing is sent.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable
+from typing import Protocol
+
+import aiohttp
+from aiohttp import WSMsgType
+
+from robotether_agent.describe_error import describe_error
+from robotether_agent.guard.sockets import RosbridgeSocket, open_rosbridge
+
+RETRY_S = 0.2
+# Of the kernel's own buffer; the least that it gives is some 4 KB, twenty commands.
+SEND_BUFFER_BYTES = 4096
+# A pong that is later than this means that what is sent now would wait.
+FULL_AFTER_S = 0.1
+# ... and later than this, that rosbridge does not read.
+STALLED_AFTER_S = 0.5
+GIVEN_UP_AFTER_S = 10.0
+IDLE_PING_EVERY_S = 1.0
+
+log = logging.getLogger(__name__)
+
+
+class PublisherListener(Protocol):
+    """Who uses the line, and is told what happens on it. Must not wait."""
+
+    def on_rosbridge_connected(self) -> None:
+        """Rosbridge answers again."""
+
+    def on_rosbridge_lost(self) -> None:
+        """Rosbridge is gone; what was sent last may not have arrived."""
+
+    def on_rosbridge_drained(self) -> None:
+        """What was sent is read."""
+
+    def on_rosbridge_message(self, data: bytes) -> None:
+        """Rosbridge answers a command, with a status."""
+
+
+class CmdVelPublisher:
+    """One connection after the other."""
+
+    def __init__(
+        self, http: aiohttp.ClientSession, listener: PublisherListener, clock: Callable[[], float]
+    ) -> None:
+        self._http = http
+        self._listener = listener
+        self._clock = clock
+        self.read_until = 0.0
+        self._url = ""
+        self._has_url = asyncio.Event()
+        self._socket: RosbridgeSocket | None = None
+        self._pinged_at: float | None = None
+        self._sent_since_ping = False
+        self._logged_down = False
+
+    @property
+    def up(self) -> bool:
+        """Whether rosbridge is there and reads."""
+        return self._socket is not None and not self.stalled
+
+    @property
+    def stalled(self) -> bool:
+        """Whether rosbridge is connected and reads nothing."""
+        return self._waits(STALLED_AFTER_S)
+
+    @property
+    def can_send(self) -> bool:
+        """Whether what is sent now is read soon."""
+        connection = self._socket
+        if connection is None or connection.closed or self._waits(FULL_AFTER_S):
+            return False
+        return connection.waiting_bytes() == 0
+
+    def use(self, url: str) -> None:
+        """Connect to this rosbridge from now on."""
+        if url != self._url:
+            self._url = url
+            self._has_url.set()
+            self._drop()
+
+    async def send(self, data: bytes) -> bool:
+        """Send one message; ask `can_send` first. False: the connection is gone."""
+        connection = self._socket
+        if connection is None:
+            return False
+        try:
+            await connection.send_frame(data, WSMsgType.TEXT)
+            self._sent_since_ping = True
+            if self._pinged_at is None:
+                await self._ping(connection)
+        except ConnectionError:
+            return False
+        return True
+
+    async def run(self) -> None:
+        """Keep the connection, without end."""
+        await self._has_url.wait()
+        while True:
+            try:
+                await self._connection()
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                self._log_down(describe_error(error, STALLED_AFTER_S))
+            await asyncio.sleep(RETRY_S)
+
+    async def _connection(self) -> None:
+        connection = await open_rosbridge(self._http, self._url)
+        _keep_small(connection)
+        self._socket, self._pinged_at, self._sent_since_ping = connection, None, False
+        log.info("the publisher is connected to rosbridge at %s", self._url)
+        self._logged_down = False
+        pinger = asyncio.ensure_future(self._ping_on(connection))
+        try:
+            self._listener.on_rosbridge_connected()
+            await self._read(connection)
+        finally:
+            self._socket = None
+            pinger.cancel()
+            connection.drop()
+            self._listener.on_rosbridge_lost()
+            await asyncio.gather(pinger, return_exceptions=True)
+        self._log_down("it closed the connection")
+
+    async def _read(self, connection: RosbridgeSocket) -> None:
+        while True:
+            message = await connection.receive()
+            if message.type is WSMsgType.PONG:
+                await self._ponged(connection)
+            elif message.type is WSMsgType.PING:
+                await connection.pong(message.data)
+            elif message.type is WSMsgType.TEXT:
+                self._listener.on_rosbridge_message(message.data)
+            elif message.type is not WSMsgType.BINARY:
+                return
+
+    async def _ponged(self, connection: RosbridgeSocket) -> None:
+        if self._pinged_at is not None:
+            self.read_until = self._pinged_at
+        self._pinged_at = None
+        if self._sent_since_ping:
+            await self._ping(connection)
+        self._listener.on_rosbridge_drained()
+
+    async def _ping_on(self, connection: RosbridgeSocket) -> None:
+        """Ping also while nobody drives, so that the first command does not find a dead line."""
+        while True:
+            await asyncio.sleep(IDLE_PING_EVERY_S)
+            if self._waits(GIVEN_UP_AFTER_S):
+                log.warning(
+                    "rosbridge answered no ping for %g s; connecting again", GIVEN_UP_AFTER_S
+                )
+                connection.drop()
+                return
+            if self._pinged_at is None:
+                await self._ping(connection)
+
+    async def _ping(self, connection: RosbridgeSocket) -> None:
+        self._pinged_at, self._sent_since_ping = self._clock(), False
+        await connection.ping()
+
+    def _waits(self, seconds: float) -> bool:
+        return self._pinged_at is not None and self._clock() - self._pinged_at > seconds
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.drop()
+
+    def _log_down(self, reason: str) -> None:
+        if not self._logged_down:
+            log.warning("the publisher to rosbridge at %s is down: %s", self._url, reason)
+        self._logged_down = True
+
+
+def _keep_small(connection: RosbridgeSocket) -> None:
+    raw = connection.get_extra_info("socket")
+    if raw is not None:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

@@ -1,0 +1,399 @@
+"""Takes drive messages from all connections, checks and limits them, and sends them and the guard's zeros.
+
+Made by the guard's process, called by client proxies, run as one task. It alone decides what is
+published. Of each topic only the newest command waits when rosbridge is busy, and not beyond its age. It must never
+send a zero where nobody has driven through this guard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol
+
+from robotether_agent.guard import commands
+from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.authorization import Authorizer
+from robotether_agent.guard.commands import SHAPES, Command, Shape
+from robotether_agent.guard.deadman import Deadman
+from robotether_agent.guard.drive_messages import DriveMessage, MessageId, message_id
+from robotether_agent.guard.limits import limited
+from robotether_agent.guard.motion_state import Driven, MotionFile
+from robotether_agent.guard.motion_tracker import MotionTracker
+from robotether_agent.guard.refused import KINDS, Kind, Refused
+from robotether_agent.guard.topics import Source, Topic, Topics, Waiting
+
+# A moment may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
+AHEAD_MS = 100.0
+
+log = logging.getLogger(__name__)
+
+
+class Publisher(Protocol):
+    """What the drive controller needs of the publisher."""
+
+    @property
+    def up(self) -> bool:
+        """Whether rosbridge is there and reads."""
+
+    @property
+    def can_send(self) -> bool:
+        """Whether what is sent now is read soon."""
+
+    @property
+    def read_until(self) -> float:
+        """What was sent up to this moment has been read."""
+
+    async def send(self, data: bytes) -> bool:
+        """Send one message; False: the connection is gone."""
+
+
+class DriveController:
+    """Implements `cmd_vel_publisher.PublisherListener`; `publisher` is set before anything else is called."""
+
+    publisher: Publisher
+
+    def __init__(
+        self,
+        authorizer: Authorizer,
+        motion_file: MotionFile,
+        clock: Callable[[], float],
+        changed: Callable[[], None],
+    ) -> None:
+        self.refusals: dict[Kind, int] = dict.fromkeys(KINDS, 0)
+        self._authorizer = authorizer
+        self._motion = MotionTracker(motion_file)
+        self._clock = clock
+        self._changed = changed
+        self._config = GuardConfig("")
+        self._deadman = Deadman(self._config.deadman_s)
+        self._topics = Topics()
+        self._driver: Source | None = None
+        self._wake = asyncio.Event()
+        self._stepped = asyncio.Event()
+        self._fence = 0
+
+    # What changes from outside.
+
+    @property
+    def moving(self) -> bool:
+        """Whether the robot moves, or is not known to stand yet."""
+        return self._deadman.state != "idle"
+
+    def use(self, config: GuardConfig) -> None:
+        """Go by these settings from now on."""
+        self._config = config
+        self._deadman.timeout_s = config.deadman_s
+        self._topics.named = frozenset(config.topics.plain())
+
+    def resume(self) -> None:
+        """Zero what a guard before this one left in motion; call once, with the settings known."""
+        left = self._motion.left()
+        if left is None:
+            return
+        left = left or [Driven(name, "twist") for name in self._config.topics.plain()]
+        for driven in left:
+            topic = self._topics.add(driven.topic)
+            topic.type, topic.sent = driven.type, commands.zero(driven.shape, driven.frame_id)
+            topic.moved = True
+        names = [driven.topic for driven in left]
+        log.warning("the last guard ended in motion: zeroing %s", ", ".join(names) or "nothing")
+        self._motion.adopt(left)
+        self._deadman.force(names, self._clock())
+        self._wake.set()
+
+    def stop(self) -> None:
+        """Zero every topic that was driven since the start, whoever drives it now."""
+        self._topics.forget_waiting(lambda _: True)
+        driven = [topic.name for topic in self._topics if topic.sent is not None]
+        self._deadman.force(driven, self._clock())
+        self._wake.set()
+
+    def halt(self) -> None:
+        """Zero what moves."""
+        self._topics.forget_waiting(lambda _: True)
+        self._begin_zeros(self._deadman.moving())
+
+    def rights_changed(self) -> None:
+        """Zero what a connection moves that may not drive any more."""
+        self._lost(lambda source: not self._authorizer.holds(source.authorization))
+
+    def on_disconnected(self, source: Source) -> None:
+        """Zero what this connection moves: it is no more."""
+        self._lost(lambda other: other is source)
+        self._topics.forget_source(source)
+        if self._driver is source:
+            self._driver = None
+
+    async def until_at_rest(self) -> None:
+        """Return when the robot has got its zeros."""
+        while self.moving:
+            self._stepped.clear()
+            await self._stepped.wait()
+
+    def close(self) -> None:
+        """Take the mark away if the robot stands; the guard ends."""
+        if not self.moving:
+            self._motion.end(self._clock())
+
+    def on_rosbridge_connected(self) -> None:
+        """Tell this rosbridge of the topics and send it what is owed."""
+        self._deadman.hurry(self._clock())
+        self._wake.set()
+
+    def on_rosbridge_drained(self) -> None:
+        """Send what waits."""
+        waits = self._topics.parting or any(topic.waiting for topic in self._topics)
+        if waits or self._deadman.owes:
+            self._deadman.hurry(self._clock())
+            self._wake.set()
+
+    def on_rosbridge_lost(self) -> None:
+        """Owe zeros to the next rosbridge: nobody knows what this one did last."""
+        self._topics.on_rosbridge_lost()
+        self._deadman.restart_zeros()
+        self.halt()
+        # Also where the robot was told to stand: that may be what was lost.
+        unread = [t.name for t in self._topics if t.sent and t.sent_at > self.publisher.read_until]
+        self._deadman.force(unread, self._clock())
+
+    def on_rosbridge_message(self, data: bytes) -> None:
+        """Tell the driver, who would have heard it from rosbridge."""
+        if self._driver is not None:
+            self._driver.notify(data)
+
+    # Messages.
+
+    async def handle(self, source: Source, message: DriveMessage) -> None:
+        """Do what a message on a drive topic asks for, or refuse it."""
+        try:
+            await self._dispatch(source, message)
+        except Refused as refused:
+            doing = "publish to" if message.operation == "publish" else message.operation
+            text = f"cannot {doing} {message.topic}: {refused.why}"
+            self.refuse(source, refused.kind, text, message_id(message.fields))
+
+    def refuse(self, source: Source, kind: Kind, text: str, identity: MessageId) -> None:
+        """Count a refusal and answer it."""
+        self.refusals[kind] += 1
+        source.refuse(kind, text, identity)
+
+    async def _dispatch(self, source: Source, message: DriveMessage) -> None:
+        if source.authorization.mode == "observe":
+            raise Refused("fence", "this connection only observes")
+        self._welcome(source)
+        if message.operation == "advertise":
+            await self._advertise(source, message)
+        elif message.operation == "publish":
+            await self._publish(source, message)
+
+    def _welcome(self, source: Source) -> None:
+        """Let a new driver begin without the names that the one before invented."""
+        fence = source.authorization.fence
+        if fence not in (0, self._fence) and self._authorizer.holds(source.authorization):
+            self._fence = fence
+            self._topics.free_unmoved(self._is_removable)
+            self._wake.set()
+
+    def _topic_for(self, source: Source, name: str) -> Topic:
+        """Return the topic of this name; where all places are taken, only who may drive gets another's."""
+        is_removable = (
+            self._is_removable if self._authorizer.holds(source.authorization) else lambda _: False
+        )
+        topic = self._topics.ensure(name, self._clock(), is_removable)
+        if self._topics.parting:
+            self._deadman.forget(self._topics)
+            self._wake.set()
+        return topic
+
+    def _is_removable(self, topic: Topic) -> bool:
+        """Tell whether a topic stands, and rosbridge has read so: no zero is owed to it, nor may be soon."""
+        is_at_rest = topic.waiting is None and self._deadman.is_at_rest(topic.name)
+        return is_at_rest and (topic.sent is None or topic.sent_at <= self.publisher.read_until)
+
+    async def _advertise(self, source: Source, message: DriveMessage) -> None:
+        # The field latch is left out: a robot must not get its last command again by itself.
+        name = message.fields.get("type")
+        if not isinstance(name, str) or name not in SHAPES:
+            raise Refused("shape", "its type is no Twist, TwistStamped or AckermannDriveStamped")
+        topic = self._topic_for(source, message.topic)
+        self._check_shape(topic, SHAPES[name])
+        if topic.type != name:
+            topic.type, topic.announced = name, False
+        await self._announce(topic)
+
+    async def _publish(self, source: Source, message: DriveMessage) -> None:
+        now, given = self._clock(), message.fields.get("robotether")
+        stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
+        self._authorizer.check(source.authorization, stamp.get("fence"), now)
+        if not self.publisher.up or self._deadman.owes:
+            raise Refused("held", "rosbridge does not take commands")
+        old_at = self._old_at(source, stamp.get("t_ms"), now)
+        known = self._topics.find(message.topic)
+        wanted = commands.read(message.fields.get("msg", {}), known.declared if known else None)
+        topic = self._topic_for(source, message.topic)
+        self._check_shape(topic, wanted.shape)
+        before = topic.sent if self._deadman.is_moving(topic.name) else None
+        command = limited(wanted, before, now - topic.sent_at, self._config.limits)
+        if topic.waiting is not None:
+            self.refusals["old"] += 1
+        topic.waiting = Waiting(command, source, old_at, message_id(message.fields))
+        await self._send_waiting(topic)
+        if topic.waiting is not None:
+            self._wake.set()
+
+    def _check_shape(self, topic: Topic, shape: Shape) -> None:
+        """Refuse another shape than the robot is moved with: it may not take it, and would drive on."""
+        if self._deadman.is_at_rest(topic.name) or topic.sent is None:
+            return
+        if shape != topic.sent.shape:
+            raise Refused("shape", "the robot moves by messages of another type on this topic")
+
+    def _old_at(self, source: Source, t_ms: object, now: float) -> float:
+        """Return until when a command may be sent, or refuse it."""
+        if source.authorization.mode == "direct":
+            return now + self._config.max_age_s
+        if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):
+            raise Refused("old", "nobody knows when it was given")
+        # In this order nothing passes that is no moment, and no integer becomes a float that is too large.
+        if not now * 1000 - self._config.max_age_s * 1000 <= t_ms <= now * 1000 + AHEAD_MS:
+            raise Refused("old", f"it is not of the last {self._config.max_age_s * 1000:g} ms")
+        return min(t_ms / 1000, now) + self._config.max_age_s
+
+    # Sending.
+
+    async def run(self) -> None:
+        """Send what is due, without end."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self._wake.clear()
+            await self.step()
+            due_at = self._next_at()
+            delay_s = None if due_at is None else max(0.0, due_at - self._clock())
+            timer = None if delay_s is None else loop.call_later(delay_s, self._wake.set)
+            try:
+                await self._wake.wait()
+            finally:
+                if timer is not None:
+                    timer.cancel()
+
+    async def step(self) -> None:
+        """Send the zeros and commands whose time has come."""
+        now = self._clock()
+        wants = self._deadman.moving() or any(topic.waiting for topic in self._topics)
+        if wants and now >= self._authorizer.silent_at:
+            # Only then: it wakes this loop, which would turn without a pause for as long as the agent is silent.
+            self.halt()
+        for name in self._deadman.due(now):
+            await self._zero(self._topics.add(name), now)
+        await self._unadvertise()
+        for topic in self._topics:
+            await self._announce(topic)
+            await self._send_waiting(topic)
+        self._motion.tend(now, moves=self.moving)
+        self._stepped.set()
+        self._changed()
+
+    async def _announce(self, topic: Topic) -> None:
+        if topic.type and not topic.announced and self.publisher.can_send:
+            advertise = {"op": "advertise", "topic": topic.name, "type": topic.type}
+            # Meanwhile it may be forgotten, and then rosbridge must be told.
+            topic.announced = True
+            if not await self.publisher.send(_json(advertise)):
+                topic.announced = False
+
+    async def _unadvertise(self) -> None:
+        while self._topics.parting and self.publisher.can_send:
+            forgotten = {"op": "unadvertise", "topic": self._topics.next_parting()}
+            await self.publisher.send(_json(forgotten))
+
+    async def _zero(self, topic: Topic, now: float) -> None:
+        topic.waiting = None
+        if topic.sent is not None and self.publisher.can_send:
+            await self._announce(topic)
+            command = commands.zero(topic.sent.shape, topic.sent.frame_id)
+            if await self.publisher.send(_publish(topic, command, None)):
+                topic.sent, topic.sent_at = command, now
+                self._deadman.zeroed(topic.name, now)
+                return
+        self._deadman.postponed(topic.name, now)
+
+    async def _send_waiting(self, topic: Topic) -> None:
+        """Send the newest command of a topic if rosbridge takes it now; drop it if it is old."""
+        waiting, now = topic.waiting, self._clock()
+        if waiting is None:
+            return
+        if now > waiting.old_at:
+            topic.waiting = None
+            self._drop_old(topic, waiting, now)
+        elif self.publisher.can_send and not self._deadman.owes:
+            await self._announce(topic)
+            # Meanwhile a stop may have come, or a newer command.
+            if topic.waiting is waiting:
+                topic.waiting = None
+                await self._send(topic, waiting, now)
+
+    async def _send(self, topic: Topic, waiting: Waiting, now: float) -> None:
+        command = waiting.command
+        was_moving = self._deadman.is_moving(topic.name)
+        if command.moves and not was_moving:
+            moving = Driven(topic.name, command.shape, topic.type, command.frame_id)
+            if not self._motion.ensure(moving, self._topics):
+                why = "the guard cannot keep note that the robot moves"
+                self.refuse(waiting.source, "held", _cannot(topic, why), waiting.message_id)
+                return
+            self._wake.set()
+        self._driver = topic.source = waiting.source
+        topic.sent, topic.sent_at = command, now
+        if command.moves:
+            # Before it is sent: if the connection breaks meanwhile, it may have arrived.
+            self._deadman.commanded(topic.name, now, moves=True)
+            topic.moved = True
+        sent = await self.publisher.send(_publish(topic, command, waiting.message_id))
+        if sent and not command.moves and topic.sent is command:
+            self._deadman.commanded(topic.name, now, moves=False)
+            self._wake.set()
+
+    def _drop_old(self, topic: Topic, waiting: Waiting, now: float) -> None:
+        why = "rosbridge did not take it in time"
+        self.refuse(waiting.source, "old", _cannot(topic, why), waiting.message_id)
+        if not waiting.command.moves:
+            # The driver wanted to stop, and there is nothing newer.
+            self._deadman.stop([topic.name], now)
+
+    def _lost(self, concerned: Callable[[Source], bool]) -> None:
+        self._topics.forget_waiting(concerned)
+        self._begin_zeros(self._topics.of(concerned))
+
+    def _begin_zeros(self, names: Iterable[str]) -> None:
+        self._deadman.stop(names, self._clock())
+        self._wake.set()
+
+    def _next_at(self) -> float | None:
+        times = [topic.waiting.old_at for topic in self._topics if topic.waiting]
+        due = self._deadman.next_at()
+        if due is not None:
+            times.append(due)
+        if self._deadman.moving():
+            times.append(self._authorizer.silent_at)
+        if self._motion.ends_at is not None and not self.moving:
+            times.append(self._motion.ends_at)
+        return min(times, default=None)
+
+
+def _cannot(topic: Topic, why: str) -> str:
+    return f"cannot publish to {topic.name}: {why}"
+
+
+def _publish(topic: Topic, command: Command, identity: MessageId) -> bytes:
+    message: dict[str, object] = {"op": "publish", "topic": topic.name}
+    if identity is not None:
+        message["id"] = identity
+    message["msg"] = commands.write(command)
+    return _json(message)
+
+
+def _json(message: Mapping[str, object]) -> bytes:
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

@@ -1,0 +1,44 @@
+"""All checks of a robot that works, and of one where nothing does."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.doctor.findings import FAIL, OK
+from robotether_agent.doctor.runner import run_checks
+from robotether_agent.settings import Settings
+
+STEPS = ["settings", "disk", "mac", "key", "name", "https port", "certificate", "clock", "answer"]
+LAST_STEPS = ["service", "rosbridge", "guard", "video", "shell", "connection", "end to end"]
+
+
+@pytest.fixture(autouse=True)
+def no_systemd(monkeypatch, place):
+    """This machine's own boot services are not the robot's."""
+    monkeypatch.setattr("robotether_agent.systemd.state", lambda: None)
+
+
+async def test_a_robot_that_works(make_cloud, start_agent):
+    """While the agent runs every step is well, in the order in which a connection needs them."""
+    cloud = await make_cloud()
+    cloud.checked["video"] = "ok"
+    agent = start_agent(cloud, shell_address="none")
+    await agent.until(
+        lambda status: status.end_to_end_ros == "ok" and status.guard == "ready",
+        "the server has looked",
+    )
+    found = [finding async for finding in run_checks(agent.settings)]
+    assert [f.step for f in found] == [*STEPS, "join", f"ssh {cloud.ssh.port}", *LAST_STEPS]
+    assert [str(f) for f in found if f.state != OK] == [
+        "skipped  shell        shell_address allows none"
+    ]
+
+
+async def test_a_machine_where_nothing_works_yet(place):
+    """Each step is still looked at, and each FAIL says what to do."""
+    settings = Settings(
+        server="no-such-host.invalid", state_dir=place / "state", run_dir=place / "run"
+    )
+    found = [finding async for finding in run_checks(settings)]
+    failed = [finding for finding in found if finding.state == FAIL]
+    assert {"disk", "key", "name", "join", "service"} <= {finding.step for finding in failed}
+    assert all(finding.advice for finding in failed)

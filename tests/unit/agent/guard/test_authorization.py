@@ -1,0 +1,212 @@
+"""Who may drive."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_agent.guard.authorization import (
+    AGENT_SILENT_S,
+    Authorization,
+    Authorizer,
+    NotAuthorized,
+)
+from robotether_agent.guard.refused import Refused
+
+NOW = 100.0
+
+
+def authorizer(*, fence: int | None = 13, direct: bool = False) -> Authorizer:
+    made = Authorizer(NOW)
+    made.key, made.direct = "k1", direct
+    made.session(up=True)
+    if fence is not None:
+        made.lease(fence, held=True)
+    return made
+
+
+def headers(mode: str = "drive", fence: object = 13, key: str = "k1") -> dict[str, str]:
+    return {"Robotether-Key": key, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
+
+
+def status(rights: Authorizer, given_: dict[str, str]) -> int:
+    with pytest.raises(NotAuthorized) as refused:
+        rights.authorize(given_)
+    return refused.value.status
+
+
+def kind(
+    rights: Authorizer, authorization: Authorization, fence: object = 13, now: float = NOW
+) -> str:
+    with pytest.raises(Refused) as refused:
+        rights.check(authorization, fence, now)
+    return refused.value.kind
+
+
+def test_the_lease_drives_with_the_key() -> None:
+    rights = authorizer()
+    authorization = rights.authorize(headers())
+    assert authorization == Authorization("drive", 13)
+    rights.check(authorization, 13, NOW)
+    assert rights.holds(authorization)
+    assert rights.keeps(authorization)
+
+
+@pytest.mark.parametrize(
+    "given_",
+    [
+        {}, headers(key="k2"), headers(key=""), headers(key="k\udcff"), headers(mode="direct"), headers(mode=""),
+        headers(fence=""), headers(fence="-1"), headers(fence="0"), headers(fence="1e3"), headers(fence="٣"),
+        headers(fence="9" * 30),
+    ],
+)  # fmt: skip
+def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
+    """A wrong key, an unknown mode, a fence that is no number."""
+    assert status(authorizer(), given_) == 403
+
+
+def test_without_a_key_of_its_own_the_guard_lets_nobody_in() -> None:
+    rights = authorizer()
+    rights.key = ""
+    assert status(rights, headers(key="")) == 403
+    assert status(rights, {}) == 403
+
+
+def test_an_older_fence_comes_too_late() -> None:
+    """At the door, and with a message that was long on its way."""
+    rights = authorizer()
+    authorization = rights.authorize(headers())
+    rights.lease(14, held=True)
+    assert status(rights, headers()) == 409
+    assert kind(rights, authorization) == "fence"
+    assert not rights.keeps(authorization)
+
+
+def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
+    """Only the server knows the key, so its newer number counts at once."""
+    rights = authorizer()
+    old = rights.authorize(headers())
+    new = rights.authorize(headers(fence=14))
+    rights.lease(13, held=False)
+    assert kind(rights, old) == "fence"
+    rights.check(new, 14, NOW)
+    rights.lease(14, held=True)
+    rights.check(new, 14, NOW)
+    rights.lease(14, held=False)
+    assert kind(rights, new, 14) == "fence"
+
+
+def test_a_lease_that_is_over_does_not_come_back() -> None:
+    """Not even by its own line, told again."""
+    rights = authorizer()
+    rights.lease(13, held=False)
+    rights.lease(13, held=True)
+    assert status(rights, headers()) == 409
+
+
+def test_a_new_sessions_first_number_counts() -> None:
+    """The server's database may have been set back; its drivers must not wait for old numbers."""
+    rights = authorizer(fence=500)
+    rights.session(up=False)
+    assert status(rights, headers(fence=501)) == 409
+    rights.session(up=True)
+    rights.lease(3, held=True)
+    assert rights.authorize(headers(fence=3)) == Authorization("drive", 3)
+
+
+@pytest.mark.parametrize("fence", [None, "13", 13.0, True, 12, 14])
+def test_a_message_shows_its_connections_fence(fence: object) -> None:
+    rights = authorizer(fence=13)
+    assert kind(rights, Authorization("drive", 13), fence) == "fence"
+
+
+def test_a_stop_refuses_and_ends_the_lease() -> None:
+    """A release alone does not bring the driver back."""
+    rights = authorizer()
+    authorization = rights.authorize(headers())
+    rights.stop()
+    assert kind(rights, authorization) == "stopped"
+    assert status(rights, headers(fence=14)) == 409
+    rights.release()
+    assert kind(rights, authorization) == "fence"
+    assert rights.authorize(headers(fence=14)).fence == 14
+
+
+def test_a_silent_agent_holds_the_robot_until_it_speaks() -> None:
+    """Its silence may be a session that is lost without a word."""
+    rights = authorizer()
+    authorization = rights.authorize(headers())
+    late = NOW + AGENT_SILENT_S
+    assert kind(rights, authorization, now=late) == "held"
+    rights.on_agent_message(late)
+    rights.check(authorization, 13, late)
+
+
+def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
+    rights = authorizer(direct=True)
+    drive, observe, direct = (
+        rights.authorize(headers()),
+        rights.authorize(headers("observe")),
+        rights.authorize({}),
+    )
+    rights.session(up=False)
+    assert [rights.keeps(one) for one in (drive, observe, direct)] == [False, True, False]
+    assert kind(rights, drive) == "held"
+
+
+def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
+    rights = authorizer(fence=None, direct=True)
+    direct = rights.authorize({})
+    rights.check(direct, None, NOW)
+    rights.lease(1, held=True)
+    assert kind(rights, direct, None) == "fence"
+    assert rights.keeps(direct)
+    rights.lease(1, held=False)
+    rights.check(direct, None, NOW)
+    rights.direct = False
+    assert not rights.keeps(direct)
+    assert status(rights, {}) == 403
+
+
+def test_a_guard_that_ends_moves_nothing() -> None:
+    rights = authorizer()
+    authorization = rights.authorize(headers())
+    rights.ending = True
+    assert kind(rights, authorization) == "held"
+    assert status(rights, headers()) == 409
+
+
+EVENTS = st.lists(
+    st.tuples(st.sampled_from(["held", "over", "door", "stop", "release"]), st.integers(1, 6)),
+    max_size=30,
+)
+
+
+@given(EVENTS)
+def test_an_old_fence_never_passes(events: list[tuple[str, int]]) -> None:
+    """In one session, whatever comes in whatever order: only the newest number drives, and none that ended."""
+    rights = authorizer(fence=None)
+    rights.lease(0, held=False)
+    newest, over = 0, set()
+    for what, fence in events:
+        if what == "held":
+            rights.lease(fence, held=True)
+            newest = max(newest, fence)
+        elif what == "over":
+            rights.lease(fence, held=False)
+            newest = max(newest, fence)
+            over |= {fence} if fence == newest else set()
+        elif what == "door":
+            try:
+                newest = max(newest, rights.authorize(headers(fence=fence)).fence)
+            except NotAuthorized:
+                continue
+        elif what == "stop":
+            rights.stop()
+            over.add(newest)
+        else:
+            rights.release()
+        for number in range(1, 7):
+            if rights.holds(Authorization("drive", number)):
+                assert number == newest
+                assert number not in over

@@ -1,0 +1,125 @@
+"""One operator's connection through the guard."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from aiohttp import WSMsgType
+from fake_rosbridge import FakeRosbridge
+from guard_process import GuardClient, GuardProcess
+from sim_client import until
+
+
+@pytest.fixture
+async def rosbridge() -> AsyncIterator[FakeRosbridge]:
+    async with FakeRosbridge() as running:
+        yield running
+
+
+@pytest.fixture
+async def guard(place: Path, rosbridge: FakeRosbridge) -> AsyncIterator[GuardProcess]:
+    async with GuardProcess(place, rosbridge.port) as running:
+        await running.grant(13)
+        yield running
+
+
+async def test_drive_messages_leave_the_stream(
+    guard: GuardProcess, rosbridge: FakeRosbridge
+) -> None:
+    """They come on the publisher, also the advertisement, and nothing of them on the connection itself."""
+    async with GuardClient(guard.port, 13) as client:
+        await client.send(op="advertise", topic="cmd_vel", type="geometry_msgs/Twist")
+        await client.drive(0.5, topic="cmd_vel")
+        await client.send(op="unadvertise", topic="cmd_vel")
+        await client.send(op="publish", topic="/echo")
+        await client.receive()
+        operations = [(message["op"], message.get("topic")) for _, message in rosbridge.got]
+        assert sorted(operations[:3]) == [
+            ("advertise", "/cmd_vel"),
+            ("publish", "/cmd_vel"),
+            ("publish", "/echo"),
+        ]
+        assert "robotether" not in rosbridge.got[1][1]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['{"op":"fragment","id":"1"}', '{"op":"png"}', "{", "[]", '{"op":"publish","topic":"/a//b"}'],
+)
+async def test_what_cannot_be_checked_is_answered(
+    guard: GuardProcess, rosbridge: FakeRosbridge, text: str
+) -> None:
+    """For observers, too; and the connection goes on."""
+    async with GuardClient(guard.port, 0) as client:
+        await client.socket.send_str(text)
+        answer = await client.receive()
+        assert (answer["op"], answer["level"]) == ("status", "error")
+        await client.send(op="publish", topic="/echo")
+        assert (await client.receive())["topic"] == "/echo"
+        assert len(rosbridge.got) == 1
+
+
+async def test_answers_are_few(guard: GuardProcess) -> None:
+    """One a second of each kind, however many were refused."""
+    async with GuardClient(guard.port, 0) as client:
+        for _ in range(50):
+            await client.socket.send_str("rubbish")
+        await client.send(op="publish", topic="/echo")
+        assert [(await client.receive())["op"] for _ in range(2)] == ["status", "publish"]
+
+
+async def test_an_observer_drives_nothing(guard: GuardProcess, rosbridge: FakeRosbridge) -> None:
+    """A relay that failed to refuse it would find a second door."""
+    async with GuardClient(guard.port, 0) as client:
+        await client.drive(0.5)
+        assert "observes" in (await client.receive())["msg"]
+        assert rosbridge.speeds() == []
+
+
+async def test_pings_go_all_the_way(guard: GuardProcess) -> None:
+    """So that a client sees whether rosbridge lives, and not whether the guard does."""
+    async with GuardClient(guard.port, 0) as client:
+        client.socket._autoping = False
+        await client.socket.ping(b"are you there")
+        message = await client.socket.receive(timeout=5)
+        assert (message.type, message.data) == (WSMsgType.PONG, b"are you there")
+
+
+async def test_the_end_of_either_side_is_the_end_of_both(
+    guard: GuardProcess, rosbridge: FakeRosbridge
+) -> None:
+    """With rosbridge's own code."""
+    async with GuardClient(guard.port, 0) as client:
+        await until("it is joined", lambda: len(rosbridge.sockets) == 2)
+        mine = rosbridge.sockets[1]
+        closing = asyncio.create_task(mine.close(code=4321))
+        assert await client.closed() == 4321
+        await closing
+    async with GuardClient(guard.port, 0) as client:
+        await until("it is joined", lambda: len(rosbridge.sockets) == 3)
+        await client.socket.close()
+        await until("rosbridge sees it", lambda: rosbridge.sockets[2].closed)
+
+
+async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(
+    guard: GuardProcess, rosbridge: FakeRosbridge
+) -> None:
+    """No more than the buffers between them is held, and others are not held up."""
+    async with GuardClient(guard.port, 0) as client, GuardClient(guard.port, 0) as other:
+        await until("they are joined", lambda: len(rosbridge.sockets) == 3)
+        transport = client.socket._response.connection
+        assert transport is not None
+        assert transport.transport is not None
+        transport.transport.pause_reading()  # type: ignore[attr-defined]
+        sent = 0
+        with suppress(asyncio.TimeoutError):
+            while sent < 256:
+                await asyncio.wait_for(rosbridge.sockets[1].send_bytes(b"x" * 1024 * 1024), 1)
+                sent += 1
+        assert sent < 64
+        await other.send(op="publish", topic="/echo")
+        assert (await other.receive())["topic"] == "/echo"

@@ -1,0 +1,94 @@
+"""The publisher before rosbridges of all moods."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fake_rosbridge import FakeRosbridge
+from robotether_agent.guard import cmd_vel_publisher
+from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
+from robotether_agent.guard.sockets import new_http
+from sim_client import until
+from stopwatch import Stopwatch
+
+
+class MonitoredSession:
+    """A listener that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+        self.said: list[bytes] = []
+
+    def on_rosbridge_connected(self) -> None:
+        self.events.append("up")
+
+    def on_rosbridge_lost(self) -> None:
+        self.events.append("lost")
+
+    def on_rosbridge_drained(self) -> None:
+        self.events.append("free")
+
+    def on_rosbridge_message(self, data: bytes) -> None:
+        self.said.append(data)
+
+
+@asynccontextmanager
+async def running(
+    rosbridge: FakeRosbridge,
+) -> AsyncIterator[tuple[CmdVelPublisher, MonitoredSession]]:
+    """A line that is connected."""
+    heard = MonitoredSession()
+    async with new_http() as http:
+        line = CmdVelPublisher(http, heard, time.monotonic)
+        task = asyncio.create_task(line.run())
+        line.use(f"ws://127.0.0.1:{rosbridge.port}/")
+        await until("it is up", lambda: "up" in heard.events)
+        yield line, heard
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_what_is_sent_is_known_to_be_read() -> None:
+    async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
+        assert line.up
+        assert line.can_send
+        assert await line.send(b'{"op":"publish","topic":"/echo"}')
+        sent_at = time.monotonic()
+        await until("it is read", lambda: "free" in heard.events)
+        assert 0 < line.read_until <= sent_at
+        await until("it is answered", lambda: heard.said == [b'{"op":"publish","topic":"/echo"}'])
+
+
+async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled() -> None:
+    """Long before TCP would tell; and it is used again when it reads."""
+    async with FakeRosbridge("slow_reader") as rosbridge, running(rosbridge) as (line, _):
+        await line.send(b'{"op":"x"}')
+        with Stopwatch() as stopwatch:
+            await until("it is full", lambda: not line.can_send)
+        assert stopwatch.s < cmd_vel_publisher.FULL_AFTER_S + 0.3
+        assert line.up
+        await until("it is stalled", lambda: line.stalled and not line.up)
+        rosbridge.read_on()
+        await until("it reads", lambda: line.can_send and line.up)
+
+
+async def test_it_connects_again_for_ever() -> None:
+    """To a rosbridge that crashed, as soon as it is back."""
+    async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
+        await rosbridge.stop()
+        await until("it is lost", lambda: "lost" in heard.events)
+        assert not line.up
+        assert not line.can_send
+        assert not await line.send(b"{}")
+        await rosbridge.start()
+        await until("it is up again", lambda: heard.events.count("up") == 2)
+
+
+async def test_another_address_is_used_at_once() -> None:
+    async with FakeRosbridge() as old, FakeRosbridge() as new, running(old) as (line, heard):
+        line.use(f"ws://127.0.0.1:{new.port}/")
+        await until("it is up there", lambda: heard.events.count("up") == 2)
+        assert (old.connections, new.connections) == (1, 1)

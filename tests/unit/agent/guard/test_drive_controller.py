@@ -1,0 +1,352 @@
+"""What goes on the publisher, with a line and a clock of the tests."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from controller_world import FakeSource, MemoryMotionFile, World
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.authorization import Authorization
+from robotether_agent.guard.drive_controller import AHEAD_MS
+from robotether_agent.guard.limits import Limits
+from robotether_agent.guard.motion_state import Driven, MotionFile
+from sim_client import until
+
+
+async def test_a_command_goes_on_without_its_stamp(world: World) -> None:
+    """Written anew, with the client's id."""
+    await world.drive(0.5, id="c1", latch=True, queue_size=1)
+    assert world.publisher.sent == [
+        {
+            "op": "publish",
+            "topic": "/cmd_vel",
+            "id": "c1",
+            "msg": {
+                "linear": {"x": 0.5, "y": 0.0, "z": 0.0},
+                "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+            },
+        }
+    ]
+    assert world.source.refused == []
+    assert world.controller.moving
+
+
+async def test_zeros_follow_when_commands_stop(world: World) -> None:
+    """Ten, and then the guard is silent and its mark gone."""
+    await world.drive(0.5)
+    await world.pass_time(0.45)
+    assert world.publisher.speeds == [0.5]
+    assert world.motion_file.read() == [Driven("/cmd_vel", "twist")]
+    await world.pass_time(10)
+    assert world.publisher.speeds == [0.5] + [0.0] * 10
+    assert world.motion_file.read() is None
+    assert not world.controller.moving
+
+
+@pytest.mark.parametrize("loss", ["gone", "lease", "stop", "session", "agent", "rosbridge"])
+async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
+    """The driver's connection, lease or session, the agent, and rosbridge itself."""
+    await world.drive(0.5)
+    losses: dict[str, Callable[[], None]] = {
+        "gone": lambda: world.controller.on_disconnected(world.source),
+        "lease": lambda: (
+            world.authorizer.lease(13, held=False),
+            world.controller.rights_changed(),
+        )[1],
+        "session": lambda: (world.authorizer.session(up=False), world.controller.rights_changed())[
+            1
+        ],
+        "stop": lambda: (world.authorizer.stop(), world.controller.stop())[1],
+        "agent": lambda: setattr(world, "now", world.authorizer.silent_at),
+        "rosbridge": world.controller.on_rosbridge_lost,
+    }
+    losses[loss]()
+    await world.controller.step()
+    assert world.publisher.speeds == [0.5, 0.0]
+    await world.pass_time(5)
+    assert world.publisher.speeds == [0.5] + [0.0] * 10
+
+
+async def test_another_connections_end_is_no_stop(world: World) -> None:
+    await world.drive(0.5)
+    world.controller.on_disconnected(FakeSource(Authorization("observe")))
+    await world.controller.step()
+    assert world.publisher.speeds == [0.5]
+
+
+async def test_a_stop_zeroes_what_stands(world: World) -> None:
+    """Of topics that were driven; the guard knows no others."""
+    await world.send(op="advertise", topic="/other/cmd_vel", type="geometry_msgs/Twist")
+    await world.drive(0.0)
+    world.controller.stop()
+    await world.pass_time(5)
+    assert world.publisher.speeds == [0.0] * 11
+    assert {m["topic"] for m in world.publisher.sent if m["op"] == "publish"} == {"/cmd_vel"}
+
+
+@pytest.mark.parametrize("age_ms", [500.1, 1e9, -AHEAD_MS - 1])
+async def test_old_commands_are_refused(world: World, age_ms: float) -> None:
+    """And those from a future that no clock explains."""
+    await world.drive(0.5, age_ms=age_ms)
+    assert world.publisher.sent == []
+    assert world.source.kinds == ["old"]
+    assert world.controller.refusals["old"] == 1
+
+
+@pytest.mark.parametrize("t_ms", [None, "now", True, [], 10**400, -(10**400)])
+async def test_a_command_without_a_time_is_refused(world: World, t_ms: object) -> None:
+    await world.drive(0.5, robotether={"t_ms": t_ms, "fence": 13})
+    await world.drive(0.5, robotether=3)
+    assert world.publisher.sent == []
+    assert world.source.kinds == ["old", "fence"]
+
+
+async def test_a_direct_connection_needs_no_time(world: World) -> None:
+    world.authorizer.lease(13, held=False)
+    world.authorizer.direct = True
+    direct = FakeSource(Authorization("direct"))
+    await world.send(direct, op="publish", msg={"linear": {"x": 1}})
+    assert world.publisher.speeds == [1.0]
+
+
+async def test_observers_move_nothing(world: World) -> None:
+    """The server refuses them first; here is the second door."""
+    observer = FakeSource(Authorization("observe"))
+    await world.drive(0.5, observer)
+    await world.send(observer, op="advertise", type="geometry_msgs/Twist")
+    assert world.publisher.sent == []
+    assert len(observer.refused) == 2
+
+
+async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
+    """Rosbridge that is busy gets one, not ten, when it reads again."""
+    world.publisher.full = True
+    for speed in range(1, 11):
+        await world.drive(speed)
+    world.publisher.full = False
+    await world.controller.step()
+    assert world.publisher.speeds == [10.0]
+    assert world.controller.refusals["old"] == 9
+
+
+async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
+    """It is refused when it comes, so that what waits for rosbridge still goes out."""
+    world.line.full = True
+    await world.drive(0.3)
+    await world.drive(0.9, age_ms=600)
+    world.line.full = False
+    await world.helm.step()
+    assert world.line.speeds == [0.3]
+    assert world.source.kinds == ["old"]
+
+
+async def test_a_command_that_waits_too_long_is_dropped(world: World) -> None:
+    """Its age counts from when it was given, not from when it came."""
+    world.publisher.full = True
+    await world.drive(0.5, age_ms=400)
+    await world.pass_time(0.2)
+    world.publisher.full = False
+    await world.pass_time(1)
+    assert world.publisher.sent == []
+    assert world.source.kinds == ["old"]
+
+
+async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
+    """The wish to stand outlives its command."""
+    await world.drive(0.5)
+    world.publisher.full = True
+    await world.drive(0.0, age_ms=450)
+    await world.pass_time(0.1)
+    world.publisher.full = False
+    await world.pass_time(0.1)
+    assert world.publisher.speeds[:2] == [0.5, 0.0]
+
+
+async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
+    """A command must not come after the end of its driver."""
+    world.publisher.full = True
+    await world.drive(0.5)
+    world.controller.on_disconnected(world.source)
+    world.publisher.full = False
+    await world.pass_time(1)
+    assert world.publisher.sent == []
+
+
+async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
+    """A rosbridge that was away moves nobody before it has stopped everybody."""
+    await world.drive(0.5)
+    world.publisher.up = False
+    world.controller.on_rosbridge_lost()
+    await world.pass_time(3)
+    world.publisher.up = True
+    await world.drive(0.7)
+    assert world.source.kinds == ["held"]
+    world.controller.on_rosbridge_connected()
+    await world.controller.step()
+    await world.drive(0.7)
+    assert world.publisher.speeds == [0.5, 0.0, 0.7]
+
+
+async def test_a_rosbridge_that_does_not_read_gets_nothing(world: World) -> None:
+    world.publisher.up = False
+    await world.drive(0.5)
+    assert world.source.kinds == ["held"]
+
+
+async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> None:
+    world.publisher.breaks = True
+    await world.drive(0.5)
+    world.controller.on_rosbridge_lost()
+    world.publisher.breaks = False
+    await world.pass_time(1)
+    assert world.publisher.speeds == [0.0] * 10
+
+
+async def test_commands_are_limited_against_the_last_one(world: World) -> None:
+    """0.05 s after 0.1 m/s, 2 m/s2 make 0.2 m/s."""
+    world.controller.use(GuardConfig("ws://x", limits=Limits(max_acceleration_m_s2=2)))
+    await world.drive(5)
+    await world.pass_time(0.05)
+    await world.drive(5)
+    assert world.publisher.speeds[0] == pytest.approx(0.2)
+    assert world.publisher.speeds[1] == pytest.approx(0.3)
+
+
+async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:
+    """After a crash nobody would stop it."""
+    world = World(MotionFile(tmp_path / "gone"))
+    await world.drive(0.5)
+    assert world.publisher.sent == []
+    assert world.source.kinds == ["held"]
+    assert not world.controller.moving
+
+
+async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
+    assert isinstance(world.motion_file, MemoryMotionFile)
+    name = "geometry_msgs/msg/TwistStamped"
+    world.motion_file.driven = [Driven("/base/cmd_vel", "twist_stamped", name, "base")]
+    world.controller.resume()
+    await world.pass_time(3)
+    assert world.publisher.sent[0] == {"op": "advertise", "topic": "/base/cmd_vel", "type": name}
+    assert len(world.publisher.sent) == 11
+    assert world.publisher.sent[1]["msg"]["header"] == {"frame_id": "base"}
+    assert world.motion_file.driven is None
+
+
+async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
+    """A mark that cannot be read stands for the topics that have plain names."""
+    assert isinstance(world.motion_file, MemoryMotionFile)
+    world.motion_file.driven = []
+    world.controller.resume()
+    await world.pass_time(3)
+    assert [m["topic"] for m in world.publisher.sent] == ["/cmd_vel"] * 10
+
+
+async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
+    """The driver let go in the moment in which rosbridge crashed; its next zeros find no rosbridge."""
+    await world.drive(0.5)
+    world.publisher.read_until = world.now
+    await world.pass_time(0.05)
+    await world.drive(0.0)
+    assert not world.controller.moving
+    world.publisher.up = False
+    world.controller.on_rosbridge_lost()
+    world.publisher.up, world.publisher.sent = True, []
+    world.controller.on_rosbridge_connected()
+    await world.pass_time(0.6)
+    assert world.publisher.speeds == [0.0] * 10
+
+
+async def test_a_last_zero_that_was_read_is_not_sent_again(world: World) -> None:
+    """Somebody else may move the robot meanwhile."""
+    await world.drive(0.5)
+    await world.drive(0.0)
+    world.publisher.read_until = world.now
+    world.publisher.sent = []
+    world.controller.on_rosbridge_lost()
+    await world.pass_time(0.6)
+    assert world.publisher.speeds == []
+
+
+async def test_a_stop_while_the_topic_is_announced_is_no_motion(world: World) -> None:
+    """What was about to be sent is forgotten, also when it was taken up already."""
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    world.controller.on_rosbridge_lost()
+    send = world.publisher.send
+
+    async def stopped_meanwhile(data: bytes) -> bool:
+        world.controller.stop()
+        return await send(data)
+
+    world.publisher.send = stopped_meanwhile  # type: ignore[method-assign]  # the line of this test
+    await world.drive(0.5)
+    assert world.publisher.speeds == []
+    assert not world.controller.moving
+
+
+async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
+    world.controller.on_rosbridge_message(b"nobody drives yet")
+    await world.drive(0.5)
+    world.controller.on_rosbridge_message(b"{}")
+    assert world.source.notified == [b"{}"]
+    world.controller.on_disconnected(world.source)
+    world.controller.on_rosbridge_message(b"{}")
+    assert world.source.notified == [b"{}"]
+
+
+async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
+    """It neither spins while nothing happens nor misses an event."""
+    task = asyncio.create_task(world.controller.run())
+    await asyncio.sleep(0.05)
+    assert world.changes == 1
+    await world.drive(0.5)
+    world.controller.on_disconnected(world.source)
+    await until("the zero is sent", lambda: len(world.publisher.sent) == 2)
+    assert world.changes < 10
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_the_last_zeros_can_be_waited_for(world: World) -> None:
+    """A guard that ends leaves no mark of a robot that stands."""
+    await world.drive(0.5)
+    world.controller.halt()
+    waits = asyncio.create_task(world.controller.until_at_rest())
+    await world.pass_time(0.6)
+    await asyncio.wait_for(waits, 1)
+    world.controller.close()
+    assert world.motion_file.read() is None
+
+
+COMMANDS = st.lists(
+    st.tuples(st.floats(-600, 5000), st.integers(11, 15), st.floats(0, 0.4), st.booleans()),
+    max_size=20,
+)
+
+
+@given(COMMANDS)
+def test_no_old_command_and_no_old_fence_passes(
+    commands: list[tuple[float, int, float, bool]],
+) -> None:
+    """Whenever rosbridge is busy, and whatever the stamps say."""
+
+    async def scenario() -> None:
+        world = World()
+        given_at: dict[float, float] = {}
+        for number, (age_ms, fence, pause_s, full) in enumerate(commands, 1):
+            world.publisher.full = full
+            given_at[float(number)] = (world.now - age_ms / 1000) if fence == 13 else -1e9
+            stamp = {"t_ms": world.now * 1000 - age_ms, "fence": fence}
+            before = len(world.publisher.speeds)
+            await world.drive(float(number), robotether=stamp)
+            await world.pass_time(pause_s, 0.05)
+            for speed in world.publisher.speeds[before:]:
+                # Sent at the latest now, at the earliest `pause_s` ago.
+                assert speed == 0.0 or world.now - given_at[speed] <= 0.5 + pause_s + 0.05 + 1e-6
+
+    asyncio.run(scenario())

@@ -1,0 +1,28 @@
+"""Why something did not answer, in words that a person can use."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+import ssl
+
+import pytest
+from robotether_agent.describe_error import describe_error
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (asyncio.TimeoutError(), "no answer in 4 s"),
+        (OSError(errno.ECONNREFUSED, "Connect call failed ('127.0.0.1', 1)"), "Connection refused"),
+        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER]"), "WRONG_VERSION_NUMBER"),
+        (socket.gaierror(-2, "Name or service not known"), "Name or service not known"),
+        (ValueError("first\nsecond"), "first second"),
+        (ValueError(), "ValueError"),
+    ],
+)
+def test_each_reason_is_short_and_on_one_line(error, told):
+    """The number of another library is not taken for the system's."""
+    assert told in describe_error(error, 4)
+    assert "\n" not in describe_error(error, 4)

@@ -1,0 +1,182 @@
+"""One version takes the other's place, or gives it back, with real agents under a double of systemctl."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from fake_cloud import eventually
+from installed_agent import DEAF, DIES, GOOD, InstalledAgent
+from robotether_agent import systemd
+from robotether_agent.files import only_one
+from robotether_agent.pending_upgrade import NAME
+from robotether_agent.problems import AlreadyRunning, UpgradeFailed
+from robotether_agent.upgrade import Upgrade
+from robotether_agent.versions import Report
+
+WAIT_S = 12.0
+
+
+class PowerCut(BaseException):
+    """Ends a switch as a power cut does: nothing after it is done."""
+
+    @staticmethod
+    def now() -> None:
+        raise PowerCut
+
+
+class Robot(InstalledAgent):
+    """An installed agent whose versions change."""
+
+    async def switch(self, target, wait_s: float = WAIT_S) -> Report:
+        change = Upgrade(self.layout, self.run_dir, wait_s, stable_s=0.3)
+        return await asyncio.to_thread(change.to, target)
+
+    async def start(self) -> None:
+        await asyncio.to_thread(systemd.restart)
+
+    async def until(self, state: str) -> None:
+        def reached() -> bool:
+            status = self.status()
+            return status is not None and status.state == state
+
+        await eventually(reached, lambda: f"{state}: {self.status()}")
+
+    @property
+    def in_use(self) -> str:
+        return self.layout.in_use().name
+
+    @property
+    def written(self) -> dict[str, object]:
+        return json.loads((self.layout.base / "last-switch.json").read_text())
+
+    @property
+    def installed(self) -> list[str]:
+        return sorted(path.name for path in (self.layout.base / "versions").iterdir())
+
+
+@pytest.fixture
+async def robot(place, make_cloud, monkeypatch) -> AsyncIterator[Robot]:
+    """A robot whose version 1 is connected."""
+    cloud = await make_cloud()
+    made = Robot(place, cloud)
+    made.cloud = cloud
+    for name, value in made.environ.items():
+        monkeypatch.setitem(os.environ, name, value)
+    made.use(made.add("1"))
+    await made.start()
+    await made.until("connected")
+    yield made
+    made.stop()
+
+
+async def test_a_good_version_takes_over(robot):
+    """The robot is connected with it before anybody is told that it is done, and systemd read its unit."""
+    report = await robot.switch(robot.add("2", unit="another unit file\n"))
+    assert (report.result, robot.in_use) == ("done", "2")
+    assert robot.status().state == "connected"
+    assert robot.layout.unit.read_text() == "another unit file\n"
+    assert robot.calls[1:] == ["daemon-reload", "restart robotether-agent.service"]
+    assert robot.written == {
+        **robot.written,
+        "result": "done",
+        "was": "1",
+        "wanted": "2",
+        "detail": "2 is in use",
+    }
+
+
+async def test_a_version_that_does_not_start_is_taken_back(robot):
+    """The old version and its unit file are in use again, the robot is connected, and the reason is written."""
+    report = await robot.switch(robot.add("2", DIES, unit="another unit file\n"))
+    assert (report.result, robot.in_use) == ("rolled_back", "1")
+    assert robot.layout.unit.read_text() == "a unit file\n"
+    assert robot.status().state == "connected"
+    assert "cannot do systemctl restart" in robot.written["detail"]
+    assert robot.written["detail"].endswith("1 is in use again, as before")
+
+
+async def test_a_version_that_does_not_connect_is_taken_back(robot):
+    """Running is not enough where the robot was connected before."""
+    report = await robot.switch(robot.add("2", DEAF), wait_s=3)
+    assert (report.result, robot.in_use) == ("rolled_back", "1")
+    assert "2 was not connected within 3 s: it is waiting (cannot reach SSH" in report.detail
+    assert robot.status().state == "connected"
+
+
+async def test_a_robot_that_waited_may_go_on_waiting(robot):
+    """A server that is down for days must not keep a robot from its update."""
+    robot.cloud.ssh.stop()
+    await robot.until("waiting")
+    report = await robot.switch(robot.add("2"))
+    assert (report.result, robot.in_use) == ("done", "2")
+
+
+async def test_a_service_that_somebody_stopped_stays_stopped(robot):
+    """An image that is prepared for cloning must not join by an update."""
+    robot.stop()
+    calls = robot.calls
+    report = await robot.switch(robot.add("2"))
+    assert (report.result, robot.in_use) == ("done", "2")
+    assert robot.calls == calls
+
+
+async def test_the_version_in_use_is_left_alone(robot):
+    """A second run of an installer changes nothing."""
+    calls, status = robot.calls, robot.status()
+    report = await robot.switch(robot.layout.in_use())
+    assert report.result == "done"
+    assert (robot.calls, robot.status().pid) == (calls, status.pid)
+
+
+async def test_two_versions_are_kept(robot):
+    """A robot's disk is small; the one before stays for a way back."""
+    for name in ("2", "3"):
+        await robot.switch(robot.add(name))
+    assert robot.installed == ["2", "3"]
+    await robot.switch(robot.add("4", DIES))
+    assert robot.installed == ["3", "4"]
+
+
+async def test_nothing_is_touched_for_a_folder_that_is_no_version(robot):
+    """A wrong name is told before anything changes."""
+    (robot.layout.base / "versions/empty").mkdir()
+    with pytest.raises(UpgradeFailed, match=r"there is no .*bin/robotether-agent"):
+        await robot.switch(robot.layout.base / "versions/empty")
+    assert robot.in_use == "1"
+    assert not (robot.layout.base / "last-switch.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "result", "in_use"), [(GOOD, "done", "2"), (DEAF, "rolled_back", "1")]
+)
+async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
+    robot, monkeypatch, command, result, in_use
+):
+    """The old version does it again as its unit says, and judges by how the robot was before."""
+    target = robot.add("2", command, unit="another unit file\n")
+    with monkeypatch.context() as cut:
+        cut.setattr(systemd, "reload_units", PowerCut.now)
+        with pytest.raises(PowerCut):
+            await robot.switch(target)
+    assert (robot.in_use, robot.written["result"]) == ("2", "running")
+    robot.stop()
+    at_boot = robot.layout.unit.parent / "multi-user.target.wants" / NAME
+    line = at_boot.read_text().partition("ExecStart=")[2]
+    assert line.startswith(f"{robot.layout.base}/versions/1/bin/robotether-agent finish-switch ")
+    *_, was, wanted, state = line.split()
+    change = Upgrade(robot.layout, robot.run_dir, 4, stable_s=0.3)
+    report = await asyncio.to_thread(change.finish, Path(was), Path(wanted), state)
+    assert (report.result, robot.in_use, robot.written["result"]) == (result, in_use, result)
+    assert robot.status().state == "connected"
+    assert not at_boot.is_symlink()
+
+
+async def test_one_switch_at_a_time(robot):
+    """A second one would take the first one's new version for the old one."""
+    with only_one(robot.layout.lock), pytest.raises(AlreadyRunning, match="another switch"):
+        await robot.switch(robot.add("2"))
