@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from functools import partial
@@ -16,8 +17,9 @@ from typing import Any, Literal
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff
-from robotether_agent.connection import Role
+from robotether_agent.connection import Report, Role
 from robotether_agent.connector import Connector
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard_process import guard_command
@@ -39,7 +41,7 @@ from robotether_agent.requested_features import RequestedFeatures
 from robotether_agent.session import Checked, Session, SessionConfig
 from robotether_agent.setting_values import camera_urls
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import Forward, Target, forward_to
+from robotether_agent.ssh_command import Forward, forward_to
 from robotether_agent.status import CONNECTED, StatusWriter
 from robotether_agent.supervisor import Uptime, keep_going
 from robotether_agent.tasks import first_of, within
@@ -152,8 +154,7 @@ class Agent:
             forward=self._ros_forward,
             moved=self._guard_moved,
             on_up=partial(self._session_is_up, uptime),
-            health=self._health,
-            vitals=self._vitals,
+            reports=self._reports(),
             recheck=self._recheck,
             guard=self._guard,
         )
@@ -224,6 +225,15 @@ class Agent:
             log.info(
                 "robot %s: the server wants no shell any more", self._status_writer.status.robot
             )
+
+    def _reports(self) -> list[Report]:
+        reports: list[Report] = [
+            partial(report_health, self._health, self._guard),
+            partial(report_vitals, self._vitals),
+        ]
+        if self._guard is not None:
+            reports.append(partial(report_guard, self._guard))
+        return reports
 
     def _ros_forward(self, config: SessionConfig) -> Forward | None:
         """Return the forward to the guard, which there is none of while there is no guard."""
@@ -343,3 +353,36 @@ def _seen_from_server(checked: Checked) -> dict[str, str]:
         "end_to_end_video": checked.video,
         "end_to_end_shell": checked.shell,
     }
+
+
+async def report_health(health: Health, guard: GuardSupervisor | None, session: Session) -> None:
+    """Tell the server who this is, and how the robot's services are at each change."""
+    who = {"hostname": socket.gethostname(), "agent_version": __version__}
+    session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
+    await session.new_config(None)
+    report = health.report
+    while True:
+        session.send(
+            {
+                "type": "health",
+                "ros": report.ros,
+                "video": report.video,
+                "detail": report.detail,
+                "ros_exposed": bool(report.ros_exposed),
+            }
+        )
+        report = await health.changed(report)
+
+
+async def report_vitals(vitals: Vitals, session: Session) -> None:
+    """Pass on how the robot itself is."""
+    await session.new_config(None)
+    await vitals.report(session.send)
+
+
+async def report_guard(guard: GuardSupervisor, session: Session) -> None:
+    """Pass on what the guard says."""
+    await session.new_config(None)
+    with guard.following() as lines:
+        while True:
+            session.send(await lines.get())

@@ -9,26 +9,37 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
-from robotether_agent import __version__, liveness
-from robotether_agent.guard_supervisor import GuardSupervisor
-from robotether_agent.health import Health
-from robotether_agent.media.video_proxy import VideoProxy
+from robotether_agent import liveness
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.session import Session, SessionConfig
-from robotether_agent.ssh_command import Forward, Kind, SshFiles, Target
+from robotether_agent.session_messages import DriveMessageHandler
+from robotether_agent.ssh_command import Forward, Kind, SshFiles
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import Tunnel
-from robotether_agent.vitals import Vitals
 
 # The server answers at most once in 5 s.
 CHECK_PAUSE_S = 5.5
 CHECK_EVERY_S = 60.0
 
 log = logging.getLogger(__name__)
+
+
+Report = Callable[[Session], Coroutine[Any, Any, None]]
+
+
+class PacedStreams(Protocol):
+    """What sends its streams as fast as a connection takes them."""
+
+    def use(self, connection: socket.socket | None) -> None:
+        """Pace by this connection from now on."""
+
+    def hold(self) -> None:
+        """Send nothing until the next `use`: the connection ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,16 +53,14 @@ class Role:
     moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Told when the forward stands, for the first time and after each change.
     on_up: Callable[[Target, SessionConfig, Session], None]
-    # Reported to the server, on the session only.
-    health: Health | None = None
+    # What tells the server how the robot is, for as long as the connection lasts; on the session only.
+    reports: Sequence[Report] = ()
     # Set when the server's own view of the forwards may be another one; on the session only.
     recheck: asyncio.Event | None = None
     # What paces the streams on this connection by how it does; on the media one only.
-    video_proxy: VideoProxy | None = None
-    # The robot's battery, told to the server; on the session only.
-    vitals: Vitals | None = None
+    video_proxy: PacedStreams | None = None
     # What stops the robot, joined to the session only; None is a bare forward.
-    guard: GuardSupervisor | None = None
+    guard: DriveMessageHandler | None = None
 
 
 async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
@@ -79,15 +88,10 @@ def _work(
         session.run(),
         _keep_forward(tunnel, session, role, target),
         liveness.watch(session, tunnel, target),
+        *(report(session) for report in role.reports),
     ]
-    if role.health is not None:
-        work.append(_report_health(session, role.health, role.guard))
-    if role.vitals is not None:
-        work.append(_report_vitals(session, role.vitals))
     if role.recheck is not None:
         work.append(_ask_for_checks(session, role.recheck))
-    if role.guard is not None:
-        work.append(_report_guard(session, role.guard))
     return work
 
 
@@ -146,36 +150,3 @@ async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
         await asyncio.sleep(CHECK_PAUSE_S)
         with suppress(asyncio.TimeoutError):
             await within(CHECK_EVERY_S - CHECK_PAUSE_S, recheck.wait())
-
-
-async def _report_health(session: Session, health: Health, guard: GuardSupervisor | None) -> None:
-    """Tell the server who this is, and how the robot's services are at each change."""
-    who = {"hostname": socket.gethostname(), "agent_version": __version__}
-    session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
-    await session.new_config(None)
-    report = health.report
-    while True:
-        session.send(
-            {
-                "type": "health",
-                "ros": report.ros,
-                "video": report.video,
-                "detail": report.detail,
-                "ros_exposed": bool(report.ros_exposed),
-            }
-        )
-        report = await health.changed(report)
-
-
-async def _report_vitals(session: Session, vitals: Vitals) -> None:
-    """Pass on how the robot itself is."""
-    await session.new_config(None)
-    await vitals.report(session.send)
-
-
-async def _report_guard(session: Session, guard: GuardSupervisor) -> None:
-    """Pass on what the guard says."""
-    await session.new_config(None)
-    with guard.following() as lines:
-        while True:
-            session.send(await lines.get())

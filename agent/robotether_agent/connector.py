@@ -13,14 +13,14 @@ from time import monotonic
 from robotether_agent.connection import Role, run_connection
 from robotether_agent.dialing.happy_eyeballs import combined_problem
 from robotether_agent.dialing.http_proxy import proxy_of
-from robotether_agent.dialing.server_dialer import ServerDialer
+from robotether_agent.dialing.server_dialer import ServerDialer, Target
 from robotether_agent.enroller import Enroller
 from robotether_agent.enrolment import Enrolment
 from robotether_agent.keys import KeyPair
 from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
 from robotether_agent.session import Session, SessionConfig
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import SshFiles, Target
+from robotether_agent.ssh_command import SshFiles
 from robotether_agent.tasks import first_of
 
 # A cut is mostly the network's: only after a longer one the server may have moved.

@@ -6,25 +6,17 @@ nothing but the standard library. A MAC only names a robot; its key is what prov
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent.problems import InterfaceMissing
+from robotether_agent.setting_values import MacError, normalise_mac
 
 ARPHRD_ETHER = 1
 RTF_UP = 0x1
-SEPARATORS = re.compile(r"[:.\-\s]")
-HEX12 = re.compile(r"[0-9a-f]{12}")
-# As some systems print it, without leading zeros.
-SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
 # What tells the address that the hardware came with: a bond gives its members its own address, and a
 # Wi-Fi that looks for networks may show a made-up one.
 ADDRESSES = ("bonding_slave/perm_hwaddr", "phy80211/macaddress", "address")
-
-
-class MacError(ValueError):
-    """The text is no MAC address that can name a robot; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -35,24 +27,6 @@ class Interface:
     mac: str
     index: int
     wireless: bool
-
-
-def normalise_mac(text: str, *, allow_local: bool = False) -> str:
-    """Return `text`, a MAC in any usual spelling, as aa:bb:cc:dd:ee:ff; raise MacError."""
-    given = text.strip().lower()
-    if SIX_PARTS.fullmatch(given):
-        given = ":".join(part.zfill(2) for part in SEPARATORS.split(given))
-    digits = SEPARATORS.sub("", given)
-    if not HEX12.fullmatch(digits):
-        raise MacError(f"{text!r} is not a MAC address such as 00:1b:44:11:3a:b7")
-    if digits == "0" * 12:
-        raise MacError(f"{text} is the zero address")
-    first = int(digits[:2], 16)
-    if first & 0x01:
-        raise MacError(f"{text} is a multicast or broadcast address")
-    if first & 0x02 and not allow_local:
-        raise MacError(f"{text} is locally administered, so another robot may have it too")
-    return ":".join(digits[at : at + 2] for at in range(0, 12, 2))
 
 
 def find_interface(

@@ -15,10 +15,9 @@ from typing import NoReturn, Protocol
 
 from robotether_agent import netlink
 from robotether_agent.dialing.paths import Path, path_of
-from robotether_agent.dialing.server_dialer import SETTLED_AFTER_S, ServerDialer
+from robotether_agent.dialing.server_dialer import SETTLED_AFTER_S, ServerDialer, Target
 from robotether_agent.dialing.socket_options import is_stuck
 from robotether_agent.problems import LinkProblem, NetworkChanged, Problem, Retry, ServerSilent
-from robotether_agent.ssh_command import Target
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel import Tunnel
 

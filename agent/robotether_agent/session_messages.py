@@ -32,6 +32,9 @@ class DriveMessageHandler(Protocol):
     def on_release(self, message_id: str, by: str) -> None:
         """Let a stopped robot be driven again; the answer names `message_id`."""
 
+    def on_session_lost(self) -> None:
+        """The connection that carried the session has ended."""
+
 
 def message_handlers(handler: DriveMessageHandler) -> Mapping[str, Callable[[JsonObject], None]]:
     """Return what reads each kind of line; they raise FieldError."""

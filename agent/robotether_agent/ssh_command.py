@@ -7,14 +7,13 @@ wrote in /etc/ssh or ~/.ssh must not change how the robot connects.
 from __future__ import annotations
 
 import os
-import socket
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 from urllib.parse import urlsplit
 
 from robotether_agent.dialing.fd_passing import proxy_options
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.known_hosts import ALIAS
 
 Kind = Literal["session", "media", "shell"]
@@ -22,33 +21,6 @@ CONNECT_TIMEOUT_S = 10
 # What the network may know of each kind: heartbeats and control go first, a file copy gives way. OpenSSH's
 # own choice for a client without a terminal is the lowest class for all of them.
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "throughput", "shell": "throughput"}
-
-
-class AnyServerDialer(Protocol):
-    """What makes the TCP connections that the client is given (robotether_agent.dialing.server_dialer)."""
-
-    @property
-    def is_proxied(self) -> bool:
-        """Whether the other end of a connection is not the server's."""
-
-    async def find(self, targets: Sequence[Target], /) -> Target:
-        """Return which of the targets answers."""
-
-    async def open(self, target: Target, /) -> socket.socket:
-        """Return a connection to `target`."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
-
-    host: str
-    port: int
-    user: str
-    dialer: AnyServerDialer | None = field(default=None, compare=False, repr=False)
-
-    def __str__(self) -> str:
-        return f"{self.host} port {self.port}"
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.fields import printable
 from robotether_agent.known_hosts import advice as host_key_advice
 from robotether_agent.problems import (
@@ -22,7 +23,7 @@ from robotether_agent.problems import (
     SessionRefused,
     SshIncompatible,
 )
-from robotether_agent.ssh_command import Forward, SshFiles, Target
+from robotether_agent.ssh_command import Forward, SshFiles
 
 # ssh ends with 255 for its own errors; any other status is that of the command on the server.
 SSH_FAILED = 255

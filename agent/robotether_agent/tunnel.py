@@ -17,14 +17,13 @@ from pathlib import Path
 from typing import Literal
 
 from robotether_agent.dialing.fd_passing import stderr_with
-from robotether_agent.dialing.server_dialer import ServerDialer
-from robotether_agent.dialing.socket_options import specialise
+from robotether_agent.dialing.server_dialer import ServerDialer, Target
+from robotether_agent.dialing.socket_options import prepare_for_video
 from robotether_agent.problems import ForwardFailed, Problem, SshMissing
 from robotether_agent.ssh_command import (
     Forward,
     Kind,
     SshFiles,
-    Target,
     child_environment,
     connect_command,
     control_command,
@@ -73,7 +72,8 @@ class Tunnel:
         with ExitStack() as unless_open:
             connection = await (target.dialer or ServerDialer()).open(target)
             unless_open.callback(connection.close)
-            specialise(connection, kind)
+            if kind == "media":
+                prepare_for_video(connection)
             if _exists(files.control):
                 await _remove_stale(files.control)
             ours, clients = stderr_with(connection)

@@ -25,7 +25,6 @@ from robotether_agent.dialing.http_proxy import Proxy, ask_for
 from robotether_agent.dialing.resolver import Resolver
 from robotether_agent.dialing.socket_options import is_established
 from robotether_agent.dialing.tcp import connect
-from robotether_agent.ssh_command import Target
 from robotether_agent.tasks import first_of, within
 
 # Silence on the first port, where packets to it are dropped, costs no more than this.
@@ -45,6 +44,19 @@ FIND_TIMEOUT_S = 5.0
 SPARE_S = 3.0
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Target:
+    """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
+
+    host: str
+    port: int
+    user: str
+    dialer: ServerDialer | None = field(default=None, compare=False, repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.host} port {self.port}"
 
 
 @dataclass

@@ -9,8 +9,6 @@ import logging
 import socket
 import struct
 
-from robotether_agent.ssh_command import Kind
-
 # A path that takes nothing for so long is given up, also by a client whose agent is gone.
 USER_TIMEOUT_MS = 8000
 # What the kernel holds beside what is on its way: more would only be older video when it leaves.
@@ -33,10 +31,8 @@ def prepare(connection: socket.socket) -> None:
     _set(connection, TCP_USER_TIMEOUT, USER_TIMEOUT_MS)
 
 
-def specialise(connection: socket.socket, kind: Kind) -> None:
-    """Set what holds for one kind: video keeps little unsent, and does not fill the path's queue."""
-    if kind != "media":
-        return
+def prepare_for_video(connection: socket.socket) -> None:
+    """Keep little unsent, and do not fill the path's queue."""
     _set(connection, TCP_NOTSENT_LOWAT, MEDIA_UNSENT_BYTES)
     _set(connection, TCP_CONGESTION, b"bbr")
 

@@ -8,7 +8,7 @@ import socket
 from robotether_agent import known_hosts
 from robotether_agent.dialing.fd_passing import stderr_with
 from robotether_agent.dialing.http_proxy import proxy_of
-from robotether_agent.dialing.server_dialer import ServerDialer
+from robotether_agent.dialing.server_dialer import ServerDialer, Target
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.enrolment import Enrolment, EnrolmentStore
 from robotether_agent.known_hosts import HostKey
@@ -21,7 +21,7 @@ from robotether_agent.problems import (
     SshMissing,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import SshFiles, Target, child_environment, host_key_command
+from robotether_agent.ssh_command import SshFiles, child_environment, host_key_command
 from robotether_agent.ssh_errors import why_not_connected
 from robotether_agent.status import CONNECTED, Status, has_problem
 from robotether_agent.tasks import within

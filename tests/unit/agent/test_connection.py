@@ -7,6 +7,7 @@ import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +17,9 @@ from fake_guard import fake_guard_command, heard
 from local_network import free_port
 from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
-from robotether_agent.connection import Role, run_connection
+from robotether_agent.agent import report_guard, report_health
+from robotether_agent.connection import Report, Role, run_connection
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.enrolment import parse_host_keys
 from robotether_agent.guard_supervisor import GuardSupervisor
 from robotether_agent.health import Health
@@ -26,7 +29,7 @@ from robotether_agent.media.sources import SourceSettings
 from robotether_agent.problems import HostKeyChanged, PortTaken, Problem
 from robotether_agent.session import Session, SessionConfig
 from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH
-from robotether_agent.ssh_command import Forward, SshFiles, Target
+from robotether_agent.ssh_command import Forward, SshFiles
 
 TIMEOUT_S = 15.0
 
@@ -75,12 +78,17 @@ class Robot:
             kind="media" if health is None else "session",
             forward=lambda config: Forward(config.ros_port, "127.0.0.1", 9),
             on_up=up.note,
-            health=health,
+            reports=[] if health is None else reports_of(health, more.get("guard")),
             recheck=recheck,
         )
         role = replace(usual, **more)
         self.started.append(asyncio.ensure_future(run_connection(target, self.files, role)))
         return self.started[-1]
+
+
+def reports_of(health: Health, guard: GuardSupervisor | None) -> list[Report]:
+    reports = [partial(report_health, health, guard)]
+    return [*reports, *([] if guard is None else [partial(report_guard, guard)])]
 
 
 @pytest.fixture

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 from fake_root import FakeRoot
-from robotether_agent.identity import MacError, find_interface, interface_with, normalise_mac
+from robotether_agent.identity import find_interface, interface_with
 from robotether_agent.problems import InterfaceMissing
+from robotether_agent.setting_values import MacError, normalise_mac
 
 WIFI = "b8:27:eb:01:02:03"
 

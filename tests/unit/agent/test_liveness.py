@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 import pytest
 from robotether_agent import liveness, netlink
 from robotether_agent.dialing.paths import Path
-from robotether_agent.dialing.server_dialer import SETTLED_AFTER_S
+from robotether_agent.dialing.server_dialer import SETTLED_AFTER_S, Target
 from robotether_agent.liveness import PauseClock, Signs, is_certain, suspicion, watch
 from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
-from robotether_agent.ssh_command import Target
 
 
 @pytest.mark.parametrize(
@@ -53,8 +52,8 @@ class Session:
 
 
 @dataclass
-class FakeWay:
-    """Ways to a server that answers when the test lets it."""
+class FakeDialer:
+    """Reaches a server that answers when the test lets it."""
 
     is_proxied: bool = True
     answers: asyncio.Event = field(default_factory=asyncio.Event)
@@ -101,7 +100,7 @@ def network(monkeypatch):
 @pytest.fixture
 async def watched(network):
     """A watch over a connection of this machine's, with a session, a way and a network that the test moves."""
-    session, dialer = Session(), FakeWay()
+    session, dialer = Session(), FakeDialer()
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as connection,
@@ -204,7 +203,7 @@ async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as connection,
     ):
-        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", FakeWay())
+        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
         watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
         assert not (await asyncio.wait({watching}, timeout=0.1))[0]
         network._event.set()

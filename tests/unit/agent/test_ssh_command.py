@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.ssh_command import (
     Forward,
     SshFiles,
-    Target,
     child_environment,
     connect_command,
     control_command,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from robotether_agent.ssh_command import Forward, SshFiles, Target
+from robotether_agent.dialing.server_dialer import Target
+from robotether_agent.ssh_command import Forward, SshFiles
 from robotether_agent.ssh_errors import why_ended, why_no_forward, why_not_connected
 
 TARGET = Target("robots.example.com", 2222, "tunnel")

@@ -11,11 +11,12 @@ import pytest
 from fake_cloud import eventually
 from local_network import free_port
 from openssh_server import descendants, listens, wait_until
+from robotether_agent.dialing.server_dialer import Target
 from robotether_agent.enrolment import parse_host_keys
 from robotether_agent.keys import ensure_key
 from robotether_agent.known_hosts import pin
 from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
-from robotether_agent.ssh_command import Forward, SshFiles, Target
+from robotether_agent.ssh_command import Forward, SshFiles
 from robotether_agent.tunnel import Tunnel
 
 # The differentiated services code point, of which TOS has the upper six bits.

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from paper.enrolled import Enrolled, environment, local_mac
 from robotether_agent import settings as agent_settings
-from robotether_agent.identity import normalise_mac
+from robotether_agent.setting_values import normalise_mac
 
 ROBOT = Enrolled("x-1", 1, local_mac(1, 1), "192.0.2.1:443", "ab" * 32, Path("/tmp/x-1"))
 

@@ -14,9 +14,8 @@ from robotether_agent.dialing import banner
 from robotether_agent.dialing import server_dialer as dialer_module
 from robotether_agent.dialing.http_proxy import proxy_of
 from robotether_agent.dialing.resolver import Resolver
-from robotether_agent.dialing.server_dialer import ServerDialer
+from robotether_agent.dialing.server_dialer import ServerDialer, Target
 from robotether_agent.problems import NoAnswer, ServerUnreachable
-from robotether_agent.ssh_command import Target
 from ssh_doors import BANNER, Door
 
 WAIT_S = 20.0

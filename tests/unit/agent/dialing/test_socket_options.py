@@ -6,7 +6,12 @@ import socket
 
 import pytest
 from robotether_agent.dialing import socket_options
-from robotether_agent.dialing.socket_options import is_established, is_stuck, prepare, specialise
+from robotether_agent.dialing.socket_options import (
+    is_established,
+    is_stuck,
+    prepare,
+    prepare_for_video,
+)
 
 
 @pytest.fixture
@@ -30,9 +35,9 @@ def test_a_dead_path_is_given_up_in_seconds(connection):
 
 
 def test_video_keeps_little_unsent(connection):
-    specialise(connection, "session")
+    prepare(connection)
     before = option(connection, socket_options.TCP_NOTSENT_LOWAT)
-    specialise(connection, "media")
+    prepare_for_video(connection)
     assert before != option(connection, socket_options.TCP_NOTSENT_LOWAT) == 16 * 1024
 
 
