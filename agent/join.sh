@@ -246,9 +246,9 @@ check_mac() {
   why=$(PYTHONPATH=$work/$wheel python3 - "$mac" "$interface" "${local_mac:-$(configured_flag allow_local_mac)}" 2>&1 <<'PYTHON'
 import sys
 
-from robotether_agent.identity import find_interface
-from robotether_agent.setting_values import MacError, normalise_mac
+from robotether_agent.enrolment.identity import find_interface
 from robotether_agent.problems import InterfaceMissing
+from robotether_agent.setting_values import MacError, normalise_mac
 
 mac, interface, allow_local = sys.argv[1], sys.argv[2] or None, sys.argv[3] == "true"
 try:

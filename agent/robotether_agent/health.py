@@ -22,10 +22,10 @@ import aiohttp
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import FieldError, parse_object
-from robotether_agent.media.sources import SourceSettings
 from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
 from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
+from robotether_agent.video.sources import SourceSettings
 
 ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0

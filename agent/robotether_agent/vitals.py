@@ -1,6 +1,6 @@
 """The robot's battery, for the fleet page: heard through rosbridge, told to the server when it changes.
 
-A task of the session (robotether_agent.connection), so that nobody asks the robot while nobody is told. It holds one
+A task of the session, so that nobody asks the robot while nobody is told. It holds one
 subscription, of one message in 5 s at most, and none on a robot without a battery's topic. Never tells what is old:
 a battery that was not heard for SILENT_S is unknown.
 """

@@ -33,8 +33,13 @@ from namespaces import Namespace
 from openssh_server import OpenSshServer, descendants, kill
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
-from robotether_agent.enrolment import Enrolment, EnrolmentStore, SshAccess, parse_host_keys
-from robotether_agent.keys import ensure_key
+from robotether_agent.enrolment.enrolment_store import (
+    Enrolment,
+    EnrolmentStore,
+    SshAccess,
+    parse_host_keys,
+)
+from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import Robot
 from robotether_server.relay.main import Timing
 from sections import Section, percentile

@@ -29,6 +29,16 @@ MAY_IMPORT = {
     "relay": {"base", "db", "relay"},
     "cli": {"base", "db", "services", "cli"},
 }
+# The agent's. What is in none of these folders is base, but for what puts the parts together.
+AGENT_TOP = ("cli", "daemon", "doctor", "health", "__main__")
+AGENT_MAY_IMPORT = {
+    "base": {"base"},
+    "net": {"base", "net"},
+    "enrolment": {"base", "net", "enrolment"},
+    "tunnel": {"base", "net", "enrolment", "tunnel"},
+    "guard": {"base", "guard"},
+    "video": {"base", "video"},
+}
 FOUNDATION = ("problems", "settings", "variables", "tickets", "macs", "ssh_keys")
 
 
@@ -96,6 +106,23 @@ def test_servers_imports_go_one_way() -> None:
         for module, imported_modules in graph("server").items()
         for imported in imported_modules
         if layer(imported) not in MAY_IMPORT[layer(module)]
+    ]
+    assert wrong == []
+
+
+def agent_layer(module: str) -> str:
+    part = [*module.split("."), ""][1]
+    return "top" if part in AGENT_TOP else part if part in AGENT_MAY_IMPORT else "base"
+
+
+def test_agents_imports_go_one_way() -> None:
+    """From what it stands on to the network, enrolment, the tunnel and the daemon; guard and video stand beside."""
+    wrong = [
+        f"{module} imports {imported}"
+        for module, imported_modules in graph("agent").items()
+        for imported in imported_modules
+        if agent_layer(module) != "top"
+        and agent_layer(imported) not in AGENT_MAY_IMPORT[agent_layer(module)]
     ]
     assert wrong == []
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import sys
 
+from robotether_agent.enrolment.unenrol import enrolment_files, unenrol
 from robotether_agent.settings import Settings
-from robotether_agent.unenrol import enrolment_files, unenrol
 from robotether_agent.users import act_as_agent
 
 

@@ -10,9 +10,9 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
-from robotether_agent.enrolment import EnrolmentStore
+from robotether_agent.enrolment.enrolment_store import EnrolmentStore
+from robotether_agent.enrolment.identity_store import IdentityStore
 from robotether_agent.files import ensure_directory
-from robotether_agent.identity_store import IdentityStore
 from robotether_agent.problems import StateUnusable
 from robotether_agent.settings import Settings
 from robotether_agent.users import act_as_agent

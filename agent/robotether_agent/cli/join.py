@@ -9,7 +9,7 @@ import asyncio
 import logging
 import sys
 
-from robotether_agent.enroller import Enroller
+from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.problems import NotEnrolled, Problem
 from robotether_agent.settings import Settings
 from robotether_agent.users import act_as_agent

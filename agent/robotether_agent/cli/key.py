@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from robotether_agent.enroller import Enroller
+from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.settings import Settings
 from robotether_agent.users import act_as_agent
 

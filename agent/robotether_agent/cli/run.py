@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from robotether_agent import log as logs
-from robotether_agent.agent import Agent
 from robotether_agent.backoff import before_restart
+from robotether_agent.daemon import Agent
 from robotether_agent.notify import Notifier
 from robotether_agent.problems import HostKeyChanged, Problem, SettingsInvalid
 from robotether_agent.settings import Settings

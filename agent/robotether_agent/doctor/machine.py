@@ -9,18 +9,18 @@ from pathlib import Path
 
 import aiohttp
 
-from robotether_agent import keys
 from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped, warning
-from robotether_agent.enrolment import EnrolmentStore
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.enrolment_store import EnrolmentStore
+from robotether_agent.enrolment.identity import interface_with
+from robotether_agent.enrolment.identity_store import IdentityStore
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
-from robotether_agent.identity import interface_with
-from robotether_agent.identity_store import IdentityStore
 from robotether_agent.problems import Problem
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import forward_to
 from robotether_agent.tasks import within
+from robotether_agent.tunnel.ssh_command import forward_to
 
 TIMEOUT_S = 4.0
 ENOUGH_MB = 20

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from robotether_agent import known_hosts
-from robotether_agent.dialing.fd_passing import stderr_with
-from robotether_agent.dialing.http_proxy import proxy_of
-from robotether_agent.dialing.server_dialer import ServerDialer, Target
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
-from robotether_agent.enrolment import Enrolment, EnrolmentStore
-from robotether_agent.known_hosts import HostKey
+from robotether_agent.enrolment import known_hosts
+from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.known_hosts import HostKey
+from robotether_agent.net.fd_passing import stderr_with
+from robotether_agent.net.http_proxy import proxy_of
+from robotether_agent.net.server_dialer import ServerDialer, Target
 from robotether_agent.problems import (
     HostKeyChanged,
     KeyRefused,
@@ -21,10 +21,10 @@ from robotether_agent.problems import (
     SshMissing,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.ssh_command import SshFiles, child_environment, host_key_command
-from robotether_agent.ssh_errors import why_not_connected
 from robotether_agent.status import CONNECTED, Status, has_problem
 from robotether_agent.tasks import within
+from robotether_agent.tunnel.ssh_command import SshFiles, child_environment, host_key_command
+from robotether_agent.tunnel.ssh_errors import why_not_connected
 
 # A little more than the client's own ConnectTimeout.
 TIMEOUT_S = 13.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent import settings as agent_settings
-from robotether_agent.enroller import Enroller
+from robotether_agent.enrolment.enroller import Enroller
 
 # The server lets one robot in at a time; so many keys are made meanwhile.
 AT_ONCE = 4

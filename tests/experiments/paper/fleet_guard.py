@@ -13,14 +13,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from robotether_agent.agent import Agent
+from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
+from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S
+from robotether_agent.guard.handle import GuardHandle
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.reports import Reports
 from robotether_agent.guard.sockets import new_http
-from robotether_agent.guard_handle import GuardHandle
-from robotether_agent.guard_process import EXIT_S, TICK, TICK_S
-from robotether_agent.guard_supervisor import GuardSupervisor
+from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.problems import GuardDown
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of

@@ -11,7 +11,7 @@ from fake_cameras import TopicRosbridge
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
-from robotether_agent.media.sources import SourceSettings
+from robotether_agent.video.sources import SourceSettings
 
 EVERY_S = 0.1
 

@@ -7,7 +7,7 @@ import asyncio
 from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ
 from robotether_agent.cli.main import main
-from robotether_agent.keys import ensure_key
+from robotether_agent.enrolment.keys import ensure_key
 
 
 async def joined(cloud: FakeCloud, place, **more: str) -> int:

@@ -13,7 +13,7 @@ from fake_root import FakeRoot
 from local_network import free_port
 from robotether_agent.doctor import machine
 from robotether_agent.doctor.findings import FAIL, OK, SKIPPED, WARNING
-from robotether_agent.keys import ensure_key
+from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.settings import Settings
 
 MAC = "00:1b:44:11:3a:b7"

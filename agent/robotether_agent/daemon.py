@@ -1,0 +1,388 @@
+"""The agent's main loop: who this robot is, its place on the server, its connections, its status.
+
+Started by the cli's `run`. Ends only on a problem that no retry mends, or when it is cancelled; the guard then
+stops the robot first, and no process, no control socket and no half-written file is left behind.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import suppress
+from functools import partial
+from random import Random
+from typing import Any, Literal
+
+from robotether_agent import __version__
+from robotether_agent.backoff import Backoff
+from robotether_agent.enrolment.enroller import Enroller
+from robotether_agent.files import LOCK, ensure_directory, only_one
+from robotether_agent.guard.child_process import guard_command
+from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
+from robotether_agent.health import Health
+from robotether_agent.net.server_dialer import Target
+from robotether_agent.notify import Notifier
+from robotether_agent.problems import (
+    KeyRefused,
+    Problem,
+    ServerBusy,
+    ServerUnreachable,
+    SessionEnded,
+    StateUnusable,
+)
+from robotether_agent.setting_values import camera_urls
+from robotether_agent.settings import Settings
+from robotether_agent.status import CONNECTED, StatusWriter
+from robotether_agent.supervisor import Uptime, keep_going
+from robotether_agent.tasks import first_of, within
+from robotether_agent.tunnel.connection import Report, Role
+from robotether_agent.tunnel.connector import Connector
+from robotether_agent.tunnel.requested_features import RequestedFeatures
+from robotether_agent.tunnel.session import Checked, Session, SessionConfig
+from robotether_agent.tunnel.ssh_command import Forward, forward_to
+from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.sources import SourceSettings
+from robotether_agent.video.video_proxy import LocalService, VideoProxy
+from robotether_agent.vitals import Vitals
+
+STATUS_EVERY_S = 2.0
+LOCALHOST = "127.0.0.1"
+# The server's word for a shell that an admin has switched off.
+SHELL_OFF = "shell_off"
+
+log = logging.getLogger(__name__)
+
+
+class Agent:
+    """One robot's agent; make it, then await run()."""
+
+    def __init__(self, settings: Settings, notifier: Notifier, rng: Random) -> None:
+        self._settings = settings
+        self._notifier = notifier
+        self._rng = rng
+        self._enroller = Enroller(settings)
+        self._connector = Connector(settings, self._enroller)
+        self._vitals = Vitals(settings.rosbridge_url)
+        self._source_settings = SourceSettings(
+            settings.video_url,
+            settings.rosbridge_url,
+            settings.video_source,
+            camera_urls(settings.cameras),
+        )
+        self._health = Health(self._source_settings)
+        self._status_writer = StatusWriter(
+            settings.run_dir, settings.server, on_state=notifier.status
+        )
+        self._session: Session | None = None
+        self._session_up = asyncio.Event()
+        # For those that wait for one more session: set, and another one in its place, whenever one is up.
+        self._next_session = asyncio.Event()
+        self._features = RequestedFeatures(allows_shell=bool(settings.shell_address))
+        self._recheck = asyncio.Event()
+        self._guard_moved = asyncio.Event()
+        self._guard = self._supervisor() if settings.guard == "on" else None
+
+    async def run(self) -> None:
+        """Keep the robot connected."""
+        ensure_directory(self._settings.run_dir, "run_dir")
+        with only_one(self._settings.run_dir / LOCK):
+            self._status_writer.refresh()
+            log.info("robotether-agent %s serves %s", __version__, self._settings.server)
+            # Ready means running, not connected: the boot must not wait for a server that is down.
+            self._notifier.ready()
+            try:
+                # In this order: the guard stops the robot while its tunnels still stand.
+                await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
+            except Problem as problem:
+                self._status_writer.report_problem(problem, "stopped")
+                raise
+            finally:
+                self._status_writer.set(
+                    state="stopped",
+                    rtt_ms=-1.0,
+                    video_tunnel="closed",
+                    shell_tunnel="off",
+                    guard="off" if self._guard is None else "down",
+                )
+
+    def _supervisor(self) -> GuardSupervisor:
+        ours = self._settings
+        command = guard_command(ours.state_dir, ours.run_dir, ours.log_level)
+        return GuardSupervisor(ours.rosbridge_url, command, on_change=self._show_guard)
+
+    async def _keep_guard(self) -> None:
+        if self._guard is None:
+            log.warning("the guard is off: nothing stops this robot when commands stop")
+            self._status_writer.set(guard="off")
+            await asyncio.Event().wait()
+        else:
+            with suppress(StateUnusable):
+                # The session's attempts tell of it; a robot in motion needs its guard all the same.
+                ensure_directory(self._settings.state_dir, "state_dir", 0o700)
+            await self._guard.run()
+
+    def _work(self) -> list[Coroutine[Any, Any, None]]:
+        def keep(
+            what: str,
+            attempt: Callable[[Uptime], Awaitable[None]],
+            on_problem: Callable[[Problem], None],
+            pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        ) -> Coroutine[Any, Any, None]:
+            return keep_going(what, attempt, Backoff(self._rng), on_problem, pause)
+
+        beside = self._until_next_session
+        return [
+            keep("session", self._session_attempt, self._no_session),
+            keep("video tunnel", self._media_attempt, self._no_media, beside),
+            keep("shell tunnel", self._shell_attempt, self._no_shell, beside),
+            keep("new key", self._rotation_attempt, self._no_rotation),
+            self._health.run(),
+            self._show_health(),
+            self._refresh_status(),
+            self._notifier.keep_watchdog(),
+        ]
+
+    async def _session_attempt(self, uptime: Uptime) -> None:
+        await self._show_key()
+        self._show_identity()
+        enrolment = await self._enroller.enrolment()
+        self._status_writer.set(state="connecting", robot=enrolment.robot)
+        role = Role(
+            kind="session",
+            forward=self._ros_forward,
+            moved=self._guard_moved,
+            on_up=partial(self._session_is_up, uptime),
+            reports=self._reports(),
+            recheck=self._recheck,
+            guard=self._guard,
+        )
+        try:
+            await self._connector.connect(enrolment, await self._enroller.key(), role)
+        except KeyRefused:
+            # Only the join tells why: not approved yet, disabled, or another key in this robot's place.
+            self._enroller.doubt()
+            await self._enroller.enrolment()
+            raise
+        except ServerBusy:
+            # That is the server. Whole fleets that also ask the web now are what would keep it busy.
+            raise
+        except ServerUnreachable:
+            self._enroller.doubt_address()
+            raise
+        finally:
+            self._session = None
+            self._session_up.clear()
+            self._status_writer.set(**_seen_from_server(Checked()))
+
+    async def _until_next_session(self, most_s: float) -> None:
+        """Wait; a server that takes the robot's session again takes what goes beside it, too."""
+        with suppress(asyncio.TimeoutError):
+            await within(most_s, self._next_session.wait())
+
+    async def _media_attempt(self, uptime: Uptime) -> None:
+        await self._session_up.wait()
+        frames = FramesService(
+            self._source_settings, has_video=lambda: self._health.report.video == "ok"
+        )
+        video_proxy = VideoProxy(
+            self._settings.video_url, LocalService(await frames.start(), self._own_answers())
+        )
+        try:
+            port = await video_proxy.start()
+            role = Role(
+                kind="media",
+                forward=lambda config: Forward(config.video_port, LOCALHOST, port),
+                on_up=partial(self._media_is_up, uptime),
+                video_proxy=video_proxy,
+            )
+            await self._connect(role)
+        finally:
+            await video_proxy.close()
+            await frames.close()
+
+    def _own_answers(self) -> Literal["never", "down", "always"]:
+        """Tell when the agent answers what is else web_video_server's."""
+        answers: dict[str, Literal["never", "down", "always"]]
+        answers = {"web_video_server": "never", "rosbridge": "always"}
+        return answers.get(self._settings.video_source, "down")
+
+    async def _shell_attempt(self, uptime: Uptime) -> None:
+        await self._features.shell.wait()
+        await self._session_up.wait()
+        role = Role(
+            kind="shell", forward=self._shell_forward, on_up=partial(self._shell_is_up, uptime)
+        )
+        try:
+            await self._connect(role)
+        except SessionEnded as problem:
+            if problem.code != SHELL_OFF:
+                raise
+            # Until the next configuration, which the session brings.
+            self._features.shell.clear()
+            self._status_writer.set(shell_tunnel="off")
+            log.info(
+                "robot %s: the server wants no shell any more", self._status_writer.status.robot
+            )
+
+    def _reports(self) -> list[Report]:
+        reports: list[Report] = [
+            partial(report_health, self._health, self._guard),
+            partial(report_vitals, self._vitals),
+        ]
+        if self._guard is not None:
+            reports.append(partial(report_guard, self._guard))
+        return reports
+
+    def _ros_forward(self, config: SessionConfig) -> Forward | None:
+        """Return the forward to the guard, which there is none of while there is no guard."""
+        if self._guard is None:
+            return forward_to(self._settings.rosbridge_url, config.ros_port)
+        port = self._guard.view.port
+        return None if port is None else Forward(config.ros_port, LOCALHOST, port)
+
+    def _shell_forward(self, config: SessionConfig) -> Forward | None:
+        if config.shell_port is None:
+            return None
+        return forward_to(f"ssh://{self._settings.shell_address}", config.shell_port)
+
+    async def _rotation_attempt(self, _: Uptime) -> None:
+        await self._features.new_key.wait()
+        await self._enroller.rotate()
+        self._features.new_key.clear()
+        self._status_writer.set(new_key="")
+        await self._show_key()
+
+    async def _connect(self, role: Role) -> None:
+        enrolment = await self._enroller.enrolment()
+        await self._connector.connect(enrolment, await self._enroller.key(), role)
+
+    async def _show_key(self) -> None:
+        """Show the key that an admin compares with what the server got."""
+        key = await self._enroller.key()
+        shown = await self._enroller.next_key() or key
+        self._status_writer.set(fingerprint=shown.fingerprint)
+
+    def _show_identity(self) -> None:
+        found = self._enroller.identity()
+        has_it = found.interface or "by the settings"
+        self._status_writer.set(mac=found.mac, interface=has_it if found.is_present else "")
+
+    def _session_is_up(
+        self, uptime: Uptime, target: Target, config: SessionConfig, session: Session
+    ) -> None:
+        uptime.is_up()
+        self._session = session
+        self._session_up.set()
+        self._next_session.set()
+        self._next_session = asyncio.Event()
+        self._features.apply(config)
+        self._recheck.set()
+        shell = self._shell_state(is_open=self._status_writer.status.shell_tunnel == "open")
+        self._status_writer.set(state=CONNECTED, robot=config.robot, shell_tunnel=shell)
+        log.info("robot %s: connected to %s", config.robot, target)
+
+    def _shell_state(self, *, is_open: bool) -> str:
+        if not self._features.shell.is_set():
+            return "off"
+        return "open" if is_open else "closed"
+
+    def _media_is_up(self, uptime: Uptime, _: Target, config: SessionConfig, __: Session) -> None:
+        uptime.is_up()
+        self._recheck.set()
+        self._status_writer.set(video_tunnel="open")
+        log.info("robot %s: video tunnel open", config.robot)
+
+    def _shell_is_up(self, uptime: Uptime, _: Target, config: SessionConfig, __: Session) -> None:
+        uptime.is_up()
+        if config.shell_port is not None:
+            self._recheck.set()
+            self._status_writer.set(shell_tunnel="open")
+            log.info("robot %s: shell tunnel open", config.robot)
+
+    def _no_session(self, problem: Problem) -> None:
+        is_pending = problem.code == "not_enrolled"
+        self._status_writer.report_problem(
+            problem, "pending" if is_pending else "waiting", rtt_ms=-1.0
+        )
+
+    def _no_media(self, problem: Problem) -> None:
+        self._status_writer.report_problem(
+            problem, self._status_writer.status.state, video_tunnel="closed"
+        )
+
+    def _no_shell(self, problem: Problem) -> None:
+        shell = self._shell_state(is_open=False)
+        self._status_writer.report_problem(
+            problem, self._status_writer.status.state, shell_tunnel=shell
+        )
+
+    def _no_rotation(self, problem: Problem) -> None:
+        self._status_writer.set(new_key=str(problem))
+
+    def _show_guard(self, view: GuardView) -> None:
+        self._guard_moved.set()
+        stopped_by = (view.by or "somebody") if view.stopped else ""
+        self._status_writer.set(guard=view.state, guard_detail=view.detail, stopped_by=stopped_by)
+
+    async def _show_health(self) -> None:
+        report = self._health.report
+        while True:
+            report = await self._health.changed(report)
+            self._status_writer.set(
+                ros=report.ros,
+                ros_detail=report.ros_detail,
+                ros_exposed=report.ros_exposed,
+                video=report.video,
+                video_detail=report.video_detail,
+            )
+
+    async def _refresh_status(self) -> None:
+        while True:
+            session = self._session
+            rtt_ms = None if session is None else session.rtt_ms
+            seen = {} if session is None else _seen_from_server(session.checked)
+            self._status_writer.set(rtt_ms=-1.0 if rtt_ms is None else rtt_ms, **seen)
+            await asyncio.sleep(STATUS_EVERY_S)
+
+
+def _seen_from_server(checked: Checked) -> dict[str, str]:
+    return {
+        "end_to_end_ros": checked.ros,
+        "end_to_end_video": checked.video,
+        "end_to_end_shell": checked.shell,
+    }
+
+
+async def report_health(health: Health, guard: GuardSupervisor | None, session: Session) -> None:
+    """Tell the server who this is, and how the robot's services are at each change."""
+    who = {"hostname": socket.gethostname(), "agent_version": __version__}
+    session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
+    await session.new_config(None)
+    report = health.report
+    while True:
+        session.send(
+            {
+                "type": "health",
+                "ros": report.ros,
+                "video": report.video,
+                "detail": report.detail,
+                "ros_exposed": bool(report.ros_exposed),
+            }
+        )
+        report = await health.changed(report)
+
+
+async def report_vitals(vitals: Vitals, session: Session) -> None:
+    """Pass on how the robot itself is."""
+    await session.new_config(None)
+    await vitals.report(session.send)
+
+
+async def report_guard(guard: GuardSupervisor, session: Session) -> None:
+    """Pass on what the guard says."""
+    await session.new_config(None)
+    with guard.following() as lines:
+        while True:
+            session.send(await lines.get())

@@ -1,0 +1,216 @@
+"""Makes sure that this robot is enrolled: its key, its MAC, the join, the pinned host keys.
+
+Used by the agent before each connection, and by `robotether-agent join`. An enrolled robot connects
+without asking, so that it comes up fast and while the web is down; the server is asked again only when a
+connection gave a reason to, or when this machine may be a copy of the robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic
+
+from robotether_agent import __version__
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.identity_store import Identity, IdentityStore
+from robotether_agent.enrolment.join import Joined, JoinRequest, PreviousKey, join
+from robotether_agent.enrolment.keys import KeyPair
+from robotether_agent.files import ensure_directory
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    Problem,
+    ServerUnreachable,
+    SettingsInvalid,
+    StateUnusable,
+    TlsUntrusted,
+)
+from robotether_agent.settings import Settings
+from robotether_agent.supervisor import Repeats
+from robotether_agent.tasks import within
+
+# Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
+TOKEN_USELESS = frozenset(
+    {"settings_invalid", "token_invalid", "token_expired", "token_used_up", "grant_missing"}
+)
+# The server will never take this key: another one has to be made.
+NEXT_KEY_USELESS = frozenset({"key_rejected", "key_in_use"})
+# Faults of the web, or of this robot's own files: what was pinned is enough for the tunnel.
+HARMLESS_ONCE_ENROLLED = (
+    ServerUnreachable,
+    TlsUntrusted,
+    AnswerInvalid,
+    SettingsInvalid,
+    StateUnusable,
+)
+
+# A server that moves is rare, and one whose sshd is away hears from its whole fleet.
+ASK_ADDRESS_EVERY_S = 60.0
+# An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
+QUICK_ANSWER_S = 4.0
+
+log = logging.getLogger(__name__)
+
+
+class Enroller:
+    """The way from a fresh robot to an enrolment."""
+
+    def __init__(self, settings: Settings, root: Path = Path("/")) -> None:
+        self._settings = settings
+        self._store = EnrolmentStore(settings.state_dir)
+        self._identities = IdentityStore(settings, root)
+        self._doubted = False
+        self._asked_at = -ASK_ADDRESS_EVERY_S
+        # Whether the server knows since this start that the robot's MAC is on no interface of this machine.
+        self._absence_reported = False
+        self._absence_logged = False
+        self._repeats = Repeats()
+        self._asking = asyncio.Lock()
+        self.known_hosts = self._store.known_hosts
+
+    async def key(self) -> KeyPair:
+        """Return the robot's key, made now if there is none."""
+        return await keys.ensure_key(self._state_dir())
+
+    async def next_key(self) -> KeyPair | None:
+        """Return the key that is about to replace the other one, if a change has begun."""
+        return await keys.next_key(self._settings.state_dir)
+
+    def identity(self) -> Identity:
+        """Return the MAC that names this robot, and whether this machine has it."""
+        self._state_dir()
+        known = self._store.load(self._settings.server)
+        found = self._identities.identity(known.mac if known else None)
+        if not found.is_present and not self._absence_logged:
+            log.warning(
+                "no interface of this machine has the MAC %s (%s had it): this stays the same robot, and the "
+                "server is asked first; a copied disk becomes a robot of its own with: sudo robotether-agent forget",
+                found.mac,
+                found.interface or "another interface",
+            )
+        self._absence_logged = not found.is_present
+        return found
+
+    async def enrolment(self) -> Enrolment:
+        """Return what is known, or what the server answers to a join."""
+        identity = self.identity()
+        known = self._store.load(self._settings.server)
+        # Only the server can tell a new network card from a copied disk.
+        may_be_copy = not (identity.is_present or self._absence_reported)
+        usable = known is not None and known.mac == identity.mac and not may_be_copy
+        # A change of keys that was cut short is brought to its end first.
+        asks = self._doubted or await self.next_key() is not None
+        if known is not None and usable and not asks:
+            return known
+        if known is None or not usable:
+            return await self.join()
+        try:
+            # A web that does not answer must not keep a robot waiting whose tunnel may stand in a moment.
+            return await within(QUICK_ANSWER_S, self.join())
+        except HARMLESS_ONCE_ENROLLED as problem:
+            self._repeats.log_problem("join", problem)
+        except asyncio.TimeoutError:
+            log.debug("the web did not answer in %g s: going by what is known", QUICK_ANSWER_S)
+            self._doubted = False
+        return known
+
+    async def refresh(self) -> None:
+        """Ask where the server is now, for as long as it takes; what goes wrong is only told."""
+        try:
+            await self.join()
+        except Problem as problem:
+            self._repeats.log_problem("join", problem)
+
+    async def join(self) -> Enrolment:
+        """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
+        # One at a time: a key that changes between two questions would come back as a stranger's.
+        async with self._asking:
+            return await self._join()
+
+    async def rotate(self) -> None:
+        """Give the robot another key, which the server takes in exchange for the old one."""
+        key = await self.key()
+        coming = await keys.ensure_next_key(self._settings.state_dir)
+        log.info("the robot gets a new key: %s in place of %s", coming.fingerprint, key.fingerprint)
+        await self.join()
+
+    def doubt(self) -> None:
+        """Ask the server before the next connection: what it knows of this robot may have changed."""
+        self._doubted = True
+
+    def doubt_address(self) -> None:
+        """Ask before the next connection where the server is, unless it was asked within the last minute."""
+        if monotonic() - self._asked_at >= ASK_ADDRESS_EVERY_S:
+            self.doubt()
+
+    def _state_dir(self) -> Path:
+        ensure_directory(self._settings.state_dir, "state_dir", 0o700)
+        return self._settings.state_dir
+
+    async def _join(self) -> Enrolment:
+        self._asked_at = monotonic()
+        settings, identity = self._settings, self.identity()
+        known = self._store.load(settings.server)
+        answer = await self._ask(identity, is_enrolled=known is not None)
+        if self._store.is_of_other_server(settings.server):
+            log.warning(
+                "the settings name another server now, %s: pinning its host keys", settings.server
+            )
+        enrolment = Enrolment(settings.server, answer.robot, identity.mac, answer.ssh)
+        self._store.keep(enrolment, answer.host_keys)
+        self._doubted = False
+        self._absence_reported = not identity.is_present
+        self._repeats.forget()
+        if enrolment != known:
+            log.info(
+                "%s knows this robot as %s (MAC %s)", settings.server, answer.robot, identity.mac
+            )
+        return enrolment
+
+    async def _ask(self, identity: Identity, *, is_enrolled: bool) -> Joined:
+        """Join with the next key if there is one; else with the token, if it is of use."""
+        key = await self.key()
+        request = JoinRequest(
+            mac=identity.mac,
+            public_key=key.public,
+            hostname=socket.gethostname(),
+            agent_version=__version__,
+            mac_present=identity.is_present,
+        )
+        coming = await self.next_key()
+        if coming is not None:
+            return await self._ask_with_next(request, key, coming)
+        try:
+            token = self._settings.join_token()
+            name = self._settings.name if token else None
+            return await join(self._settings, replace(request, token=token, name=name))
+        except (SettingsInvalid, JoinRefused) as problem:
+            if not is_enrolled or problem.code not in TOKEN_USELESS:
+                raise
+            self._repeats.log_problem("join without the token", problem)
+        return await join(self._settings, request)
+
+    async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:
+        """Join with the key that is to replace `key`; also after a power cut between any two of these steps."""
+        signature = await keys.sign(key, f"{request.mac} {coming.public}\n")
+        proof = PreviousKey(key.fingerprint, signature)
+        try:
+            answer = await join(
+                self._settings, replace(request, public_key=coming.public, previous_key=proof)
+            )
+        except JoinRefused as problem:
+            if problem.code in NEXT_KEY_USELESS:
+                keys.discard_next(self._settings.state_dir)
+            raise
+        try:
+            keys.promote(self._settings.state_dir)
+            log.info("the server has the robot's new key %s", coming.fingerprint)
+        except StateUnusable as problem:
+            # Both keys are shown to the server until the disk takes the change.
+            log.warning("%s", problem)
+        return answer

@@ -1,0 +1,153 @@
+"""Finds the interface whose MAC address names this robot on the server.
+
+Asked by robotether_agent.enrolment.identity_store. Reads /sys and /proc only; never changes an interface. Needs
+nothing but the standard library. A MAC only names a robot; its key is what proves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotether_agent.problems import InterfaceMissing
+from robotether_agent.setting_values import MacError, normalise_mac
+
+ARPHRD_ETHER = 1
+RTF_UP = 0x1
+# What tells the address that the hardware came with: a bond gives its members its own address, and a
+# Wi-Fi that looks for networks may show a made-up one.
+ADDRESSES = ("bonding_slave/perm_hwaddr", "phy80211/macaddress", "address")
+
+
+@dataclass(frozen=True)
+class Interface:
+    """An interface as the kernel shows it."""
+
+    name: str
+    mac: str
+    index: int
+    wireless: bool
+
+
+def find_interface(
+    interface: str | None, *, allow_local: bool, root: Path = Path("/")
+) -> Interface:
+    """Return `interface`, or the primary physical interface when None; raise InterfaceMissing."""
+    if interface is not None:
+        return _named(interface, allow_local=allow_local, root=root)
+    chosen = choose(physical_interfaces(root, allow_local=allow_local), default_routes(root))
+    if chosen is None:
+        raise InterfaceMissing(
+            "cannot find the MAC address of this robot: it has no physical network interface with one",
+            advice="set interface or mac in agent.toml, and allow_local_mac = true in a container",
+        )
+    return chosen
+
+
+def interface_with(mac: str, root: Path = Path("/")) -> str:
+    """Return the name of an interface that has `mac` now, hardware first, or "" when none has it."""
+    paths = [path for path in _interfaces(root) if mac in _all_macs(path)]
+    # VLANs, bridges and bonds have the address of the hardware below them.
+    paths.sort(key=lambda path: (not _is_hardware(path), _number(path / "ifindex")))
+    return paths[0].name if paths else ""
+
+
+def choose(interfaces: list[Interface], routes: list[str]) -> Interface | None:
+    """Return the primary one: with the best default route, else wired, else of the lowest index."""
+
+    def rank(interface: Interface) -> tuple[int, bool, int]:
+        name = interface.name
+        route = routes.index(name) if name in routes else len(routes)
+        return route, interface.wireless, interface.index
+
+    return min(interfaces, key=rank, default=None)
+
+
+def physical_interfaces(root: Path, *, allow_local: bool) -> list[Interface]:
+    """Return the Ethernet-like interfaces that stand for hardware and have a usable MAC."""
+    found = []
+    for path in _interfaces(root):
+        if not _is_hardware(path) or _number(path / "type") != ARPHRD_ETHER:
+            continue
+        try:
+            found.append(_interface(path, allow_local=allow_local))
+        except MacError:
+            continue
+    return found
+
+
+def default_routes(root: Path) -> list[str]:
+    """Return the names of the interfaces with a default route, best first, IPv4 before IPv6."""
+    return _ipv4_default_routes(root) + _ipv6_default_routes(root)
+
+
+def _ipv4_default_routes(root: Path) -> list[str]:
+    routes = []
+    for line in _text(root / "proc/net/route").splitlines()[1:]:
+        name, destination, _, flags, _, _, metric, mask = line.split()[:8]
+        if destination == mask == "00000000" and int(flags, 16) & RTF_UP:
+            routes.append((int(metric), name))
+    return [name for _, name in sorted(routes)]
+
+
+def _ipv6_default_routes(root: Path) -> list[str]:
+    routes = []
+    for line in _text(root / "proc/net/ipv6_route").splitlines():
+        destination, length, _, _, _, metric, _, _, flags, name = line.split()
+        if destination == "0" * 32 and length == "00" and int(flags, 16) & RTF_UP:
+            routes.append((int(metric, 16), name))
+    return [name for _, name in sorted(routes)]
+
+
+def _named(interface: str, *, allow_local: bool, root: Path) -> Interface:
+    path = root / "sys/class/net" / interface
+    if not _mac_text(path):
+        raise InterfaceMissing(
+            f"cannot find the MAC address of this robot: it has no interface {interface}",
+            advice="correct interface in agent.toml, or wait until it is there",
+        )
+    try:
+        return _interface(path, allow_local=allow_local)
+    except MacError as error:
+        raise InterfaceMissing(
+            f"cannot use the MAC address of interface {interface}: {error}",
+            advice="choose another interface, or set allow_local_mac = true if it is really unique",
+        ) from error
+
+
+def _interfaces(root: Path) -> list[Path]:
+    return sorted((root / "sys/class/net").glob("*"))
+
+
+def _interface(path: Path, *, allow_local: bool) -> Interface:
+    mac = normalise_mac(_mac_text(path), allow_local=allow_local)
+    wireless = (path / "wireless").exists() or (path / "phy80211").exists()
+    return Interface(path.name, mac, _number(path / "ifindex"), wireless)
+
+
+def _is_hardware(path: Path) -> bool:
+    # Loopback, docker, veth, bridges, bonds, tun and VLANs have no such link.
+    return (path / "device").exists()
+
+
+def _mac_text(path: Path) -> str:
+    """Return the address that the hardware came with, or else the one that it has now."""
+    texts = (_text(path / name) for name in ADDRESSES)
+    return next((text for text in texts if text.strip("0:")), "")
+
+
+def _all_macs(path: Path) -> set[str]:
+    return {_text(path / name).lower() for name in ADDRESSES}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace").strip()
+    except OSError:
+        # Interfaces come and go while they are read, and some have no such attribute.
+        return ""
+
+
+def _number(path: Path) -> int:
+    text = _text(path)
+    return int(text) if text.isdecimal() else -1

@@ -1,0 +1,254 @@
+"""Asks the server to let this robot in: POST /api/v1/join.
+
+Called by the enroller. Trusts the pinned certificate, the given CA file or the system's CAs, and nothing
+else; follows no redirect, so that a captive portal cannot answer in the server's place.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import ssl
+from dataclasses import asdict, dataclass
+from datetime import datetime, timezone
+from http import HTTPStatus
+
+import aiohttp
+
+from robotether_agent.enrolment.enrolment_store import SshAccess, parse_host_keys, parse_ssh
+from robotether_agent.enrolment.known_hosts import HostKey
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_match,
+    get_object,
+    get_text,
+    parse_object,
+    printable,
+)
+from robotether_agent.net.http_proxy import ADVICE as ADVICE_ON_PROXY
+from robotether_agent.net.http_proxy import LOGIN_ADVICE, proxy_of
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    NotEnrolled,
+    Problem,
+    Retry,
+    ServerUnreachable,
+    SettingsInvalid,
+    TlsUntrusted,
+)
+from robotether_agent.setting_values import ROBOT_NAME
+from robotether_agent.settings import Settings
+from robotether_agent.tasks import within
+
+TIMEOUT_S = 15.0
+MAX_ANSWER_BYTES = 64 * 1024
+CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
+
+# OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
+WRONG_TIME = frozenset({9, 10})
+
+ADVICE = {
+    "token_invalid": "make a new join token on the server (robotether robot invite), or remove the token from "
+    "the settings: the robot then waits for an approval",
+    "token_expired": "make a new join token on the server (robotether robot invite), or remove the token from "
+    "the settings: the robot then waits for an approval",
+    "token_used_up": "make a join token with more uses on the server (robotether robot invite), or remove the "
+    "token from the settings: the robot then waits for an approval",
+    "token_required": "this server lets nobody in without one: make a join token on the server (robotether "
+    "robot invite), and set token_file",
+    "robot_disabled": "enable the robot on the server's page",
+    "key_rejected": "if that was a mistake, an admin lets the key ask again on the server's page; or give this "
+    "robot another key with: sudo robotether-agent forget",
+    "key_in_use": "another robot's row has this key: if this machine is a copy of that robot, make it one of its "
+    "own with: sudo robotether-agent forget",
+    "mac_elsewhere": "if this machine is a copy of that robot, make it one of its own with: sudo robotether-agent "
+    "forget; if its network card was replaced, stop the other robot that has its key",
+    "mac_in_use": "another robot's key holds this MAC: if this robot got a new disk, an admin lets the new key in",
+    "field_invalid": "correct the setting that this field comes from",
+    "too_many_pending": "approve or remove the robots that wait on the server",
+    "grant_missing": "the token's user must be an admin",
+}
+PENDING_ADVICE = {
+    "mac_in_use": "if this robot got a new disk or a new key, an admin approves it after comparing the key; else "
+    "give this robot another address with interface or mac in agent.toml",
+}
+
+
+@dataclass(frozen=True)
+class PreviousKey:
+    """What proves that the robot which asks with a new key had the old one."""
+
+    fingerprint: str
+    signature: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class JoinRequest:
+    """What the robot says about itself; `public_key` is one line `ssh-ed25519 AAAA...`."""
+
+    mac: str
+    public_key: str
+    hostname: str
+    agent_version: str
+    mac_present: bool = True
+    token: str | None = None
+    name: str | None = None
+    previous_key: PreviousKey | None = None
+
+    def body(self) -> dict[str, object]:
+        """Return the JSON object of the request."""
+        body: dict[str, object] = {
+            "mac": self.mac,
+            "public_key": self.public_key,
+            "hostname": self.hostname,
+            "agent_version": self.agent_version,
+        }
+        if not self.mac_present:
+            body["mac_present"] = False
+        if self.token is not None:
+            body["token"] = self.token
+        if self.name is not None:
+            body["name"] = self.name
+        if self.previous_key is not None:
+            body["previous_key"] = asdict(self.previous_key)
+        return body
+
+
+@dataclass(frozen=True)
+class Joined:
+    """An active robot's answer."""
+
+    robot: str
+    ssh: SshAccess
+    host_keys: list[HostKey]
+
+
+async def join(settings: Settings, request: JoinRequest) -> Joined:
+    """Return the answer for an active robot; any other answer is raised as its problem."""
+    try:
+        status, body = await within(TIMEOUT_S, _post(settings, request))
+    except asyncio.TimeoutError as error:
+        why = f"no answer in {TIMEOUT_S:g} s"
+        raise _unreachable(settings, why) from error
+    except aiohttp.ServerFingerprintMismatch as error:
+        raise TlsUntrusted(
+            f"cannot trust {settings.server}: its certificate has the SHA-256 {error.got.hex(':')}, not the pinned one",
+            advice="compare it with the one that the server printed and correct tls_fingerprint, or find out who is in "
+            "between, such as a captive portal",
+        ) from error
+    except (aiohttp.ClientProxyConnectionError, aiohttp.ClientHttpProxyError) as error:
+        raise _no_way_through(settings, error) from error
+    except aiohttp.ClientConnectorCertificateError as error:
+        raise _untrusted(settings, error.certificate_error) from error
+    except (aiohttp.ClientError, OSError, ValueError) as error:
+        raise _unreachable(settings, printable(str(error) or type(error).__name__)) from error
+    return read_answer(settings.server, status, body)
+
+
+def read_answer(server: str, status: int, body: bytes) -> Joined:
+    """Return what an HTTP answer says, or raise the problem that it tells."""
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        raise ServerUnreachable(f"cannot join {server}: it answers with HTTP status {status}")
+    try:
+        answer = parse_object(body, "the answer")
+        if status == HTTPStatus.OK:
+            return _joined(answer)
+        code = get_match(answer, "code", CODE, "a short code")
+        detail = get_text(answer, "detail")
+    except FieldError as error:
+        raise AnswerInvalid(
+            f"cannot join {server}: HTTP status {status}, and {error}",
+            advice="see that server names a Robotether server, and that no captive portal is in between",
+        ) from error
+    raise _refusal(server, status, code, detail)
+
+
+def _joined(answer: JsonObject) -> Joined:
+    get_match(answer, "state", re.compile("active"), "active")
+    ssh = get_object(answer, "ssh")
+    robot = get_match(answer, "robot", ROBOT_NAME, "a robot's name")
+    return Joined(robot, parse_ssh(ssh), parse_host_keys(ssh))
+
+
+def _refusal(server: str, status: int, code: str, detail: str) -> Problem:
+    if status == HTTPStatus.ACCEPTED:
+        advice = PENDING_ADVICE.get(code, "")
+        return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice=advice)
+    retry = Retry.ASK_AGAIN if status == HTTPStatus.TOO_MANY_REQUESTS else Retry.SLOWLY
+    advice = ADVICE.get(code, "ask the server's administrator")
+    return JoinRefused(f"cannot join {server}: {detail}", code=code, retry=retry, advice=advice)
+
+
+async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
+    url = f"https://{settings.server}/api/v1/join"
+    async with (
+        aiohttp.ClientSession() as http,
+        http.post(
+            url,
+            json=request.body(),
+            ssl=_trust(settings),
+            allow_redirects=False,
+            proxy=settings.http_proxy,
+        ) as response,
+    ):
+        body = bytearray()
+        async for chunk in response.content.iter_chunked(4096):
+            body += chunk
+            if len(body) > MAX_ANSWER_BYTES:
+                raise ValueError(f"its answer is longer than {MAX_ANSWER_BYTES} bytes")
+        return response.status, bytes(body)
+
+
+def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
+    if settings.tls_fingerprint is not None:
+        return aiohttp.Fingerprint(settings.tls_fingerprint)
+    try:
+        return ssl.create_default_context(cafile=settings.ca_file)
+    except (OSError, ssl.SSLError) as error:
+        raise SettingsInvalid(
+            f"cannot use ca_file = {str(settings.ca_file)!r}: {error}",
+            advice="allowed is a readable file of certificates in PEM",
+        ) from error
+
+
+def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
+    now = f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"
+    if getattr(error, "verify_code", None) in WRONG_TIME:
+        return TlsUntrusted(
+            f"cannot trust the certificate of {settings.server}: this robot's clock says {now}, and by that "
+            f"{printable(str(getattr(error, 'verify_message', error)))}",
+            advice="this is tried again: a robot without a battery-backed clock waits for the time from the network "
+            "(timedatectl set-ntp true); with tls_fingerprint set the clock does not matter",
+        )
+    return TlsUntrusted(
+        f"cannot trust the certificate of {settings.server}: {printable(str(error))}",
+        advice=f"set tls_fingerprint or ca_file, see that this robot's clock is right (it says {now}), and that no "
+        "captive portal is in between",
+    )
+
+
+def _no_way_through(
+    settings: Settings, error: aiohttp.ClientProxyConnectionError | aiohttp.ClientHttpProxyError
+) -> ServerUnreachable:
+    """Return what the HTTP proxy answers, or that it does not."""
+    proxy = proxy_of(settings.http_proxy)
+    if isinstance(error, aiohttp.ClientHttpProxyError):
+        why = f"{proxy} answers {error.status} {printable(error.message, 80)}".rstrip()
+        wants_password = error.status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED
+        return ServerUnreachable(
+            f"cannot reach https://{settings.server}: {why}",
+            advice=LOGIN_ADVICE if wants_password else ADVICE_ON_PROXY,
+        )
+    why = f"{proxy} cannot be reached: {printable(str(error.os_error))}"
+    return ServerUnreachable(
+        f"cannot reach https://{settings.server}: {why}", advice=ADVICE_ON_PROXY
+    )
+
+
+def _unreachable(settings: Settings, why: str) -> ServerUnreachable:
+    return ServerUnreachable(
+        f"cannot reach https://{settings.server}: {why}",
+        advice="check this robot's network and the setting server",
+    )

@@ -1,0 +1,210 @@
+"""Makes the robot's own key once, with ssh-keygen, finds it again, and replaces it by the next one.
+
+Called by the enroller. The private half never leaves the state directory. At each moment of a change the
+key that the server knows is in one of two files, and both are shown to the server: a robot that loses its
+power then still gets in.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotether_agent.enrolment.known_hosts import fingerprint_of
+from robotether_agent.files import read_text
+from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
+from robotether_agent.tasks import within
+
+KEYGEN_TIMEOUT_S = 30.0
+NAME = "id_ed25519"
+# The key that takes the place of the other one as soon as the server knows it.
+NEXT = "id_ed25519.next"
+ROTATION = "robotether-rotation"
+# The type, in words and again inside the base64, and the 36 bytes of length and point.
+PUBLIC = re.compile(r"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5[A-Za-z0-9+/]{48}(?![A-Za-z0-9+/=])")
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class KeyPair:
+    """The private key's file and the public key as one line `ssh-ed25519 AAAA...`."""
+
+    path: Path
+    public: str
+
+    @property
+    def fingerprint(self) -> str:
+        """The public key's SHA-256 as `ssh-keygen -l` prints it."""
+        return fingerprint_of(self.public.split()[1])
+
+
+async def ensure_key(state_dir: Path) -> KeyPair:
+    """Return the key in `state_dir`, made now if there is none."""
+    return await _ensure(state_dir / NAME, "the robot's key")
+
+
+async def ensure_next_key(state_dir: Path) -> KeyPair:
+    """Return the key that is to replace the other one, made now if there is none."""
+    return await _ensure(state_dir / NEXT, "the robot's next key")
+
+
+async def present_key(state_dir: Path) -> KeyPair | None:
+    """Return the robot's key as it is, or None when there is none yet; changes nothing, not even its mode."""
+    return await _read(state_dir / NAME)
+
+
+def is_protected(key: Path) -> bool:
+    """Tell whether only the owner may read the file `key`, without which OpenSSH does not use it."""
+    return not key.stat().st_mode & 0o077
+
+
+async def next_key(state_dir: Path) -> KeyPair | None:
+    """Return the key that is to replace the other one, if a change has begun."""
+    try:
+        return await _load(state_dir / NEXT)
+    except KeyUnusable as problem:
+        # The key that is in use must not suffer from it; a rotation tells it loudly.
+        log.debug("%s; leaving it out", problem)
+        return None
+
+
+def promote(state_dir: Path) -> None:
+    """Put the next key in the place of the other one; safe to do twice, and to be cut short anywhere."""
+    key, coming = state_dir / NAME, state_dir / NEXT
+    if not coming.exists():
+        # Another process of this robot has done it.
+        return
+    try:
+        # First, so that no public half ever stands beside another key's private half.
+        _public(key).unlink(missing_ok=True)
+        coming.replace(key)
+        _public(coming).replace(_public(key))
+        _flush(state_dir)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot put the robot's new key in the place of {key}: {error.strerror}",
+            advice="see that the disk is neither full nor read-only; until then both keys are kept",
+        ) from error
+
+
+def discard_next(state_dir: Path) -> None:
+    """Forget the next key, which the server does not want."""
+    for path in (state_dir / NEXT, _public(state_dir / NEXT)):
+        path.unlink(missing_ok=True)
+
+
+async def sign(key: KeyPair, text: str) -> str:
+    """Return the signature that proves to the server that this robot has `key`, as one text."""
+    words = ("-Y", "sign", "-n", ROTATION, "-f", str(key.path))
+    return await _keygen(*words, given=text.encode())
+
+
+def _public(path: Path) -> Path:
+    return path.with_name(f"{path.name}.pub")
+
+
+async def _ensure(path: Path, what: str) -> KeyPair:
+    if read_text(path) is None:
+        await _make(path, what)
+    key = await _load(path)
+    if key is None:
+        raise KeyUnusable(f"cannot use the key {path}: it went away")
+    return key
+
+
+async def _load(path: Path) -> KeyPair | None:
+    _protect(path)
+    return await _read(path)
+
+
+async def _read(path: Path) -> KeyPair | None:
+    if read_text(path) is None:
+        return None
+    public = read_text(_public(path)) or await _keygen("-y", "-f", str(path))
+    found = PUBLIC.match(public)
+    if found is None:
+        raise KeyUnusable(
+            f"cannot use the key {path}: its public half is not ssh-ed25519",
+            advice=f"remove {path} and {path}.pub; the robot then joins with a new key",
+        )
+    return KeyPair(path, found.group())
+
+
+async def _make(path: Path, what: str) -> None:
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".key.") as place:
+            made = Path(place) / NAME
+            await _keygen("-q", "-t", "ed25519", "-N", "", "-C", "robotether", "-f", str(made))
+            _put(made, path)
+            log.info("made %s %s", what, path)
+    except FileExistsError:
+        return
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot make {what} in {path.parent}: {error.strerror}",
+            advice="let the agent's user write there, or set state_dir to a place that it may write",
+        ) from error
+
+
+def _put(made: Path, path: Path) -> None:
+    # The server may know only this key in a moment, so a power cut must not take it away.
+    _flush(made)
+    _public(path).unlink(missing_ok=True)
+    # A link, since it refuses to replace what another process of this robot has made meanwhile.
+    path.hardlink_to(made)
+    _public(made).replace(_public(path))
+    _flush(path.parent)
+
+
+def _flush(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _protect(path: Path) -> None:
+    try:
+        if not is_protected(path):
+            path.chmod(0o600)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise KeyUnusable(
+            f"cannot protect the key {path}, which others may read: {error.strerror}",
+            advice=f"give it to the agent's user with mode 600: chmod 600 {path}",
+        ) from error
+
+
+async def _keygen(*arguments: str, given: bytes = b"") -> str:
+    try:
+        process = await asyncio.create_subprocess_exec(
+            "ssh-keygen",
+            *arguments,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+    except FileNotFoundError as error:
+        raise SshMissing("cannot make the robot's key: there is no ssh-keygen") from error
+    try:
+        out, err = await within(KEYGEN_TIMEOUT_S, process.communicate(given))
+    except asyncio.TimeoutError as error:
+        raise KeyUnusable(f"cannot run ssh-keygen: no end after {KEYGEN_TIMEOUT_S:g} s") from error
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode:
+        reason = err.decode(errors="replace").strip()
+        raise KeyUnusable(f"cannot run ssh-keygen on {arguments[-1]}: {reason}")
+    return out.decode(errors="replace")

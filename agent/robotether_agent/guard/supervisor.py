@@ -1,0 +1,272 @@
+"""Keeps the guard running for as long as the agent does, and joins it to the robot's session.
+
+Run by the agent. What the server wants goes to the guard at once, and again to each new one after a crash; what the
+guard says goes to the session unchanged. Never stops trying to have a guard, never hands on a release that a dead
+guard left undone, and never lets a connection past it: while there is none, nothing leads to rosbridge.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NoReturn
+
+from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
+from robotether_agent.guard import agent_messages
+from robotether_agent.guard.child_process import START_S
+from robotether_agent.guard.handle import GuardHandle
+from robotether_agent.guard.refused import KINDS
+from robotether_agent.problems import GuardDown
+from robotether_agent.tasks import first_of
+
+# A guard that lived this long was a good one: its end is a new trouble, not the old one.
+STABLE_S = 10.0
+FIRST_PAUSE_S = 0.1
+# A guard that dies while the robot moves is followed by one that stops it, and that within a second.
+MAX_PAUSE_S = 0.4
+# When the guard is there for a while: a robot that boots has other work.
+SPARE_AFTER_S = 3.0
+SPARE_CHECK_S = 1.0
+# Lines that a session has not sent yet; the guard says few.
+MAX_UNSENT_LINES = 64
+# The message that tells a guard of a stop that the one before it had confirmed.
+KEPT = "kept"
+STATE = re.compile("ready|down")
+NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(KINDS, 0)})
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class GuardView:
+    """How the guard is: `port` None is no guard; `stopped` is the latch, `by` who set it."""
+
+    state: str = "down"
+    port: int | None = None
+    stopped: bool = False
+    by: str = ""
+    detail: str = "it starts"
+
+
+def pause_before(restart: int) -> float:
+    """Return the seconds before the restart number `restart` in a row: the first one comes at once."""
+    return 0.0 if restart <= 1 else min(MAX_PAUSE_S, FIRST_PAUSE_S * 2 ** min(restart - 2, 10))
+
+
+class GuardSupervisor:
+    """The guard of one robot, whichever process it is at the moment."""
+
+    def __init__(
+        self,
+        rosbridge_url: str,
+        command: Sequence[str],
+        *,
+        on_change: Callable[[GuardView], None] = lambda _: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.view = GuardView()
+        self._rosbridge_url = rosbridge_url
+        self._command = command
+        self._on_change = on_change
+        self._clock = clock
+        self._guard: GuardHandle | None = None
+        self._spare: GuardHandle | None = None
+        self._followers: set[asyncio.Queue[JsonObject]] = set()
+        self._last_status: JsonObject | None = None
+        # What a new guard is told.
+        self._config_line = self._config({}, direct=False)
+        self._session_up = False
+        self._lease: JsonObject | None = None
+        self._unanswered_stop: JsonObject | None = None
+
+    async def run(self) -> NoReturn:
+        """Have a guard, one after the other; when cancelled, return once it has stopped the robot."""
+        restarts = 0
+        try:
+            while True:
+                began = self._clock()
+                try:
+                    await self._run_one()
+                except GuardDown as problem:
+                    restarts = 1 if self._clock() - began >= STABLE_S else restarts + 1
+                    pause_s = 0.0 if self._has_spare else pause_before(restarts)
+                    log.warning("%s; another one follows in %.1f s", problem, pause_s)
+                    self._is_down(problem.message)
+                    await asyncio.sleep(pause_s)
+        finally:
+            await self._drop_spare()
+
+    @contextmanager
+    def following(self) -> Iterator[asyncio.Queue[JsonObject]]:
+        """Give one session what the guard says: first how it is now, then each of its lines."""
+        queue: asyncio.Queue[JsonObject] = asyncio.Queue(MAX_UNSENT_LINES)
+        if self._last_status is not None:
+            # Before the first guard has looked nobody knows whether this robot is stopped.
+            queue.put_nowait(self._state_now(self._last_status))
+        self._followers.add(queue)
+        try:
+            yield queue
+        finally:
+            self._followers.discard(queue)
+
+    def on_config(self, guard: JsonObject, *, direct: bool) -> None:
+        """Follow the session's configuration; what the guard would not take raises FieldError and changes nothing."""
+        # Without a key in it the guard refuses every connection of a relay.
+        config = self._config(guard, direct=direct)
+        agent_messages.parse(line_of(config))
+        self._config_line = config
+        self._session_up = True
+        self._send(self._config_line)
+        self._send({"type": "session", "up": True})
+
+    def on_session_lost(self) -> None:
+        """Let the guard stop the robot: its session has ended."""
+        self._session_up = False
+        if self._lease is not None:
+            self._lease = {**self._lease, "held": False}
+        self._send({"type": "session", "up": False})
+
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        """Tell the newest fencing number, and whether anybody holds it."""
+        self._lease = {"type": "lease", "fence": fence, "held": held}
+        self._send(self._lease)
+
+    def on_stop(self, message_id: str, by: str) -> None:
+        """Stop the robot, now or as soon as there is a guard."""
+        log.warning("%s stopped this robot; a driver must release it", by)
+        self._unanswered_stop = {"type": "stop", "id": message_id, "by": by}
+        self._send(self._unanswered_stop)
+
+    def on_release(self, message_id: str, by: str) -> None:
+        """Release the robot, now or never: what comes late could release a later stop."""
+        log.warning("%s releases this robot", by)
+        if self._unanswered_stop is not None:
+            log.warning("not released: the guard has not confirmed the stop yet")
+            return
+        self._send({"type": "release", "id": message_id, "by": by})
+
+    async def _run_one(self) -> NoReturn:
+        guard = await self._next_guard()
+        log.debug("guard %d takes over", guard.pid)
+        try:
+            self._guard = guard
+            self._keep_stop()
+            for message in self._replay():
+                guard.send(message)
+            guard.activate(self._on_line)
+            await self._serve(guard)
+        except GuardDown:
+            # Also of one that only hangs: two guards at once must never drive.
+            await guard.kill()
+            raise
+        finally:
+            self._guard = None
+            await guard.end()
+
+    async def _serve(self, guard: GuardHandle) -> NoReturn:
+        await first_of(guard.until_end(), self._keep_spare())
+        raise GuardDown("the guard ended")
+
+    @property
+    def _has_spare(self) -> bool:
+        """Whether somebody can take over at once; a spare that knows of another stop than ours is no help."""
+        return self._spare is not None and self._spare.is_fit(stopped=self.view.stopped)
+
+    async def _next_guard(self) -> GuardHandle:
+        """Return the hot spare, or start a guard."""
+        if self._spare is not None and self._has_spare:
+            guard, self._spare = self._spare, None
+            return guard
+        await self._drop_spare()
+        return await GuardHandle.start(self._command)
+
+    async def _keep_spare(self) -> NoReturn:
+        """Have one more guard as a hot spare, whose Python has started already."""
+        while True:
+            await asyncio.sleep(SPARE_AFTER_S)
+            if self.view.port is None:
+                continue
+            try:
+                self._spare = self._spare or await GuardHandle.start(self._command)
+                fit_by = self._clock() + START_S
+                while self._clock() < fit_by or self._spare.is_fit(stopped=self.view.stopped):
+                    await self._spare.ended(SPARE_CHECK_S)
+            except GuardDown as problem:
+                log.info("the spare guard ended: %s", problem.message)
+            await self._drop_spare()
+
+    async def _drop_spare(self) -> None:
+        spare, self._spare = self._spare, None
+        if spare is not None:
+            await spare.kill()
+
+    def _keep_stop(self) -> None:
+        """Have the stop of the last guard told to this one, which may not have found it: disks fail."""
+        if self.view.stopped and self._unanswered_stop is None:
+            self._unanswered_stop = {"type": "stop", "id": KEPT, "by": self.view.by}
+
+    def _replay(self) -> Iterator[JsonObject]:
+        yield self._config_line
+        yield {"type": "session", "up": self._session_up}
+        if self._lease is not None:
+            yield self._lease
+        if self._unanswered_stop is not None:
+            yield self._unanswered_stop
+
+    def _config(self, guard: JsonObject, *, direct: bool) -> JsonObject:
+        where = {"type": "config", "rosbridge_url": self._rosbridge_url}
+        return {**where, "guard": guard, "direct": direct}
+
+    def _send(self, message: Mapping[str, object]) -> None:
+        if self._guard is not None:
+            self._guard.send(message)
+
+    def _on_line(self, message: JsonObject) -> None:
+        kind = get_text(message, "type")
+        if kind == "ready":
+            self._is_ready(get_int(message, "port", 1, 65535))
+        elif kind == "guard":
+            self._on_status(message)
+
+    def _is_ready(self, port: int) -> None:
+        log.info("the guard before %s is ready", self._rosbridge_url)
+        self._set(replace(self.view, state="ready", port=port, detail=""))
+
+    def _on_status(self, message: JsonObject) -> None:
+        state = get_match(message, "state", STATE, "ready or down")
+        stopped = get_flag(message, "stopped", default=True)
+        by = get_text(message, "by", default="", limit=200)
+        stop = self._unanswered_stop
+        if stop is not None and message.get("answers") == stop["id"]:
+            self._unanswered_stop = None
+        self._last_status = message
+        self._set(replace(self.view, state=state, stopped=stopped, by=by))
+        self._notify(message)
+
+    def _is_down(self, detail: str) -> None:
+        self._set(replace(self.view, state="down", port=None, detail=detail))
+        self._last_status = self._last_status or NO_STATUS
+        self._notify(self._state_now(self._last_status))
+
+    def _state_now(self, status: JsonObject) -> JsonObject:
+        state = {"state": self.view.state, "stopped": self.view.stopped, "by": self.view.by}
+        return {**status, "type": "guard", **state, "answers": None}
+
+    def _notify(self, message: JsonObject) -> None:
+        for queue in self._followers:
+            if queue.full():
+                # The newest line says how it is now.
+                queue.get_nowait()
+            queue.put_nowait(message)
+
+    def _set(self, view: GuardView) -> None:
+        changed = view != self.view
+        self.view = view
+        if changed:
+            self._on_change(view)

@@ -1,0 +1,229 @@
+"""The robot's way to its server: whichever port, address and proxy lets a connection through now.
+
+One for the dialer, used by all its connections and by reach. It keeps at most one connection in hand, which was tried
+and not used yet, and none for longer than a few seconds. It never speaks SSH itself beyond a first line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import repeat
+from random import Random
+from time import monotonic
+
+from robotether_agent.net import netlink
+from robotether_agent.net.banner import HTTPS, Banner
+from robotether_agent.net.happy_eyeballs import HappyEyeballs
+from robotether_agent.net.http_proxy import Proxy, ask_for
+from robotether_agent.net.resolver import Resolver
+from robotether_agent.net.socket_options import is_established
+from robotether_agent.net.tcp import connect
+from robotether_agent.tasks import first_of, within
+
+# Silence on the first port, where packets to it are dropped, costs no more than this.
+NEXT_PORT_AFTER_S = 0.5
+# While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
+TRY_EVERY_S = (0.4, 0.6)
+# A server that has taken a connection and says nothing yet has too much to do, and each further one is more of it: many
+# robots that ask twice a second keep it from ever answering. So while one stands, the next port and the next attempt
+# come later, and whoever asked waits longer: about as long as sshd lets a login take.
+BUSY_NEXT_PORT_AFTER_S = 6.0
+BUSY_TRY_AFTER_S = (5.0, 7.0)
+BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
+# After a change of the network a moment passes until addresses and routes have settled.
+SETTLED_AFTER_S = 0.05
+# Then whoever asked hears that nothing answers, and may ask again.
+FIND_TIMEOUT_S = 5.0
+SPARE_S = 3.0
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Target:
+    """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
+
+    host: str
+    port: int
+    user: str
+    dialer: ServerDialer | None = field(default=None, compare=False, repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.host} port {self.port}"
+
+
+@dataclass
+class _Probed:
+    """An SSH server answers at `target`; the connection is there if nobody has said a word on it."""
+
+    target: Target
+    connection: socket.socket | None
+    since: float = field(default_factory=monotonic)
+
+    def is_fresh(self) -> bool:
+        """Tell whether the server still waits for the first word on it."""
+        if self.connection is None or monotonic() - self.since > SPARE_S:
+            return False
+        return is_established(self.connection)
+
+    def drop(self) -> None:
+        """Let the connection go."""
+        if self.connection is not None:
+            self.connection.close()
+
+
+class ServerDialer:
+    """How to get a connection to one of the server's SSH ports."""
+
+    def __init__(
+        self,
+        proxy: Proxy | None = None,
+        *,
+        rng: Random | None = None,
+        resolver: Resolver | None = None,
+        https_port: int = HTTPS,
+    ) -> None:
+        self._proxy = proxy
+        self._rng = rng or Random()  # noqa: S311 - spreads a fleet, keeps no secret
+        self._resolver = resolver or Resolver()
+        self._banner = Banner(https_port)
+        self._spares: list[_Probed] = []
+        # Connections that the other end has taken, and on which it has said nothing yet.
+        self._silent_connections = 0
+        self._none_silent = asyncio.Event()
+        self._none_silent.set()
+        # An agent that ends between a find and an open must leave no connection.
+        weakref.finalize(self, _drop_all, self._spares)
+
+    @property
+    def is_proxied(self) -> bool:
+        """Whether the other end of a connection is a proxy and not the server."""
+        return self._proxy is not None
+
+    async def find(self, targets: Sequence[Target]) -> Target:
+        """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
+
+        Raises ServerUnreachable when something refuses, and NoAnswer after PATIENCE_S of silence, or after
+        BUSY_PATIENCE_S of it on a connection that stands.
+        """
+        for spare in self._spares:
+            if spare.target in targets and spare.is_fresh():
+                return spare.target
+        with netlink.listening() as network:
+            happy_eyeballs = HappyEyeballs(
+                repeat(partial(self._probe_any, targets)),
+                pause=partial(self._pause, network),
+                drop=_Probed.drop,
+                eager=False,
+            )
+            found: list[Target] = []
+
+            async def find() -> None:
+                found.append(await self._keep_winner(happy_eyeballs))
+
+            await first_of(find(), self._give_up())
+            if not found:
+                raise happy_eyeballs.problem
+            return found[0]
+
+    async def open(self, target: Target) -> socket.socket:
+        """Return a connection to `target`: the one in hand, or a new one."""
+        for spare in [item for item in self._spares if item.target == target]:
+            self._spares.remove(spare)
+            if spare.connection is not None and spare.is_fresh():
+                return spare.connection
+            spare.drop()
+        return await self._connect(target)
+
+    async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probed]) -> Target:
+        probed = await happy_eyeballs.winner()
+        _drop_all(self._spares)
+        self._spares.append(probed)
+        asyncio.get_running_loop().call_later(SPARE_S, self._expire, probed)
+        return probed.target
+
+    def _expire(self, spare: _Probed) -> None:
+        if spare in self._spares:
+            self._spares.remove(spare)
+            spare.drop()
+
+    async def _probe_any(self, targets: Sequence[Target]) -> _Probed:
+        attempts = [partial(self._probe, target) for target in targets]
+        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
+        return await happy_eyeballs.winner()
+
+    async def _probe(self, target: Target) -> _Probed:
+        connection = await self._connect(target)
+        with _closed_on_failure(connection), self._counted_silent():
+            is_unused = await self._banner.check(connection, target.port, self._name(target))
+        if not is_unused:
+            connection.close()
+        return _Probed(target, connection if is_unused else None)
+
+    async def _connect(self, target: Target) -> socket.socket:
+        if self._proxy is None:
+            return await connect(target.host, target.port, self._resolver, f"SSH at {target}")
+        connection = await connect(*self._proxy.address, self._resolver, str(self._proxy))
+        with _closed_on_failure(connection):
+            await ask_for(connection, self._proxy, target.host, target.port)
+        return connection
+
+    def _name(self, target: Target) -> str:
+        return str(target) if self._proxy is None else f"{target} through {self._proxy}"
+
+    @contextmanager
+    def _counted_silent(self) -> Iterator[None]:
+        self._silent_connections += 1
+        self._none_silent.clear()
+        try:
+            yield
+        finally:
+            self._silent_connections -= 1
+            if not self._silent_connections:
+                self._none_silent.set()
+
+    async def _give_up(self) -> None:
+        await asyncio.sleep(FIND_TIMEOUT_S)
+        with suppress(asyncio.TimeoutError):
+            await within(BUSY_FIND_TIMEOUT_S - FIND_TIMEOUT_S, self._none_silent.wait())
+            # The last one may have ended because it was answered; the race has yet to hear of that.
+            await asyncio.sleep(BUSY_ANSWER_S)
+
+    async def _pause_before_port(self) -> None:
+        await asyncio.sleep(NEXT_PORT_AFTER_S)
+        if self._silent_connections:
+            await asyncio.sleep(BUSY_NEXT_PORT_AFTER_S - NEXT_PORT_AFTER_S)
+
+    async def _pause(self, network: netlink.Network) -> None:
+        """Wait until the next attempt is due, or the network may be another one."""
+
+        async def is_due() -> None:
+            await asyncio.sleep(self._rng.uniform(*TRY_EVERY_S))
+            if self._silent_connections:
+                await asyncio.sleep(self._rng.uniform(*BUSY_TRY_AFTER_S))
+
+        async def has_changed() -> None:
+            await network.changed()
+            await asyncio.sleep(SETTLED_AFTER_S)
+
+        await first_of(is_due(), has_changed())
+
+
+@contextmanager
+def _closed_on_failure(connection: socket.socket) -> Iterator[None]:
+    with ExitStack() as unless_done:
+        unless_done.callback(connection.close)
+        yield
+        unless_done.pop_all()
+
+
+def _drop_all(spares: list[_Probed]) -> None:
+    while spares:
+        spares.pop().drop()

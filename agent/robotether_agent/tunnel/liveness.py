@@ -1,0 +1,183 @@
+"""Ends a connection that has died silently as soon as the server can be reached anew, and not some time-out later.
+
+A task of each connection. It never ends a connection that works: silence counts only while the kernel, too, waits for
+the other side, and mostly a fresh connection must get an answer first, which the next dial then uses. So a server that
+is merely slow is not stormed by its robots.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from dataclasses import dataclass
+from typing import NoReturn, Protocol
+
+from robotether_agent.net import netlink
+from robotether_agent.net.paths import Path, path_of
+from robotether_agent.net.server_dialer import SETTLED_AFTER_S, ServerDialer, Target
+from robotether_agent.net.socket_options import is_stuck
+from robotether_agent.problems import LinkProblem, NetworkChanged, Problem, Retry, ServerSilent
+from robotether_agent.tasks import first_of
+from robotether_agent.tunnel.tunnel import Tunnel
+
+# Two heartbeats of the server and some more have not come.
+SILENT_AFTER_S = 1.2
+# Whatever would still come on this connection, a new one is drivable earlier.
+HOPELESS_AFTER_S = 4.0
+CHECK_EVERY_S = 0.2
+# A look that comes so late was not delayed by other work: this process or the whole machine stood still.
+PAUSED_S = 1.5
+# From then on, and for so long, less silence is enough.
+DISTRUST_S = 3.0
+DISTRUSTED_AFTER_S = 0.6
+# A new network without a way to the server must not be asked all the time while the old one works.
+REST_S = 10.0
+
+log = logging.getLogger(__name__)
+
+
+class MonitoredSession(Protocol):
+    """The session, as far as it matters here."""
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the server was heard last."""
+
+
+async def watch(session: MonitoredSession, tunnel: Tunnel, target: Target) -> NoReturn:
+    """Raise ServerSilent or NetworkChanged when the connection is dead; else never end."""
+    watched = _Watch(session, tunnel, target)
+    with netlink.listening() as network:
+        await first_of(watched.keep_checking(), watched.watch_network(network))
+    raise AssertionError("a watch of a connection ended without a problem")
+
+
+@dataclass(frozen=True)
+class Signs:
+    """How a connection looks at one moment."""
+
+    path: Path
+    silent_s: float
+    # What was sent is not acknowledged. Unknown behind a proxy, which acknowledges in the server's place.
+    is_stuck: bool
+    # This machine has just stood still.
+    is_distrusted: bool = False
+
+
+def suspicion(signs: Signs) -> LinkProblem | None:
+    """Return why the connection may be dead, as the problem that it then is."""
+    if signs.path is Path.GONE:
+        return NetworkChanged("lost the connection: this robot has another address now")
+    limit_s = DISTRUSTED_AFTER_S if signs.is_distrusted else SILENT_AFTER_S
+    if signs.is_stuck and signs.silent_s >= limit_s:
+        why = f"the server was silent for {signs.silent_s:.1f} s"
+        return ServerSilent(f"lost the connection: {why}", retry=Retry.AT_ONCE)
+    if signs.path is Path.MOVED:
+        return NetworkChanged("left the connection: this robot's way leads through another network")
+    return None
+
+
+def is_certain(signs: Signs) -> bool:
+    """Tell whether a suspicion needs no answer on another connection."""
+    hopeless = signs.is_stuck and signs.silent_s >= HOPELESS_AFTER_S
+    return signs.path is Path.GONE or hopeless
+
+
+class PauseClock:
+    """Tells how long this process stood still, the machine's sleep included."""
+
+    def __init__(self) -> None:
+        self._at = time.clock_gettime(time.CLOCK_BOOTTIME)
+
+    def since_last_s(self) -> float:
+        """Return the seconds since the last call."""
+        before, self._at = self._at, time.clock_gettime(time.CLOCK_BOOTTIME)
+        return self._at - before
+
+
+class _Watch:
+    """One connection, and at most one attempt to reach its server on another."""
+
+    def __init__(self, session: MonitoredSession, tunnel: Tunnel, target: Target) -> None:
+        self._session = session
+        self._tunnel = tunnel
+        self._target = target
+        self._dialer = target.dialer or ServerDialer()
+        self._clock = PauseClock()
+        self._wake = asyncio.Event()
+        self._has_changed = False
+        self._distrusted_until = 0.0
+        self._rest_until = 0.0
+
+    async def watch_network(self, network: netlink.Network) -> NoReturn:
+        """Have a look at once whenever the network has changed."""
+        while True:
+            await network.changed()
+            await asyncio.sleep(SETTLED_AFTER_S)
+            self._has_changed = True
+            self._wake.set()
+
+    async def keep_checking(self) -> NoReturn:
+        """Look again and again; raise why the connection is dead, once it is."""
+        while True:
+            await self._until_next_check()
+            problem = suspicion(signs := self._signs())
+            if problem is None:
+                continue
+            if is_certain(signs) or await self._is_answered_elsewhere():
+                raise problem
+
+    async def _until_next_check(self) -> None:
+        # A timer, as a task for each wait costs a robot that only waits a good part of its time.
+        timer = asyncio.get_running_loop().call_later(CHECK_EVERY_S, self._wake.set)
+        try:
+            await self._wake.wait()
+        finally:
+            timer.cancel()
+        self._wake.clear()
+        if self._has_changed:
+            self._has_changed = False
+            self._rest_until = 0.0
+        uptime_s = self._clock.since_last_s() - CHECK_EVERY_S
+        if uptime_s > PAUSED_S:
+            log.info("this process stood still for %.1f s: is the server still there?", uptime_s)
+            self._distrusted_until = time.monotonic() + DISTRUST_S
+
+    def _signs(self) -> Signs:
+        connection = self._tunnel.socket
+        if connection is None:
+            return Signs(Path.SAME, self._session.silent_s, is_stuck=False)
+        return Signs(
+            path_of(connection),
+            self._session.silent_s,
+            is_stuck=self._dialer.is_proxied or is_stuck(connection),
+            is_distrusted=time.monotonic() < self._distrusted_until,
+        )
+
+    async def _is_answered_elsewhere(self) -> bool:
+        """Try to reach the server; return True if it answers there while this connection still looks dead."""
+        if time.monotonic() < self._rest_until:
+            return False
+        answered: list[Target] = []
+
+        async def find() -> None:
+            answered.append(await self._dialer.find([self._target]))
+
+        try:
+            await first_of(find(), self._until_clear())
+        except Problem as problem:
+            log.debug("the server does not answer on another connection: %s", problem)
+            self._rest_until = time.monotonic() + REST_S
+        if self._signs().silent_s >= DISTRUSTED_AFTER_S:
+            self._rest_until = 0.0
+        self._clock.since_last_s()
+        return bool(answered) and suspicion(self._signs()) is not None
+
+    async def _until_clear(self) -> None:
+        """Wait until there is no suspicion any more, or certainty."""
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            signs = self._signs()
+            if suspicion(signs) is None or is_certain(signs):
+                return

@@ -1,0 +1,232 @@
+"""The session's protocol over the lines of one SSH connection (docs/protocols.md, "The session").
+
+Run by robotether_agent.tunnel.connection. Never trusts a field unseen, never waits for the server without a
+bound, and never holds more than 64 KiB in either direction.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from robotether_agent.clock import robot_time
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_flag,
+    get_int,
+    get_match,
+    get_number,
+    get_object,
+    get_optional_port,
+    get_text,
+    line_of,
+    parse_object,
+)
+from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.setting_values import ROBOT_NAME
+from robotether_agent.tasks import first_of
+from robotether_agent.tunnel.session_messages import DriveMessageHandler, message_handlers
+
+# Until the server has told its own times: logging in, key look-up, and the end of an older session.
+FIRST_TIMEOUT_S = 30.0
+# A configuration may shorten the time at any moment.
+CHECK_EVERY_S = 1.0
+MAX_UNSENT_BYTES = 64 * 1024
+MAX_PINGS = 16
+SERVICE = re.compile("ok|down|unknown")
+CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
+
+BYE_ADVICE = {
+    "superseded": "if this repeats, two robots use one key: remove the key and enrolment of the copied one",
+    "robot_disabled": "enable the robot on the server's page",
+    "robot_unknown": "the robot was removed on the server; it must be enrolled again",
+    "key_changed": "the server has another key for this robot now; the next try asks why",
+}
+SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SessionConfig:
+    """What the server wants; it may send another one at any time."""
+
+    robot: str
+    ros_port: int
+    video_port: int
+    heartbeat_s: float
+    timeout_s: float
+    # What the guard goes by, its key included.
+    guard: JsonObject = field(repr=False)
+    shell_port: int | None = None
+    rotate_key: bool = False
+    direct: bool = False
+
+
+@dataclass(frozen=True)
+class Checked:
+    """How the robot's services answer the server at its own end of the tunnels: ok, down or unknown."""
+
+    ros: str = "unknown"
+    video: str = "unknown"
+    shell: str = "unknown"
+
+
+class Session:
+    """Both ways of one session, and what it brought last.
+
+    `rtt_ms` is the newest round trip, `config` the newest configuration, `checked` what the server found at
+    its own end of the tunnels. The `clock` is the one that the guard judges ages by: the
+    server learns from the pings' `t_ms` what it shows.
+    """
+
+    def __init__(
+        self,
+        lines_in: asyncio.StreamReader,
+        lines_out: asyncio.StreamWriter,
+        *,
+        drive_handler: DriveMessageHandler | None = None,
+        clock: Callable[[], float] = robot_time,
+    ) -> None:
+        self.config: SessionConfig | None = None
+        self.rtt_ms: float | None = None
+        self.checked = Checked()
+        self._in = lines_in
+        self._out = lines_out
+        self._clock = clock
+        self._received_at = clock()
+        self._drive_handler = drive_handler
+        self._configured = asyncio.Event()
+        self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
+        self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
+            "config": self._on_config,
+            "ping": self._on_ping,
+            "pong": self._on_pong,
+            "checked": self._on_checked,
+            "bye": self._on_bye,
+            **({} if drive_handler is None else message_handlers(drive_handler)),
+        }
+
+    async def run(self) -> None:
+        """Serve until the stream ends; raise why if the server or a time-out ended it."""
+        await first_of(self._listen(), self._send_heartbeats(), self._end_silence())
+
+    async def new_config(self, known: SessionConfig | None) -> SessionConfig:
+        """Return the newest configuration as soon as it is another one than `known`."""
+        while self.config is None or self.config == known:
+            self._configured.clear()
+            await self._configured.wait()
+        return self.config
+
+    def send(self, message: Mapping[str, object]) -> None:
+        """Send one message; a server that takes none for long ends the session."""
+        if self._out.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            raise ServerSilent("lost the session: the server takes nothing any more")
+        self._out.write(line_of(message))
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the server was heard last, or since the start."""
+        return self._clock() - self._received_at
+
+    @property
+    def _timeout_s(self) -> float:
+        return FIRST_TIMEOUT_S if self.config is None else self.config.timeout_s
+
+    async def _listen(self) -> None:
+        while line := await self._line():
+            self._received_at = self._clock()
+            self._handle(line)
+
+    async def _line(self) -> bytes:
+        """Return the next line, or nothing at the stream's end."""
+        try:
+            return await self._in.readuntil(b"\n")
+        except asyncio.IncompleteReadError:
+            return b""
+        except asyncio.LimitOverrunError as error:
+            raise ProtocolBroken("lost the session: the server sent a line over 64 KiB") from error
+
+    async def _end_silence(self) -> NoReturn:
+        """Raise ServerSilent when nothing was heard for too long; a time-out of each line would cost more."""
+        while True:
+            left_s = self._timeout_s - self.silent_s
+            if left_s <= 0:
+                why = f"the server was silent for {self._timeout_s:g} s"
+                raise ServerSilent(f"lost the session: {why}")
+            await asyncio.sleep(min(left_s, CHECK_EVERY_S))
+
+    def _handle(self, line: bytes) -> None:
+        try:
+            message = parse_object(line, "the line")
+            kind = get_text(message, "type")
+            handler = self._handlers.get(kind)
+            if handler is None:
+                log.debug("ignoring a message of the unknown type %r", kind)
+                return
+            handler(message)
+        except FieldError as error:
+            raise ProtocolBroken(
+                f"lost the session: the server sent a broken line: {error}"
+            ) from error
+
+    def _on_config(self, message: JsonObject) -> None:
+        self.config = SessionConfig(
+            robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
+            ros_port=get_int(message, "ros_port", 1, 65535),
+            video_port=get_int(message, "video_port", 1, 65535),
+            heartbeat_s=get_number(message, "heartbeat_s", 0.05, 60),
+            timeout_s=get_number(message, "timeout_s", 0.1, 600),
+            shell_port=get_optional_port(message, "shell_port"),
+            rotate_key=get_flag(message, "rotate_key", default=False),
+            guard=get_object(message, "guard"),
+            direct=get_flag(message, "direct", default=False),
+        )
+        if self._drive_handler is not None:
+            # Before the forward is opened, and before a lease or a stop that follows.
+            self._drive_handler.on_config(self.config.guard, direct=self.config.direct)
+        self._configured.set()
+
+    def _on_ping(self, message: JsonObject) -> None:
+        self.send({"type": "pong", "seq": get_int(message, "seq", 0, 2**53)})
+
+    def _on_pong(self, message: JsonObject) -> None:
+        seq = get_int(message, "seq", 0, 2**53)
+        # The time comes from our own list, not from the echo, which the server could have changed.
+        sent = next((at for number, at in self._pings if number == seq), None)
+        if sent is not None:
+            self.rtt_ms = (self._clock() - sent) * 1000
+
+    def _on_checked(self, message: JsonObject) -> None:
+        ros, video, shell = (
+            get_match(message, name, SERVICE, "ok, down or unknown")
+            for name in ("ros", "video", "shell")
+        )
+        self.checked = Checked(ros, video, shell)
+
+    def _on_bye(self, message: JsonObject) -> None:
+        code = get_match(message, "code", CODE, "a short code")
+        detail = get_text(message, "detail", default="without a reason")
+        raise SessionEnded(
+            f"the server ended the connection: {detail}",
+            code=code,
+            retry=Retry.SLOWLY if code in SLOW_BYES else Retry.SOON,
+            advice=BYE_ADVICE.get(code, ""),
+        )
+
+    async def _send_heartbeats(self) -> None:
+        config = await self.new_config(None)
+        seq = 0
+        while True:
+            seq += 1
+            now = self._clock()
+            self._pings.append((seq, now))
+            self.send({"type": "ping", "seq": seq, "t_ms": round(now * 1000, 3)})
+            config = self.config or config
+            await asyncio.sleep(config.heartbeat_s)

@@ -1,0 +1,137 @@
+"""Turns what OpenSSH's client wrote to stderr into the agent's problems; pure functions.
+
+The texts are those of OpenSSH 8.2 to 10; what none of them matches is told in ssh's own words.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from robotether_agent.enrolment.known_hosts import advice as host_key_advice
+from robotether_agent.fields import printable
+from robotether_agent.net.server_dialer import Target
+from robotether_agent.problems import (
+    ForwardFailed,
+    HostKeyChanged,
+    KeyRefused,
+    KeyUnusable,
+    LinkLost,
+    PortTaken,
+    Problem,
+    ServerUnreachable,
+    SessionRefused,
+    SshIncompatible,
+)
+from robotether_agent.tunnel.ssh_command import Forward, SshFiles
+
+# ssh ends with 255 for its own errors; any other status is that of the command on the server.
+SSH_FAILED = 255
+
+HOST_KEY = re.compile(
+    r"REMOTE HOST IDENTIFICATION HAS CHANGED|Host key verification failed|host key is known for"
+)
+SESSION_COMMAND = re.compile(r"^robotether: ")
+KEY_FILE = re.compile(
+    r"UNPROTECTED PRIVATE KEY|Load key .*: (?!.*incorrect passphrase)|bad permissions"
+)
+KEY_REFUSED = re.compile(r"Permission denied \(|Too many authentication failures")
+INCOMPATIBLE = re.compile(
+    r"Unable to negotiate|no matching .* found|Bad configuration option|unknown option|"
+    r"unsupported option|Protocol major versions differ"
+)
+UNREACHABLE = re.compile(
+    r"connect to (?:host|address) .*: |Could not resolve hostname|during banner exchange|"
+    r"kex_exchange_identification|ssh_exchange_identification|banner line|"
+    r"Connection (?:closed|reset|timed out)|Connection to .* timed out|Broken pipe"
+)
+PORT_TAKEN = re.compile(r"remote port forwarding failed for listen port|[Pp]ort forwarding failed")
+
+
+def why_not_connected(
+    stderr: Sequence[str], status: int, target: Target, files: SshFiles
+) -> Problem:
+    """Return why a client ended before the server sent a configuration."""
+    for pattern, make in _BEFORE_CONFIG:
+        line = _first(stderr, pattern)
+        if line is not None:
+            return make(line, target, files)
+    said = _last(stderr)
+    if status != SSH_FAILED:
+        why = said or f"status {status} without a word"
+        return SessionRefused(
+            f"cannot open the session at {target}: the server's command ended: {why}"
+        )
+    return LinkLost(f"cannot connect to {target}: {said or 'ssh ended without a word'}")
+
+
+def why_ended(stderr: Sequence[str], status: int | None, target: Target) -> Problem:
+    """Return why a client ended that had been connected."""
+    said = _last(stderr) or ("ssh was killed" if status is None or status < 0 else "without a word")
+    return LinkLost(f"lost the connection to {target}: {said}")
+
+
+def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> Problem:
+    """Return why the running client did not add or cancel `forward`."""
+    if _first(stderr, PORT_TAKEN) is not None:
+        return PortTaken(
+            f"cannot open port {forward.listen_port} on the server: it refuses the port to this robot",
+            advice="another connection still holds it, or the robot's ports have changed; this is tried again",
+        )
+    said = _last(stderr) or "without a word"
+    return ForwardFailed(f"cannot {action} the forward {forward.spec}: {said}")
+
+
+def _session_refused(line: str, target: Target, _: SshFiles) -> Problem:
+    return SessionRefused(f"cannot open the session at {target}: {SESSION_COMMAND.sub('', line)}")
+
+
+def _host_key_changed(line: str, target: Target, files: SshFiles) -> Problem:
+    return HostKeyChanged(
+        f"cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
+        advice=host_key_advice(files.known_hosts),
+    )
+
+
+def _key_unusable(line: str, _: Target, files: SshFiles) -> Problem:
+    return KeyUnusable(
+        f"cannot use the key {files.keys[0]}: {line}",
+        advice=f"let only the agent's user read it: chmod 600 {files.keys[0]}",
+    )
+
+
+def _key_refused(line: str, target: Target, _: SshFiles) -> Problem:
+    return KeyRefused(f"cannot log in at {target}: the server refuses this robot's key ({line})")
+
+
+def _incompatible(line: str, target: Target, _: SshFiles) -> Problem:
+    return SshIncompatible(f"cannot speak with {target}: {line}")
+
+
+def _unreachable(line: str, target: Target, _: SshFiles) -> Problem:
+    return ServerUnreachable(
+        f"cannot reach SSH at {target}: {line}",
+        advice="check this robot's network, and that the server lets this port in",
+    )
+
+
+_Make = Callable[[str, Target, SshFiles], Problem]
+# The order counts: a refused host key or key file also ends in lines that later patterns match.
+_BEFORE_CONFIG: tuple[tuple[re.Pattern[str], _Make], ...] = (
+    (SESSION_COMMAND, _session_refused),
+    (HOST_KEY, _host_key_changed),
+    (KEY_FILE, _key_unusable),
+    (KEY_REFUSED, _key_refused),
+    (INCOMPATIBLE, _incompatible),
+    (UNREACHABLE, _unreachable),
+)
+
+
+def _first(stderr: Sequence[str], pattern: re.Pattern[str]) -> str | None:
+    found = next((line for line in stderr if pattern.search(line)), None)
+    return None if found is None else printable(found.strip("@ \t\r"), 200)
+
+
+def _last(stderr: Sequence[str]) -> str:
+    lines = [line for line in stderr if line.strip()]
+    return printable(lines[-1], 200) if lines else ""

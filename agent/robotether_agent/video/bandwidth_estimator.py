@@ -1,0 +1,191 @@
+"""How much video may be under way: about as many bytes as the path holds, so that no queue grows in it.
+
+A pure model without clock and socket, fed by the pacer. The kernel's own congestion control (cubic, mostly) fills the
+queue of the slowest link until it overflows, and control waits behind that. This keeps `rate x (round trip + QUEUE_S)`
+bytes under way, both measured over rounds of at least a round trip:
+
+* rate: what arrived in a round, the best of the last few. Since a little more than the path holds is under way,
+  this grows by itself, round by round, as long as the path takes more. On a path that takes more than the camera
+  gives, rounds have pauses in them and say too little; there each frame counts, from its first byte's way out to
+  its last one's arrival, less the round trip that even a single byte takes.
+* round trip without a queue: the shortest of the last BASE_FOR_S. After the start, when none as short was seen
+  for that long and no pause between two frames either, or when a queue stays whatever we do, the window is halved
+  for some rounds. That empties our part of any queue; what a round trip takes then is the path's own length, or the
+  queue of somebody who does not give way. Where round trips differ by themselves, as on mobile networks, the
+  shortest is a matter of luck: their deviation is added.
+* a queue longer than CEILING_S means that the path has become slower or that others use it: only the newest
+  round counts then. So video gives way to every other transfer, and never below SEGMENTS_MIN segments under way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from robotether_agent.video.bandwidth_samples import Burst, Round
+from robotether_agent.video.connection_state import Reading
+
+# The queue that keeps the link busy between two looks, and the one that shows that the estimate is too high.
+QUEUE_S = 0.006
+CEILING_S = 0.015
+BASE_FOR_S = 10.0
+# Round trips differ by this without any meaning.
+BASE_NOISE_S = 0.001
+DRAIN_ROUNDS = 4
+DRAIN_PAUSE_S = 3.0
+# Less than this part of what the path holds is left behind a frame: no queue of ours hides the path's length.
+PAUSE_PART = 0.8
+# So many more rounds with a queue over the ceiling than without one: it is no passing one.
+LASTING_ROUNDS = 8
+MAX_ROUNDS = 8
+SEGMENTS_AT_START = 10
+MIN_SEGMENTS = 4
+MAX_WINDOW = 4 * 1024 * 1024
+# At the start the window doubles each round, until a round brings less than this more or a queue shows.
+START_GAIN = 2.0
+START_GROWTH = 1.25
+MAX_FLAT_ROUNDS = 3
+# Later, while no queue shows at all: the path may take more.
+SEARCH_GAIN = 1.15
+# Bytes are handed on at most so much faster than the path takes them: a burst is a queue too, if a short one.
+SPEED_GAIN = 1.25
+
+
+class BandwidthEstimator:
+    """The estimate for one connection."""
+
+    def __init__(self, first: Reading) -> None:
+        self.queue_s = 0.0
+        self._jitter_s = 0.0
+        self._base_s = first.min_rtt_s
+        self._base_seen_at = self._drained_at = first.at_s
+        self._rates: deque[float] = deque(maxlen=MAX_ROUNDS)
+        self._segment = first.segment
+        self._round = Round(first)
+        self._burst = Burst(first)
+        self._start: Startup | None = Startup()
+        self._drains_left = 0
+        self._rounds_over_ceiling = 0
+
+    @property
+    def window(self) -> int:
+        """Bytes that may be under way now."""
+        if not self._rates:
+            return SEGMENTS_AT_START * self._segment
+        held = self.rate * (self._base_s + QUEUE_S + self._jitter_s)
+        return min(max(int(held * self._gain), MIN_SEGMENTS * self._segment), MAX_WINDOW)
+
+    @property
+    def rate(self) -> float:
+        """Bytes a second that the path takes, as far as is known."""
+        return max(self._rates, default=0.0)
+
+    @property
+    def speed(self) -> float:
+        """Bytes a second at most at which the window may be filled."""
+        if not self._rates:
+            return float(MAX_WINDOW)
+        least = MIN_SEGMENTS * self._segment / (self._base_s + QUEUE_S)
+        return max(self.rate, least) * max(SPEED_GAIN, self._gain)
+
+    @property
+    def _gain(self) -> float:
+        if self._drains_left:
+            return 0.5
+        if self._start is not None:
+            return START_GAIN
+        return SEARCH_GAIN if self._shows_no_queue else 1.0
+
+    @property
+    def _shows_no_queue(self) -> bool:
+        return self.queue_s < QUEUE_S / 4
+
+    def update(self, reading: Reading, *, was_full: bool, is_handed: bool) -> None:
+        """Learn from `reading`; `was_full`: somebody has waited for the window since the last one.
+
+        `is_handed`: nobody did, and all that was handed on before was written.
+        """
+        self._segment = reading.segment
+        if is_handed and reading.in_flight < PAUSE_PART * self.rate * self._base_s:
+            self._base_seen_at = reading.at_s
+        self._burst.add(reading, is_handed=is_handed)
+        if self._burst.has_arrived(reading):
+            self._learn_burst(self._burst.rate(reading))
+            self._burst = Burst(reading)
+        self._round.add(reading, was_full=was_full)
+        if self._round.is_over:
+            self._learn(self._round, reading.at_s)
+            self._round = Round(reading)
+
+    def _learn(self, seen: Round, now_s: float) -> None:
+        self._learn_base(seen, now_s)
+        self.queue_s = max(0.0, seen.rtt_s - self._base_s)
+        self._jitter_s += (min(seen.jitter_s, CEILING_S) - self._jitter_s) / MAX_ROUNDS
+        if self._drains_left:
+            self._drain(seen, now_s)
+            return
+        # A camera that offered less says nothing of the path, unless it got more through than was thought.
+        if seen.was_full or seen.rate > self.rate:
+            self._judge_queue()
+            self._learn_rate(seen.rate)
+        if seen.was_full and self._base_is_doubtful(now_s):
+            self._begin_drain()
+
+    def _learn_burst(self, rate: float | None) -> None:
+        if rate is None or self._drains_left:
+            return
+        # A lost segment makes a frame late on a path that is no slower; a slower one has a queue. A single frame
+        # tells less than a round, so that none of them is believed alone.
+        if rate > self.rate or not self._shows_no_queue:
+            self._learn_rate(rate)
+
+    def _learn_base(self, seen: Round, now_s: float) -> None:
+        if seen.rtt_s <= self._base_s + BASE_NOISE_S:
+            self._base_seen_at = now_s
+        self._base_s = min(self._base_s, seen.rtt_s)
+
+    def _judge_queue(self) -> None:
+        if self.queue_s > CEILING_S + self._jitter_s:
+            self._rates.clear()
+            self._rounds_over_ceiling += 1
+        else:
+            self._rounds_over_ceiling = max(0, self._rounds_over_ceiling - 1)
+
+    def _learn_rate(self, rate: float) -> None:
+        self._rates.append(rate)
+        if self._start is not None and (self.queue_s > QUEUE_S or self._start.is_over(rate)):
+            # The start may have made a queue. And only now full segments go, which take longer than what went before.
+            self._begin_drain()
+
+    def _base_is_doubtful(self, now_s: float) -> bool:
+        if now_s - self._base_seen_at > BASE_FOR_S:
+            return True
+        has_paused = now_s - self._drained_at > DRAIN_PAUSE_S
+        return has_paused and self._rounds_over_ceiling >= LASTING_ROUNDS
+
+    def _begin_drain(self) -> None:
+        self._start = None
+        self._drains_left = DRAIN_ROUNDS
+
+    def _drain(self, seen: Round, now_s: float) -> None:
+        self._drains_left -= 1
+        if not self._drains_left:
+            self._base_s = seen.rtt_s
+            self._base_seen_at = self._drained_at = now_s
+            self._rounds_over_ceiling = 0
+
+
+class Startup:
+    """The first rounds of a connection, in which nothing is known of the path."""
+
+    def __init__(self) -> None:
+        self._best = 0.0
+        self._rounds_without_growth = 0
+
+    def is_over(self, rate: float) -> bool:
+        """Learn the rate of another round, and tell whether rounds bring no more any more."""
+        if rate > self._best * START_GROWTH:
+            self._best = rate
+            self._rounds_without_growth = 0
+        else:
+            self._rounds_without_growth += 1
+        return self._rounds_without_growth >= MAX_FLAT_ROUNDS

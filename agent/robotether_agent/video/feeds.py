@@ -1,0 +1,135 @@
+"""One local source for each camera and request, shared by all receivers who request the same; none without a receiver.
+
+A feed keeps no frame: it hands each on to those who follow it, and they keep the newest that they have not sent.
+A source that ends or stalls is opened again, by and by less often.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from random import Random
+from typing import Literal, Protocol
+
+from robotether_agent.backoff import delays
+from robotether_agent.clock import robot_time
+from robotether_agent.video.frame import Frame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video.sources import OnFrame, OnKind
+
+State = Literal["live", "waiting", "down"]
+# A source that is open and gave no frame for so long is waited for.
+WAITS_AFTER_S = 2.0
+MAX_PAUSE_S = 5.0
+MAX_FEEDS = 8
+
+log = logging.getLogger(__name__)
+
+
+class Runs(Protocol):
+    """Runs a source of a request, as Sources.run does."""
+
+    def __call__(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> Awaitable[None]:
+        """Give frames until the source ends."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """How a source is, for the status."""
+
+    state: State = "waiting"
+    detail: str = ""
+    source: Kind = "web_video_server"
+
+
+class Feed:
+    """A source that runs as long as somebody follows it."""
+
+    def __init__(
+        self, source_request: SourceRequest, run: Runs, clock: Callable[[], float]
+    ) -> None:
+        self.source_request = source_request
+        self.followers: dict[object, OnFrame] = {}
+        self._run = run
+        self._clock = clock
+        self._kind: Kind = "web_video_server"
+        self._down = ""
+        self._last_s: float | None = None
+        # Seeded by chance: the pauses of several cameras need not fall together.
+        self._pauses = delays(Random())  # noqa: S311
+        self._task = asyncio.ensure_future(self._keep_open())
+
+    def condition(self) -> Condition:
+        """Tell how the source is now."""
+        if self._down:
+            return Condition("down", self._down, self._kind)
+        is_live = self._last_s is not None and self._clock() - self._last_s < WAITS_AFTER_S
+        return Condition("live" if is_live else "waiting", "", self._kind)
+
+    def end(self) -> asyncio.Future[None]:
+        """Close the source."""
+        self._task.cancel()
+        return self._task
+
+    async def _keep_open(self) -> None:
+        while True:
+            try:
+                await self._run(self.source_request, self._on_frame, self._on_kind)
+            except SourceDownError as down:
+                self._is_down(str(down))
+            except Exception:
+                log.exception("the source of %s failed", self.source_request.topic)
+                self._is_down("the agent failed; its log has why")
+            await asyncio.sleep(min(MAX_PAUSE_S, next(self._pauses)))
+
+    def _is_down(self, detail: str) -> None:
+        if detail != self._down:
+            log.info("no pictures of %s: %s", self.source_request.topic, detail)
+        self._down = detail
+
+    def _on_kind(self, kind: Kind) -> None:
+        self._kind = kind
+
+    def _on_frame(self, frame: Frame) -> None:
+        if self._down or self._last_s is None:
+            self._down = ""
+            self._pauses = delays(Random())  # noqa: S311
+        self._last_s = self._clock()
+        for on_frame in tuple(self.followers.values()):
+            on_frame(frame)
+
+
+class Feeds:
+    """All feeds by their request."""
+
+    def __init__(self, run: Runs, clock: Callable[[], float] = robot_time) -> None:
+        self._run = run
+        self._clock = clock
+        self._feeds: dict[SourceRequest, Feed] = {}
+        self._ending: set[asyncio.Future[None]] = set()
+
+    def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> Feed:
+        """Give `who` all frames of a request from now on."""
+        feed = self._feeds.get(source_request)
+        if feed is None:
+            feed = self._feeds[source_request] = Feed(source_request, self._run, self._clock)
+        feed.followers[who] = on_frame
+        return feed
+
+    def leave(self, feed: Feed, who: object) -> None:
+        """Give no more; the last one to leave closes the source."""
+        feed.followers.pop(who, None)
+        if not feed.followers and self._feeds.get(feed.source_request) is feed:
+            del self._feeds[feed.source_request]
+            ending = feed.end()
+            self._ending.add(ending)
+            ending.add_done_callback(self._ending.discard)
+
+    async def close(self) -> None:
+        """Close all sources."""
+        tasks = [*self._ending, *(feed.end() for feed in self._feeds.values())]
+        self._feeds.clear()
+        await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,244 @@
+"""The media service: frames by credit at /robotether/frames, and web_video_server's answers where there is none.
+
+Started by the agent beside the video proxy, which leads here what is its own; listens on 127.0.0.1 alone, as the
+robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.
+
+    service = FramesService(places)
+    port = await service.start()
+    await service.close()
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import aiohttp
+from aiohttp import web
+
+from robotether_agent.fields import FieldError
+from robotether_agent.tasks import within
+from robotether_agent.video.feeds import MAX_FEEDS, Feeds
+from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.receiver import Receiver
+from robotether_agent.video.sources import Sources, SourceSettings
+from robotether_agent.video.stream_request import MAX_TEXT_BYTES, StreamRequest
+
+ADDRESS = "127.0.0.1"
+MAX_TOPIC_LENGTH = 256
+# The relay has one a camera, and for a moment two when it connects anew.
+MAX_RECEIVERS = 2 * MAX_FEEDS
+# What waits in the kernel is old when it leaves.
+SEND_BYTES = 16 * 1024
+SHUTDOWN_S = 0.2
+FAREWELL_S = 0.5
+PROTOCOL_BROKEN = 1002
+STILL_WITHIN_S = 5.0
+BOUNDARY = "robotether"
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+log = logging.getLogger(__name__)
+
+
+class FramesService:
+    """All receivers of this robot's frames."""
+
+    def __init__(
+        self, source_settings: SourceSettings, *, has_video: Callable[[], bool] = lambda: True
+    ) -> None:
+        self._source_settings = source_settings
+        self._has_video = has_video
+        self._topics: Counter[str] = Counter()
+
+    async def start(self) -> int:
+        """Listen, and return the port, which the kernel chooses."""
+        self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
+        self._sources = Sources(self._http, self._source_settings)
+        self._feeds = Feeds(self._sources.run)
+        app = web.Application(middlewares=[_one_answer])
+        app.router.add_get("/robotether/frames", self._frames)
+        for path in ("/snapshot", "/robotether/snapshot"):
+            app.router.add_get(path, self._snapshot, allow_head=False)
+        app.router.add_get("/stream", self._stream, allow_head=False)
+        app.router.add_get("/", self._list)
+        # Cancellation ends an answer whose asker is gone also while it waits for a frame.
+        self._runner = web.AppRunner(
+            app, access_log=None, handler_cancellation=True, shutdown_timeout=SHUTDOWN_S
+        )
+        await self._runner.setup()
+        await web.TCPSite(self._runner, ADDRESS, 0).start()
+        port: int = self._runner.addresses[0][1]
+        return port
+
+    async def close(self) -> None:
+        """End all answers and sources."""
+        await self._runner.cleanup()
+        await self._feeds.close()
+        await self._http.close()
+
+    async def _frames(self, request: web.Request) -> web.StreamResponse:
+        topic = _topic(request)
+        answer = web.WebSocketResponse(
+            timeout=FAREWELL_S, compress=False, max_msg_size=MAX_TEXT_BYTES, writer_limit=SEND_BYTES
+        )
+        if not answer.can_prepare(request):
+            raise web.HTTPNotFound(text="connect with a WebSocket\n")
+        self._check_room(topic)
+        self._topics[topic] += 1
+        try:
+            _keep_little_unsent(request)
+            await answer.prepare(request)
+            await self._serve(answer, topic)
+        finally:
+            self._leave(topic)
+        return answer
+
+    async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
+        steps_quality = self._sources.steps_quality(topic)
+        receiver = Receiver(answer, topic, self._feeds, steps_quality=steps_quality)
+        try:
+            await receiver.run()
+        except FieldError as error:
+            log.warning("ended a receiver of %s: %s", topic, error)
+            await answer.close(code=PROTOCOL_BROKEN, message=str(error).encode()[:120])
+        except ConnectionError as error:
+            log.debug("a receiver of %s left: %r", topic, error)
+
+    def _check_room(self, topic: str) -> None:
+        is_new = topic not in self._topics
+        if self._topics.total() >= MAX_RECEIVERS or (is_new and len(self._topics) >= MAX_FEEDS):
+            raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
+
+    async def _list(self, request: web.Request) -> web.Response:
+        """Answer whoever looks whether video works; without any as if nothing listened, which the server asks for."""
+        if not self._has_video() and request.transport is not None:
+            request.transport.abort()
+        return web.Response(text="the agent's own pictures: /stream?topic=, /snapshot?topic=\n")
+
+    async def _snapshot(self, request: web.Request) -> web.StreamResponse:
+        newest = _Newest(self._feeds, _asked(request))
+        try:
+            frame = await newest.first()
+        finally:
+            newest.leave()
+        return web.Response(body=frame.jpeg, content_type="image/jpeg")
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        source_request = _asked(request)
+        self._check_room(source_request.topic)
+        self._topics[source_request.topic] += 1
+        newest = _Newest(self._feeds, source_request)
+        try:
+            # A camera that gives nothing is an error, which a stream that has begun cannot tell.
+            first = await newest.first()
+            return await _pour(request, first, newest)
+        finally:
+            newest.leave()
+            self._leave(source_request.topic)
+
+    def _leave(self, topic: str) -> None:
+        self._topics[topic] -= 1
+        if not self._topics[topic]:
+            del self._topics[topic]
+
+
+class _Newest:
+    """The newest frame of a request, for answers that have no credit."""
+
+    def __init__(self, feeds: Feeds, source_request: SourceRequest) -> None:
+        self._feeds = feeds
+        self._frame: Frame | None = None
+        self._has_frame = asyncio.Event()
+        self._feed = feeds.follow(source_request, self, self._on_frame)
+
+    async def next(self) -> Frame:
+        """Return one that was not returned before."""
+        while self._frame is None:
+            self._has_frame.clear()
+            await self._has_frame.wait()
+        frame, self._frame = self._frame, None
+        return frame
+
+    async def first(self) -> Frame:
+        """Return the first one, or answer why there is none."""
+        try:
+            return await within(STILL_WITHIN_S, self.next())
+        except asyncio.TimeoutError as error:
+            reason = self._feed.condition().detail or "there is no picture yet"
+            raise web.HTTPServiceUnavailable(text=f"{reason}\n") from error
+
+    def leave(self) -> None:
+        """Want no more."""
+        self._feeds.leave(self._feed, self)
+
+    def _on_frame(self, frame: Frame) -> None:
+        self._frame = frame
+        self._has_frame.set()
+
+
+@web.middleware
+async def _one_answer(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Let each connection end with its answer."""
+    try:
+        answer = await handler(request)
+    except web.HTTPException as problem:
+        problem.headers["Connection"] = "close"
+        raise
+    if not answer.prepared:
+        answer.force_close()
+    return answer
+
+
+def _topic(request: web.Request) -> str:
+    topic = request.query.get("topic", "")
+    if not 0 < len(topic) <= MAX_TOPIC_LENGTH or not topic.isprintable():
+        raise web.HTTPBadRequest(text="say which camera: ?topic=/camera/image_raw\n")
+    return topic
+
+
+def _asked(request: web.Request) -> SourceRequest:
+    """Return what a URL of web_video_server's kind asks for; its other words are not known here."""
+    query = request.query
+    try:
+        quality = int(query.get("quality", StreamRequest.quality_max))
+        sizes = [int(query[name]) for name in ("width", "height") if name in query]
+    except ValueError as error:
+        raise web.HTTPBadRequest(text="quality, width and height are whole numbers\n") from error
+    width, height = sizes if len(sizes) == 2 else (None, None)  # noqa: PLR2004
+    return SourceRequest(
+        _topic(request), max(1, min(quality, 100)), width, height, StreamRequest.fps
+    )
+
+
+async def _pour(request: web.Request, first: Frame, newest: _Newest) -> web.StreamResponse:
+    kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+    answer = web.StreamResponse(headers={"Content-Type": kind})
+    answer.force_close()
+    _keep_little_unsent(request)
+    await answer.prepare(request)
+    with suppress(ConnectionError):
+        await answer.write(f"--{BOUNDARY}\r\n".encode() + _part(first))
+        while True:
+            await answer.write(_part(await newest.next()))
+    return answer
+
+
+def _part(frame: Frame) -> bytes:
+    head = f"Content-type: image/jpeg\r\nContent-Length: {len(frame.jpeg)}\r\n\r\n"
+    return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
+
+
+def _keep_little_unsent(request: web.Request) -> None:
+    transport = request.transport
+    if transport is None:
+        return
+    transport.set_write_buffer_limits(high=0)
+    connection = transport.get_extra_info("socket")
+    if connection is not None:
+        with suppress(OSError):
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)

@@ -1,0 +1,156 @@
+"""Shares the bytes that may be under way on the media connection between all streams that want to send.
+
+Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: who does not
+get its turn does not read from the camera either. Without a connection to look at, or on a kernel that does
+not tell enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import deque
+from collections.abc import Callable
+
+from robotether_agent.video.bandwidth_estimator import BandwidthEstimator
+from robotether_agent.video.connection_state import Reading, read
+from robotether_agent.video.token_bucket import TokenBucket, UnwrittenBytes
+
+# Between two looks while somebody waits, and until what was handed on has arrived, but no longer than this: how fast
+# a frame went is seen at its end.
+CHECK_EVERY_S = 0.004
+ARRIVES_WITHIN_S = 1.0
+# The most in one turn, so that a stream does not wait long for the others, and the least, so that ssh makes no
+# encrypted packets of a few bytes.
+MAX_TURN_BYTES = 16 * 1024
+MIN_TURN_BYTES = 2 * 1024
+
+log = logging.getLogger(__name__)
+
+
+class Pacer:
+    """Who may send how much now, fairly in turns."""
+
+    def __init__(self, read_state: Callable[[socket.socket, float], Reading | None] = read) -> None:
+        self._read_state = read_state
+        self._connection: socket.socket | None = None
+        self._paced: tuple[BandwidthEstimator, TokenBucket] | None = None
+        self._handed = UnwrittenBytes()
+        self._waiting: deque[tuple[int, asyncio.Future[int]]] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_held = False
+        self._warned = False
+        # Somebody has waited since the last look.
+        self._has_waited = False
+        # What was handed on until then may still be under way.
+        self._arrives_until_s = 0.0
+
+    def use(self, connection: socket.socket | None) -> None:
+        """Look at this connection from now on; it stays the caller's."""
+        self._connection = connection
+        self._is_held = False
+        self._paced = None
+        self._handed = UnwrittenBytes()
+        self._arrives_until_s = 0.0
+        self._serve()
+
+    def hold(self) -> None:
+        """Let everybody wait for the next `use`: the connection ends."""
+        self._connection = None
+        self._is_held = True
+        self._stop_timer()
+
+    async def acquire(self, requested: int) -> int:
+        """Wait for a turn, and return how many of `requested` bytes to send in it: at least one."""
+        turn = asyncio.get_running_loop().create_future()
+        self._waiting.append((requested, turn))
+        self._serve()
+        granted: int = await turn
+        return granted
+
+    def _serve(self) -> None:
+        self._stop_timer()
+        self._drop_gone()
+        if self._is_held or not (self._waiting or self._arrives_until_s):
+            return
+        reading = self._read()
+        if reading is None:
+            self._grant_all()
+            self._has_waited = False
+            return
+        self._grant(reading)
+        self._has_waited = bool(self._waiting)
+        if self._has_waited or reading.at_s < self._arrives_until_s:
+            self._timer = asyncio.get_running_loop().call_later(CHECK_EVERY_S, self._waited)
+
+    def _waited(self) -> None:
+        self._timer = None
+        self._serve()
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _read(self) -> Reading | None:
+        if self._connection is None:
+            self._warn_once("there is no connection to look at")
+            return None
+        reading = self._read_state(self._connection, asyncio.get_running_loop().time())
+        if reading is None:
+            self._warn_once("the kernel tells too little of the connection (Linux before 4.6?)")
+        return reading
+
+    def _warn_once(self, why: str) -> None:
+        if not self._warned:
+            self._warned = True
+            log.warning("video is passed on as fast as it comes: %s", why)
+
+    def _room(self, reading: Reading) -> int:
+        """Return how many bytes may go to ssh now."""
+        if self._paced is None:
+            estimator = BandwidthEstimator(reading)
+            self._paced = estimator, TokenBucket(reading.at_s, estimator.window)
+        estimator, bucket = self._paced
+        left = self._handed.left(reading)
+        in_flight = reading.in_flight + left
+        if not in_flight:
+            self._arrives_until_s = 0.0
+        is_handed = not (self._has_waited or left)
+        estimator.update(reading, was_full=self._has_waited, is_handed=is_handed)
+        saved = bucket.fill(
+            reading.at_s, estimator.speed, has_waited=self._has_waited, least=MIN_TURN_BYTES
+        )
+        return min(saved, estimator.window - in_flight)
+
+    def _grant(self, reading: Reading) -> None:
+        """Give turns, first come first served; who wants more than its turn queues again behind the others.
+
+        What is left is shared among all who wait: whoever comes last in each round would get the smallest turns else.
+        """
+        room = self._room(reading)
+        while self._waiting and room >= min(self._waiting[0][0], MIN_TURN_BYTES):
+            share = max(MIN_TURN_BYTES, room // len(self._waiting))
+            requested, turn = self._waiting.popleft()
+            granted = min(requested, room, share, MAX_TURN_BYTES)
+            room -= granted
+            self._note(granted, reading.at_s)
+            turn.set_result(granted)
+
+    def _note(self, granted: int, now_s: float) -> None:
+        self._handed.add(granted)
+        self._arrives_until_s = now_s + ARRIVES_WITHIN_S
+        if self._paced is not None:
+            self._paced[1].consume(granted)
+
+    def _grant_all(self) -> None:
+        while self._waiting:
+            requested, turn = self._waiting.popleft()
+            turn.set_result(requested)
+
+    def _drop_gone(self) -> None:
+        """Forget those who were cancelled while they waited."""
+        self._waiting = deque(
+            (requested, turn) for requested, turn in self._waiting if not turn.done()
+        )

@@ -1,0 +1,264 @@
+"""One receiver of a camera's frames: what it wants, its credit, and the newest frame that it has not got yet.
+
+Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
+nothing for IDLE_S has no source open. Holds one frame and a few texts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from aiohttp import WSMsgType, web
+
+from robotether_agent.clock import robot_time
+from robotether_agent.tasks import first_of
+from robotether_agent.video.feeds import Feeds
+from robotether_agent.video.frame import Frame, SourceRequest, jpeg_size
+from robotether_agent.video.frame_header import NUMBERS, Header
+from robotether_agent.video.frame_rate_limiter import FrameRateCounter, FrameRateLimiter
+from robotether_agent.video.quality import Steps, ladder
+from robotether_agent.video.source_switch import SourceSwitch
+from robotether_agent.video.stream_request import (
+    MAX_CREDITS,
+    ClockSync,
+    Credit,
+    StreamRequest,
+    parse,
+)
+
+IDLE_S = 2.0
+CHECK_EVERY_S = 0.25
+STATUS_EVERY_S = 1.0
+MAX_TEXTS = 8
+# Frames that went out and are not told of yet; more than a receiver that keeps the rules ever has.
+MAX_IN_FLIGHT = 8
+MIN_SIZE = 16
+
+JsonFields = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A frame that is under way."""
+
+    sequence: int
+    arrived_s: float
+    source_request: SourceRequest
+
+
+class Receiver:
+    """One end of the frames protocol; make it, then await run()."""
+
+    def __init__(
+        self,
+        socket: web.WebSocketResponse,
+        topic: str,
+        feeds: Feeds,
+        *,
+        steps_quality: bool,
+        clock: Callable[[], float] = robot_time,
+    ) -> None:
+        self._socket = socket
+        self._topic = topic
+        self._clock = clock
+        self._steps_quality = steps_quality
+        self._can_scale = True
+        self._own_size: tuple[int, int] | None = None
+        self._source_switch = SourceSwitch(feeds, self._on_frame, clock)
+        self._stream_request: StreamRequest | None = None
+        self._steps: Steps | None = None
+        self._limiter = FrameRateLimiter(StreamRequest.fps)
+        self._credit = 0
+        self._credit_s = clock()
+        self._sequence = 0
+        self._newest: tuple[int, Frame, SourceRequest] | None = None
+        self._in_flight: deque[Sent] = deque(maxlen=MAX_IN_FLIGHT)
+        self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
+        self._status: JsonFields = {}
+        self._status_s = self._checked_s = clock() - STATUS_EVERY_S
+        self._offered, self._sent = FrameRateCounter(), FrameRateCounter()
+        self._wake = asyncio.Event()
+
+    async def run(self) -> None:
+        """Serve until the receiver leaves; FieldError for a text that breaks the protocol."""
+        try:
+            await first_of(self._listen(), self._send(), self._keep_checking())
+        finally:
+            self._source_switch.leave()
+
+    async def _listen(self) -> None:
+        async for message in self._socket:
+            if message.type is WSMsgType.TEXT:
+                self._on_text(message.data)
+
+    def _on_text(self, text: str) -> None:
+        request = parse(text)
+        if isinstance(request, ClockSync):
+            # Read now: it may wait behind a frame, which does not make the clock another one.
+            self._queue_text(
+                {"op": "beat", "t_ms": request.t_ms, "sender_ms": self._clock() * 1000}
+            )
+        elif isinstance(request, Credit):
+            self._on_credit(request)
+        elif isinstance(request, StreamRequest):
+            self._on_request(request)
+
+    def _on_request(self, stream_request: StreamRequest) -> None:
+        if self._stream_request is None or self._stream_request.fps != stream_request.fps:
+            self._limiter = FrameRateLimiter(stream_request.fps)
+        self._stream_request = stream_request
+        self._credit_s = self._clock()
+        self._use_levels(stream_request)
+        self._follow()
+        self._check()
+
+    def _use_levels(self, stream_request: StreamRequest) -> None:
+        """Make quality and size steps of what is wanted, and of what is known of the camera."""
+        has_size = self._own_size is not None or stream_request.width is not None
+        levels = ladder(
+            stream_request.quality_min,
+            stream_request.quality_max,
+            scales=self._can_scale and has_size,
+        )
+        now_s, latency_s = self._clock(), stream_request.latency_ms / 1000
+        if self._steps is None:
+            self._steps = Steps(levels, latency_s, now_s)
+        else:
+            self._steps.use(levels, latency_s, now_s)
+
+    def _on_credit(self, credit: Credit) -> None:
+        now_s = self._clock()
+        self._credit = min(MAX_CREDITS, self._credit + credit.frames)
+        self._credit_s = now_s
+        if credit.taken is not None:
+            self._on_taken(credit.taken, now_s)
+        if self._source_switch.source_request is None:
+            self._follow()
+        self._wake.set()
+
+    def _on_taken(self, sequence: int, now_s: float) -> None:
+        if all(sent.sequence != sequence for sent in self._in_flight):
+            return
+        sent = self._in_flight.popleft()
+        while sent.sequence != sequence:
+            sent = self._in_flight.popleft()
+        if (
+            self._steps is None
+            or sent.source_request != self._source_switch.source_request
+            or not self._can_step()
+        ):
+            return
+        if self._steps.on_taken(now_s, now_s - sent.arrived_s):
+            self._follow()
+
+    def _can_step(self) -> bool:
+        """Whether the source gives the quality that it is asked for."""
+        return self._steps_quality and self._source_switch.condition().source == "web_video_server"
+
+    def _follow(self) -> None:
+        if self._stream_request is not None and self._steps is not None:
+            self._source_switch.follow(self._source_request(self._stream_request, self._steps))
+
+    def _source_request(self, stream_request: StreamRequest, steps: Steps) -> SourceRequest:
+        if not self._steps_quality:
+            return SourceRequest(self._topic, 0, None, None, stream_request.fps)
+        level = steps.level
+        width, height = stream_request.width, stream_request.height
+        if level.scale < 1:
+            whole = self._own_size
+            if stream_request.width is not None and stream_request.height is not None:
+                whole = stream_request.width, stream_request.height
+            if whole is not None:
+                width, height = (max(MIN_SIZE, int(side * level.scale) // 2 * 2) for side in whole)
+        return SourceRequest(self._topic, level.quality, width, height, stream_request.fps)
+
+    def _on_frame(self, frame: Frame, source_request: SourceRequest) -> None:
+        now_s = self._clock()
+        self._sequence = (self._sequence + 1) % NUMBERS
+        if self._own_size is None and source_request.width is None:
+            self._learn_size(frame)
+        if not self._limiter.allows(now_s):
+            return
+        self._offered.note(now_s)
+        self._newest = self._sequence, frame, source_request
+        self._wake.set()
+
+    def _learn_size(self, frame: Frame) -> None:
+        self._own_size = jpeg_size(frame.jpeg)
+        if self._own_size is not None and self._stream_request is not None:
+            self._use_levels(self._stream_request)
+
+    async def _send(self) -> None:
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._texts:
+                await self._socket.send_str(json.dumps(self._texts.popleft()))
+            if self._credit and self._newest is not None:
+                await self._send_frame(*self._newest)
+                self._wake.set()
+
+    async def _send_frame(self, sequence: int, frame: Frame, source_request: SourceRequest) -> None:
+        self._newest = None
+        self._credit -= 1
+        self._in_flight.append(Sent(sequence, frame.arrived_s, source_request))
+        self._sent.note(self._clock())
+        quality = source_request.quality if self._can_step() else 0
+        header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped)
+        await self._socket.send_bytes(header.packed() + frame.jpeg)
+
+    def _queue_text(self, text: JsonFields) -> None:
+        self._texts.append(text)
+        self._wake.set()
+
+    async def _keep_checking(self) -> None:
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            self._check()
+
+    def _check(self) -> None:
+        """Do what no message brings: let go of a source that nobody takes from, judge rates, tell the status."""
+        if self._stream_request is None:
+            return
+        now_s = self._clock()
+        if self._credit == 0 and now_s - self._credit_s > IDLE_S:
+            self._source_switch.leave()
+            self._newest = None
+            return
+        if self._source_switch.give_up_late() and self._can_scale:
+            # It may be that it knows no sizes.
+            self._can_scale = False
+            self._use_levels(self._stream_request)
+            self._follow()
+        if now_s - self._checked_s >= 1:
+            self._checked_s = now_s
+            self._judge_rates(now_s)
+        if now_s - self._status_s >= STATUS_EVERY_S:
+            self._send_status(now_s)
+
+    def _judge_rates(self, now_s: float) -> None:
+        if self._steps is None or not self._can_step():
+            return
+        if self._steps.on_rates(now_s, self._offered.rate(now_s), self._sent.rate(now_s)):
+            self._follow()
+
+    def _send_status(self, now_s: float) -> None:
+        found = self._source_switch.condition()
+        source_request = self._source_switch.source_request if self._can_step() else None
+        status: JsonFields = {
+            "op": "status",
+            "state": found.state,
+            "detail": found.detail,
+            "source": found.source,
+            "quality": 0 if source_request is None else source_request.quality,
+            "width": None if source_request is None else source_request.width,
+            "height": None if source_request is None else source_request.height,
+            "fps": round(self._sent.rate(now_s), 1),
+        }
+        if status != self._status:
+            self._status, self._status_s = status, now_s
+            self._queue_text(status)

@@ -1,0 +1,239 @@
+"""Where a camera's frames come from, by its name and the settings: one function a kind.
+
+mjpeg      web_video_server's /stream, and any URL that `cameras` names
+rosbridge  sensor_msgs/CompressedImage
+
+Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
+frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import binascii
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import NoReturn
+from urllib.parse import quote
+
+import aiohttp
+from yarl import URL
+
+from robotether_agent.describe_error import describe_error
+from robotether_agent.fields import JsonObject, printable
+from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
+from robotether_agent.tasks import first_of, within
+from robotether_agent.video.frame import (
+    JPEG_START,
+    MAX_FRAME_BYTES,
+    Frame,
+    Kind,
+    SourceDownError,
+    SourceRequest,
+)
+from robotether_agent.video.multipart import Part, Parts, PartsBrokenError, boundary_of
+from robotether_agent.video.timestamps import now, timestamp_of
+
+CONNECT_WITHIN_S = 3.0
+# Without a frame for so long a source is opened anew.
+STALL_S = 10.0
+# Where both kinds may be, so often is looked whether web_video_server has come back.
+RECHECK_S = 10.0
+COMPRESSED = "/compressed"
+# As base64, and what stands around it.
+MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
+# rosbridge sends nothing sooner than this part of the time between two frames; all of it would drop every second one
+# of a camera that has just the wanted rate.
+THROTTLE = 0.75
+
+OnFrame = Callable[[Frame], None]
+OnKind = Callable[[Kind], None]
+
+
+@dataclass(frozen=True)
+class SourceSettings:
+    """Where the robot's frames are, of the settings: `source` is auto, web_video_server or rosbridge."""
+
+    video_url: str
+    rosbridge_url: str
+    source: str = "auto"
+    # URLs by name; a login may stand in them.
+    cameras: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+
+class Sources:
+    """Opens the source of any camera."""
+
+    def __init__(self, http: aiohttp.ClientSession, source_settings: SourceSettings) -> None:
+        self._http = http
+        self._source_settings = source_settings
+
+    def steps_quality(self, topic: str) -> bool:
+        """Whether quality and size of a camera can be asked for, as far as is known before it is opened."""
+        return (
+            topic not in self._source_settings.cameras
+            and self._source_settings.source != "rosbridge"
+        )
+
+    async def run(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> NoReturn:
+        """Give frames, after telling of which kind the source is; SourceDownError when there are no more."""
+        url = self._source_settings.cameras.get(source_request.topic)
+        if url is not None:
+            on_kind("mjpeg")
+            await run_mjpeg(self._http, url, on_frame, f"camera {source_request.topic}")
+        elif self._source_settings.source == "rosbridge":
+            on_kind("rosbridge")
+            await run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame)
+        elif self._source_settings.source == "web_video_server":
+            on_kind("web_video_server")
+            await self._run_server(source_request, on_frame)
+        else:
+            await self._run_either(source_request, on_frame, on_kind)
+        raise SourceDownError("it ended")
+
+    async def _run_server(self, source_request: SourceRequest, on_frame: OnFrame) -> None:
+        what = f"web_video_server at {self._source_settings.video_url}"
+        await run_mjpeg(
+            self._http, stream_url(self._source_settings.video_url, source_request), on_frame, what
+        )
+
+    async def _run_either(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> None:
+        """Use rosbridge while nothing answers where web_video_server should be."""
+        on_kind("web_video_server")
+        try:
+            await self._run_server(source_request, on_frame)
+        except SourceDownError as down:
+            if down.answers:
+                raise
+            first = down
+        on_kind("rosbridge")
+        try:
+            await first_of(
+                run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame),
+                self._until_server_answers(),
+            )
+        except SourceDownError as down:
+            on_kind("web_video_server")
+            raise SourceDownError(f"{first}; {down}") from down
+        raise SourceDownError("web_video_server answers again")
+
+    async def _until_server_answers(self) -> None:
+        while True:
+            await asyncio.sleep(RECHECK_S)
+            with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
+                timeout = aiohttp.ClientTimeout(total=CONNECT_WITHIN_S)
+                async with self._http.get(self._source_settings.video_url, timeout=timeout):
+                    return
+
+
+def stream_url(video_url: str, source_request: SourceRequest) -> str:
+    """Return the URL of web_video_server's stream."""
+    size = (
+        ""
+        if source_request.width is None
+        else f"&width={source_request.width}&height={source_request.height}"
+    )
+    return f"{video_url}/stream?topic={quote(source_request.topic)}&type=mjpeg&quality={source_request.quality}{size}"
+
+
+async def run_mjpeg(
+    http: aiohttp.ClientSession, url: str, on_frame: OnFrame, what: str
+) -> NoReturn:
+    """Give the frames of a multipart stream; `what` names it in errors."""
+    timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_WITHIN_S, sock_read=STALL_S)
+    try:
+        # Encoded already; a camera's own signs stay as they are.
+        async with http.get(URL(url, encoded=True), timeout=timeout) as answer:
+            if answer.status != 200:  # noqa: PLR2004
+                raise SourceDownError(f"{what} answers with HTTP status {answer.status}")
+            parts = Parts(boundary_of(answer.headers.get("Content-Type", "")))
+            async for data in answer.content.iter_any():
+                for part in parts.feed(data):
+                    _pass_part(part, on_frame)
+    except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError) as error:
+        reason = describe_error(error, CONNECT_WITHIN_S)
+        raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
+    except aiohttp.ServerTimeoutError as error:
+        raise SourceDownError(f"{what} gave no picture for {STALL_S:g} s") from error
+    except PartsBrokenError as error:
+        raise SourceDownError(f"{what} cannot be shown: {error}") from error
+    except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
+        raise SourceDownError(f"{what} ended: {describe_error(error, STALL_S)}") from error
+    raise SourceDownError(f"{what} ended the stream; is there such a camera?")
+
+
+def _pass_part(part: Part, on_frame: OnFrame) -> None:
+    if not part.body.startswith(JPEG_START):
+        return
+    arrived = now()
+    stamp: float | None = None
+    with suppress(ValueError):
+        stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
+    timestamp_s, is_stamped = timestamp_of(stamp, arrived)
+    on_frame(Frame(part.body, timestamp_s, arrived.robot_s, is_stamped))
+
+
+async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFrame) -> NoReturn:
+    """Give the frames of a CompressedImage topic."""
+    try:
+        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+            topic = await _image_topic(rosbridge, source_request.topic)
+            throttle_ms = int(1000 * THROTTLE / source_request.fps)
+            await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
+            while True:
+                # A topic slower than one frame in STALL_S is asked for anew, and that is all.
+                message = await within(max(STALL_S, 3 / source_request.fps), rosbridge.message())
+                on_frame(_frame_of(message, topic))
+    except asyncio.TimeoutError as error:
+        raise SourceDownError(f"rosbridge gave no picture for {STALL_S:g} s") from error
+    except (aiohttp.ClientError, OSError) as error:
+        reason = describe_error(error, CONNECT_WITHIN_S)
+        raise SourceDownError(f"rosbridge at {url} gives no pictures: {reason}") from error
+
+
+async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
+    """Return the name under which rosbridge has a camera's compressed frames."""
+    name = wanted if wanted.startswith("/") else f"/{wanted}"
+    names = (name, f"{name}{COMPRESSED}")
+    try:
+        topics = await rosbridge.topics()
+    except asyncio.TimeoutError:
+        # No rosapi: by what image_transport calls it.
+        return name if name.endswith(COMPRESSED) else names[1]
+    for found in names:
+        if topics.get(found) == IMAGE_TYPE:
+            return found
+    raise SourceDownError(f"rosbridge has no compressed pictures of {printable(name, 100)}")
+
+
+def _frame_of(message: JsonObject, topic: str) -> Frame:
+    data = message.get("data")
+    try:
+        jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
+    except (binascii.Error, ValueError):
+        jpeg = b""
+    if not jpeg.startswith(JPEG_START):
+        shown = printable(str(message.get("format", "")), 40)
+        raise SourceDownError(f"{topic} has pictures of format {shown!r}, not JPEG")
+    arrived = now()
+    timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
+    return Frame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
+
+
+def stamp_of(message: JsonObject) -> float | None:
+    """Return a header's stamp in seconds, as ROS 1 (secs, nsecs) and ROS 2 (sec, nanosec) write it; 0 is none."""
+    header = message.get("header")
+    stamp = header.get("stamp") if isinstance(header, dict) else None
+    if not isinstance(stamp, dict):
+        return None
+    for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
+        seconds, nanoseconds = stamp.get(whole), stamp.get(part)
+        if isinstance(seconds, int) and isinstance(nanoseconds, int):
+            return seconds + nanoseconds / 1e9 or None
+    return None

@@ -1,0 +1,104 @@
+"""What a receiver of frames asks for: the texts of the frames protocol (docs/media.md), checked.
+
+A broken text names its field; an unknown `op` is nothing, so that the other side may be newer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_int,
+    get_number,
+    get_text,
+    parse_object,
+)
+from robotether_agent.video.frame_header import NUMBERS
+
+MAX_TEXT_BYTES = 4096
+MAX_SIZE = 4096
+MAX_CREDITS = 2
+# A browser's clock in ms; far beyond any, so that a sum never loses its fractions.
+MAX_CLOCK_MS = 1e13
+
+Getter = Callable[[JsonObject, str, Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class StreamRequest:
+    """What is wanted from now on."""
+
+    quality_min: int = 20
+    quality_max: int = 80
+    fps: float = 15.0
+    latency_ms: float = 300.0
+    width: int | None = None
+    height: int | None = None
+
+
+@dataclass(frozen=True)
+class Credit:
+    """So many more frames may be sent; `taken` is the number of the newest that has come."""
+
+    frames: int
+    taken: int | None
+
+
+@dataclass(frozen=True)
+class ClockSync:
+    """Asks for the clock; `t_ms` goes back as it came."""
+
+    t_ms: float
+
+
+Request = StreamRequest | Credit | ClockSync
+
+
+def parse(text: bytes | str) -> Request | None:
+    """Return what a text asks, or nothing for an unknown `op`; FieldError for a broken one."""
+    message = parse_object(text, "the text")
+    reader = READERS.get(get_text(message, "op", limit=50))
+    return None if reader is None else reader(message)
+
+
+def _stream_request(message: JsonObject) -> StreamRequest:
+    found = StreamRequest(
+        quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=(1, 100)),
+        quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=(1, 100)),
+        fps=_or(message, "fps", StreamRequest.fps, get_number, of=(0.1, 60)),
+        latency_ms=_or(message, "latency_ms", StreamRequest.latency_ms, get_number, of=(50, 5000)),
+        width=_or(message, "width", None, get_int, of=(1, MAX_SIZE)),
+        height=_or(message, "height", None, get_int, of=(1, MAX_SIZE)),
+    )
+    if found.quality_min > found.quality_max:
+        raise FieldError("field quality_min must not be over quality_max")
+    if (found.width is None) != (found.height is None):
+        raise FieldError("fields width and height must be both there, or none")
+    return found
+
+
+def _credit(message: JsonObject) -> Credit:
+    frames = _or(message, "frames", 1, get_int, of=(0, 2**31))
+    return Credit(
+        min(frames, MAX_CREDITS), _or(message, "taken", None, get_int, of=(0, NUMBERS - 1))
+    )
+
+
+def _beat(message: JsonObject) -> ClockSync:
+    return ClockSync(get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS))
+
+
+def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[Any, Any]) -> Any:
+    """Return the field, within the bounds `of`, or its default where it is missing or null."""
+    return default if message.get(name) is None else get(message, name, *of)
+
+
+READERS: dict[str, Callable[[JsonObject], Request]] = {
+    "want": _stream_request,
+    "credit": _credit,
+    "beat": _beat,
+}

@@ -1,0 +1,262 @@
+"""The media forward's end on the robot: passes streams on to web_video_server, as fast as the uplink takes them.
+
+Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
+
+    door = MediaDoor(settings.video_url, Own(port=frames.port, when="down"))
+    port = await door.start()                       # forward to 127.0.0.1:port in place of video_url
+    door.use(tunnel.socket)                         # for each new media connection, before or after its forward
+    door.hold()                                     # when that connection ends
+    await door.close()
+
+`use` takes a socket of the media SSH connection, a duplicate that stays the caller's, or None: then video is passed on
+unpaced, as also on a kernel that tells too little. What does not fit into the uplink is not read from web_video_server,
+which keeps one frame a viewer and drops those that come meanwhile: where they are made, before they cost anything.
+(After each 0.5 s in which a viewer took nothing it queues one more, which is its own way with slow viewers.)
+Of HTTP it knows the first words of a connection: `GET /robotether/` leads to the agent's own media service, any other
+URL passes, unchanged and at once. Never keeps more than CHUNK bytes of a stream.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+from urllib.parse import urlsplit
+
+from robotether_agent.tasks import within
+from robotether_agent.video.pacer import Pacer
+
+CHUNK = 16 * 1024
+# The server opens at most 64 streams a robot; besides there are its look-ups of whether video works.
+MAX_STREAMS = 80
+BACKLOG = 64
+# The frames that wait in the kernel between web_video_server and here are old when they leave. The kernel gives its
+# sender room by the segment, 64 KB on loopback, so that some MB would wait there.
+RECEIVE_BYTES = 16 * 1024
+SEGMENT = 1448
+SEND_BYTES = 32 * 1024
+DIAL_TIMEOUT_S = 5.0
+# The first words of what is the agent's own, and how long is waited for the rest of one that begins so.
+LOCAL_PATHS = (b"GET /robotether/", b"HEAD /robotether/")
+LOCAL_PATH_BYTES = max(map(len, LOCAL_PATHS))
+FIRST_WORDS_S = 5.0
+# For what is on the way when one side has ended.
+LAST_S = 10.0
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LocalService:
+    """The agent's own media service, and when it answers what else web_video_server would."""
+
+    port: int
+    when: Literal["never", "down", "always"] = "never"
+
+
+class VideoProxy:
+    """A TCP port of the robot in front of the service at `upstream_url`, which names host and port."""
+
+    def __init__(
+        self, upstream_url: str, local: LocalService | None = None, *, pacer: Pacer | None = None
+    ) -> None:
+        split = urlsplit(upstream_url)
+        if split.hostname is None or split.port is None:
+            raise ValueError(f"{upstream_url} has no host and port")
+        self._upstream = (split.hostname, split.port)
+        self._local = local
+        self._pacer = Pacer() if pacer is None else pacer
+        self._streams: set[asyncio.Task[None]] = set()
+        self._listener: socket.socket | None = None
+        self._acceptor: asyncio.Task[None] | None = None
+
+    async def start(self) -> int:
+        """Listen on 127.0.0.1, and return the port."""
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=BACKLOG)
+        self._listener.setblocking(False)
+        self._acceptor = asyncio.ensure_future(self._accept(self._listener))
+        port: int = self._listener.getsockname()[1]
+        return port
+
+    def use(self, connection: socket.socket | None) -> None:
+        """Pace by what the kernel knows of `connection` from now on."""
+        self._pacer.use(connection)
+
+    def hold(self) -> None:
+        """Send nothing until the next `use`: the media connection ends."""
+        self._pacer.hold()
+
+    async def close(self) -> None:
+        """End all streams and listen no more."""
+        self._pacer.hold()
+        tasks = [*self._streams, *([] if self._acceptor is None else [self._acceptor])]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._listener is not None:
+            self._listener.close()
+
+    async def _accept(self, listener: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                viewer, _ = await loop.sock_accept(listener)
+            except OSError as error:
+                # Too many open files, mostly: it passes, and the listener stays.
+                log.warning("cannot take a video connection: %s", error)
+                await asyncio.sleep(1)
+                continue
+            if len(self._streams) >= MAX_STREAMS:
+                log.warning("refused a video connection: %d are open", MAX_STREAMS)
+                viewer.close()
+                continue
+            stream = asyncio.ensure_future(self._serve(viewer))
+            self._streams.add(stream)
+            stream.add_done_callback(self._streams.discard)
+
+    async def _serve(self, viewer: socket.socket) -> None:
+        with viewer:
+            viewer.setblocking(False)
+            try:
+                first = b"" if self._local is None else await first_words(viewer)
+                with await self._upstream_for(first) as upstream:
+                    await Stream(viewer, upstream, self._pacer).run(first)
+            except OSError as error:
+                # A viewer who left, or a web_video_server that does not run: health tells of the latter.
+                log.debug("a video connection ended: %r", error)
+            except Exception:
+                log.exception("a video connection failed")
+
+    async def _upstream_for(self, first: bytes) -> socket.socket:
+        """Connect to what answers a request of these first words."""
+        if self._local is None:
+            return await self._dial(*self._upstream)
+        here = ("127.0.0.1", self._local.port)
+        if self._local.when == "always" or first.startswith(LOCAL_PATHS):
+            return await self._dial(*here)
+        try:
+            return await self._dial(*self._upstream)
+        except OSError:
+            if self._local.when == "never":
+                raise
+            return await self._dial(*here)
+
+    async def _dial(self, host: str, port: int) -> socket.socket:
+        loop = asyncio.get_running_loop()
+        found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        error: OSError = OSError(f"{host} has no address")
+        for family, kind, protocol, _, address in found:
+            made = socket.socket(family, kind, protocol)
+            try:
+                made.setblocking(False)
+                made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+                made.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, SEGMENT)
+                await within(DIAL_TIMEOUT_S, loop.sock_connect(made, address))
+            except (OSError, asyncio.TimeoutError) as failed:
+                made.close()
+                error = OSError(f"cannot reach {host} port {port}: {failed!r}")
+            except BaseException:
+                made.close()
+                raise
+            else:
+                return made
+        raise error
+
+
+class Stream:
+    """One connection in both directions: requests at once, answers as the pacer allows."""
+
+    def __init__(self, viewer: socket.socket, upstream: socket.socket, pacer: Pacer) -> None:
+        viewer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+        viewer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        upstream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._viewer = viewer
+        self._upstream = upstream
+        self._pacer = pacer
+        self._loop = asyncio.get_running_loop()
+        self._poured = 0
+
+    async def run(self, first: bytes) -> None:
+        """Pass bytes on, after those that were read already, until both directions have ended, or one fails."""
+        ask = asyncio.ensure_future(self._ask(first))
+        pour = asyncio.ensure_future(self._pour())
+        try:
+            done, _ = await asyncio.wait({ask, pour}, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+            await (asyncio.wait({ask}, timeout=LAST_S) if pour.done() else self._drain(pour))
+        finally:
+            for task in (ask, pour):
+                task.cancel()
+            await asyncio.gather(ask, pour, return_exceptions=True)
+
+    async def _ask(self, first: bytes) -> None:
+        await self._loop.sock_sendall(self._upstream, first)
+        while data := await self._loop.sock_recv(self._viewer, CHUNK):
+            await self._loop.sock_sendall(self._upstream, data)
+        end_writing(self._upstream)
+
+    async def _pour(self) -> None:
+        while data := await self._loop.sock_recv(self._upstream, CHUNK):
+            rest = memoryview(data)
+            while rest:
+                granted = await self._pacer.acquire(len(rest))
+                await self._loop.sock_sendall(self._viewer, rest[:granted])
+                rest = rest[granted:]
+                self._poured += granted
+        end_writing(self._viewer)
+
+    async def _drain(self, pour: asyncio.Task[None]) -> None:
+        """Pour on for a viewer who asks no more, while it gets something; one who left shows no other way."""
+        before = -1
+        while not pour.done() and self._poured != before:
+            before = self._poured
+            await asyncio.wait({pour}, timeout=LAST_S)
+        if pour.done():
+            pour.result()
+
+
+async def first_words(viewer: socket.socket) -> bytes:
+    """Read until it is clear whether this is the agent's own: mostly once, and never more than that takes.
+
+    Returns what there is when the viewer says no more, be it for FIRST_WORDS_S.
+    """
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + FIRST_WORDS_S
+    words = b""
+    while any(local.startswith(words) and local != words for local in LOCAL_PATHS):
+        try:
+            await within(deadline_s - loop.time(), readable(viewer))
+        except asyncio.TimeoutError:
+            return words
+        # Not sock_recv: when its time is over in the moment when something comes, that would be lost.
+        more = viewer.recv(LOCAL_PATH_BYTES - len(words))
+        if not more:
+            return words
+        words += more
+    return words
+
+
+async def readable(connection: socket.socket) -> None:
+    """Wait until there is something to read, or the end."""
+    loop = asyncio.get_running_loop()
+    there = loop.create_future()
+
+    def tell() -> None:
+        if not there.done():
+            there.set_result(None)
+
+    loop.add_reader(connection, tell)
+    try:
+        await there
+    finally:
+        loop.remove_reader(connection)
+
+
+def end_writing(connection: socket.socket) -> None:
+    """Tell the other end that no more comes, and go on reading."""
+    with suppress(OSError):
+        connection.shutdown(socket.SHUT_WR)

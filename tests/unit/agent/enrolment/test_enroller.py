@@ -1,0 +1,415 @@
+"""The enroller against a real join over TLS: when it asks, and what an enrolled robot never needs again.
+
+Over 400 lines: one class, and every reason that it may have to ask the server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+from aiohttp import web
+from bad_disk import full_disk, read_only
+from fake_cloud import FakeCloud, agent_environ
+from fake_root import FakeRoot
+from robotether_agent.enrolment.enroller import Enroller
+from robotether_agent.enrolment.keys import ensure_next_key
+from robotether_agent.problems import (
+    InterfaceMissing,
+    JoinRefused,
+    KeyUnusable,
+    NotEnrolled,
+    Retry,
+    ServerUnreachable,
+    SettingsInvalid,
+    StateUnusable,
+)
+from robotether_agent.settings import Settings, load
+
+CARD = "00:1b:44:00:00:01"
+
+
+@pytest.fixture
+async def cloud(make_cloud) -> FakeCloud:
+    """A server that lets the robot in."""
+    return await make_cloud()
+
+
+@pytest.fixture
+def settings(cloud, place) -> Settings:
+    """A robot in `place` that belongs to the cloud."""
+    return load(None, agent_environ(cloud, place))
+
+
+def renamed(cloud: FakeCloud) -> Callable[[], web.Response]:
+    """The server's answer after an admin named the robot turtle."""
+    body = {**json.loads(cloud.active().body), "robot": "turtle"}
+    return lambda: web.json_response(body)
+
+
+def refuses_tokens(cloud: FakeCloud, status: int, code: str) -> Callable[[], web.Response]:
+    """A server that lets the key in, but only without a token."""
+    refusal = {"code": code, "detail": "this token is of no use"}
+
+    def answer() -> web.Response:
+        if "token" in cloud.joins[-1]:
+            return web.json_response(refusal, status=status)
+        return cloud.active()
+
+    return answer
+
+
+async def enrol(settings: Settings) -> Enroller:
+    """Return the enroller of a robot that has joined, and now has a reason to ask again."""
+    enroller = Enroller(settings)
+    await enroller.enrolment()
+    enroller.doubt()
+    return enroller
+
+
+async def test_a_key_is_made_once_in_a_private_directory(settings):
+    """The first start makes the directory, which nobody else may read, and the key that stays."""
+    key = await Enroller(settings).key()
+    assert settings.state_dir.stat().st_mode & 0o777 == 0o700
+    assert await Enroller(settings).key() == key
+
+
+async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
+    """What the join answered is kept with the host keys, so that the next start asks nobody."""
+    enroller = Enroller(settings)
+    key = await enroller.key()
+    enrolment = await enroller.enrolment()
+    assert (enrolment.robot, enrolment.mac) == ("sim1", "00:1b:44:11:3a:b7")
+    assert enrolment.ssh.ports == (cloud.ssh.port,)
+    assert cloud.joins[0]["public_key"] == key.public
+    assert cloud.ssh.host_keys[0].split()[1] in enroller.known_hosts.read_text()
+    assert await Enroller(settings).enrolment() == enrolment
+    assert len(cloud.joins) == 1
+
+
+async def test_a_fresh_robot_needs_the_server(cloud, settings):
+    """Without an enrolment and without the web there is nothing to connect to."""
+    await cloud.stop_web()
+    enroller = Enroller(settings)
+    with pytest.raises(ServerUnreachable):
+        await enroller.enrolment()
+
+
+async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
+    """A doubt asks before the next connection, and is gone with the answer, which is kept."""
+    enroller = await enrol(settings)
+    await enroller.key()
+    cloud.answer = lambda: web.Response(status=502)
+    assert (await enroller.enrolment()).robot == "sim1"
+    cloud.answer = renamed(cloud)
+    assert (await enroller.enrolment()).robot == "turtle"
+    assert (await Enroller(settings).enrolment()).robot == "turtle"
+    await enroller.enrolment()
+    assert len(cloud.joins) == 3
+
+
+async def test_the_address_is_doubted_once_a_minute(cloud, settings, monkeypatch):
+    """A server whose SSH is away is not also asked by its whole fleet over and over where it is."""
+    enroller = Enroller(settings)
+    await enroller.enrolment()
+    enroller.doubt_address()
+    await enroller.enrolment()
+    assert len(cloud.joins) == 1
+    monkeypatch.setattr("robotether_agent.enrolment.enroller.ASK_ADDRESS_EVERY_S", 0.0)
+    enroller.doubt_address()
+    await enroller.enrolment()
+    assert len(cloud.joins) == 2
+
+
+async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, settings, monkeypatch):
+    """What is known is used after a moment, and the question is not put off to the next connection."""
+    monkeypatch.setattr("robotether_agent.enrolment.enroller.QUICK_ANSWER_S", 0.2)
+    enroller = Enroller(settings)
+    known = await enroller.enrolment()
+
+    async def say_nothing(*_: object) -> NoReturn:
+        await asyncio.Event().wait()
+        raise AssertionError("nothing sets it")
+
+    enroller.doubt()
+    with monkeypatch.context() as silent:
+        silent.setattr("robotether_agent.enrolment.enroller.join", say_nothing)
+        assert await asyncio.wait_for(enroller.enrolment(), 5) == known
+    joins = len(cloud.joins)
+    assert await enroller.enrolment() == known
+    assert len(cloud.joins) == joins
+
+
+async def test_a_refresh_only_tells_what_goes_wrong(cloud, settings):
+    """It may be tried at any time: an answer is kept, a web that is away changes nothing."""
+    enroller = Enroller(settings)
+    known = await enroller.enrolment()
+    cloud.answer = renamed(cloud)
+    await enroller.refresh()
+    assert (await enroller.enrolment()).robot != known.robot
+    await cloud.stop_web()
+    await enroller.refresh()
+
+
+async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
+    """What the server says about this very robot is told, not passed over for what was pinned."""
+    enroller = await enrol(settings)
+    await enroller.key()
+    refusal = {"code": "robot_disabled", "detail": "it is disabled"}
+    cloud.answer = lambda: web.json_response(refusal, status=403)
+    with pytest.raises(JoinRefused, match="it is disabled"):
+        await enroller.enrolment()
+    cloud.remove_robot()
+    with pytest.raises(NotEnrolled, match="robotether robot approve"):
+        await enroller.enrolment()
+
+
+async def test_a_fresh_robot_shows_its_token(cloud, settings, place):
+    """The token goes with the first join; a token file that is missing then is a wrong setting."""
+    settings = replace(settings, token_file=place / "token")
+    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
+        await enrol(settings)
+    (place / "token").write_text("rt_abc\n")
+    await enrol(settings)
+    assert [said["token"] for said in cloud.joins] == ["rt_abc"]
+
+
+async def test_a_token_that_is_gone_keeps_no_enrolled_robot_out(cloud, settings, place):
+    """Once enrolled the token file may be removed: the robot asks again without it."""
+    (place / "token").write_text("rt_abc\n")
+    enroller = await enrol(replace(settings, token_file=place / "token"))
+    (place / "token").unlink()
+    assert (await enroller.enrolment()).robot == "sim1"
+    assert "token" not in cloud.joins[-1]
+
+
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [
+        (401, "token_invalid"),
+        (401, "token_expired"),
+        (401, "token_used_up"),
+        (403, "grant_missing"),
+    ],
+)
+async def test_a_token_that_is_worthless_keeps_no_enrolled_robot_out(cloud, settings, status, code):
+    """A token that expired since, or whose user is no admin any more, is left out of the next join."""
+    settings = replace(settings, token="rt_old")
+    enroller = await enrol(settings)
+    cloud.answer = refuses_tokens(cloud, status, code)
+    assert (await enroller.enrolment()).robot == "sim1"
+    assert ["token" in said for said in cloud.joins] == [True, True, False]
+
+
+async def test_a_worthless_token_keeps_a_fresh_robot_out(cloud, settings):
+    """Who gave a robot a token is told that it is no use, not left with a robot that waits."""
+    cloud.answer = refuses_tokens(cloud, 401, "token_invalid")
+    with pytest.raises(JoinRefused, match="this token is of no use"):
+        await enrol(replace(settings, token="rt_old"))
+    assert len(cloud.joins) == 1
+
+
+async def test_a_ca_file_that_is_gone_keeps_no_enrolled_robot_out(settings, place):
+    """An enrolled robot that cannot trust the web any more still has the host keys of SSH."""
+    await enrol(settings)
+    enroller = Enroller(replace(settings, tls_fingerprint=None, ca_file=place / "none.pem"))
+    enroller.doubt()
+    assert (await enroller.enrolment()).robot == "sim1"
+
+
+async def test_a_full_disk_keeps_no_enrolled_robot_out(cloud, settings, caplog):
+    """News that cannot be kept are told, and the robot connects with what it knows."""
+    enroller = await enrol(settings)
+    await enroller.key()
+    cloud.mode, cloud.answer = "refuses_key", renamed(cloud)
+    with full_disk():
+        assert (await enroller.enrolment()).robot == "sim1"
+    assert "neither full nor read-only" in caplog.text
+    assert (await enroller.enrolment()).robot == "turtle"
+
+
+async def test_a_fresh_robot_needs_a_disk(cloud, settings):
+    """Host keys that cannot be pinned are trusted not even once."""
+    cloud.mode = "refuses_key"
+    enroller = Enroller(settings)
+    await enroller.key()
+    with full_disk(), pytest.raises(StateUnusable, match=r"cannot write .*known_hosts"):
+        await enroller.enrolment()
+
+
+async def test_the_mac_stays_what_it_was_at_the_join(cloud, settings):
+    """An adapter that is pulled out later gives an enrolled robot no other name, a fresh one none."""
+    pulled = replace(settings, mac=None, interface="none0")
+    with pytest.raises(InterfaceMissing, match="no interface none0"):
+        await enrol(pulled)
+    assert cloud.joins == []
+    await enrol(settings)
+    enroller = Enroller(pulled)
+    enroller.doubt()
+    assert (await enroller.enrolment()).mac == "00:1b:44:11:3a:b7"
+    assert cloud.joins[-1]["mac"] == "00:1b:44:11:3a:b7"
+
+
+async def test_another_server_in_the_settings_is_joined_and_pinned(cloud, settings, caplog):
+    """A robot that is given to another server joins there with its old key, and says what it pins."""
+    await enrol(settings)
+    cloud.ssh.new_host_key()
+    moved = replace(settings, server=settings.server.replace("127.0.0.1", "localhost"))
+    enroller = Enroller(moved)
+    assert (await enroller.enrolment()).server == moved.server
+    assert f"another server now, {moved.server}" in caplog.text
+    assert pins(enroller.known_hosts) == {cloud.ssh.host_keys[0].split()[1]}
+
+
+async def test_a_request_for_a_name_goes_with_a_token_only(cloud, settings):
+    """Without a token nobody could tell whose wish it is."""
+    await Enroller(replace(settings, name="turtle")).join()
+    await Enroller(replace(settings, name="turtle", token="rj_x")).join()
+    assert [said.get("name") for said in cloud.joins] == [None, "turtle"]
+
+
+@pytest.fixture
+def machine(tmp_path) -> FakeRoot:
+    """A machine with one network card."""
+    made = FakeRoot(tmp_path)
+    made.add("eth0", CARD, 2)
+    return made
+
+
+async def without_its_card(settings: Settings, machine: FakeRoot) -> Enroller:
+    """Return the enroller of a robot whose card was replaced after it had joined."""
+    await Enroller(settings, machine.path).enrolment()
+    machine.remove("eth0")
+    machine.add("eth0", "00:1b:44:00:00:02", 2)
+    return Enroller(settings, machine.path)
+
+
+async def test_a_robot_without_its_mac_asks_first_and_says_so_once(
+    cloud, settings, machine, caplog
+):
+    """The server tells a new card from a copied disk; from then on the robot connects as ever."""
+    settings = replace(settings, mac=None)
+    enroller = await without_its_card(settings, machine)
+    assert (await enroller.enrolment()).mac == CARD
+    await enroller.enrolment()
+    assert [said.get("mac_present", True) for said in cloud.joins] == [True, False]
+    assert {said["mac"] for said in cloud.joins} == {CARD}
+    assert caplog.text.count(f"no interface of this machine has the MAC {CARD} (eth0 had it)") == 1
+
+
+async def test_a_copy_does_not_connect_in_the_robots_place(cloud, settings, machine):
+    """While the robot itself is online the copy is told how to become a robot of its own."""
+    enroller = await without_its_card(replace(settings, mac=None), machine)
+    refusal = {"code": "mac_elsewhere", "detail": "robot sim1 is online on another machine"}
+    cloud.answer = lambda: web.json_response(refusal, status=409)
+    with pytest.raises(JoinRefused, match="sudo robotether-agent forget") as error:
+        await enroller.enrolment()
+    assert error.value.retry is Retry.SLOWLY
+
+
+async def test_a_robot_without_its_mac_does_not_guess(cloud, settings, machine):
+    """With the web away nobody can tell it from a copy, and two robots under one name are worse than none."""
+    enroller = await without_its_card(replace(settings, mac=None), machine)
+    await cloud.stop_web()
+    with pytest.raises(ServerUnreachable):
+        await enroller.enrolment()
+
+
+async def test_a_new_mac_in_the_settings_is_asked_about(cloud, settings):
+    """A person who gives an enrolled robot another address gets the server's answer to it."""
+    await enrol(settings)
+    moved = replace(settings, mac="00:1b:44:00:00:09")
+    assert (await Enroller(moved).enrolment()).mac == "00:1b:44:00:00:09"
+    assert len(cloud.joins) == 2
+
+
+async def test_a_new_key_takes_the_old_ones_place(cloud, settings):
+    """The server gets the new key with the old one's signature; the robot then has one key again."""
+    enroller = await enrol(settings)
+    old = await enroller.key()
+    await enroller.rotate()
+    new = await enroller.key()
+    assert new.public != old.public
+    assert await enroller.next_key() is None
+    assert cloud.robot_key == new.public
+    assert cloud.joins[-1]["previous_key"]["fingerprint"] == old.fingerprint
+
+
+async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
+    """When the agent dies after the server took the key, the next start brings the change to its end."""
+    enroller = await enrol(settings)
+    cloud.mode = "loses_answers"
+    with pytest.raises(ServerUnreachable):
+        await enroller.rotate()
+    coming = await enroller.next_key()
+    assert coming is not None
+    assert cloud.robot_key == coming.public
+    cloud.mode = "serves"
+    started_anew = Enroller(settings)
+    await started_anew.enrolment()
+    assert (await started_anew.key()).public == coming.public
+
+
+async def test_a_change_that_the_server_never_heard_of_goes_on(cloud, settings):
+    """When the agent dies before it asks, or the web is away, the robot connects and asks later."""
+    enroller = await enrol(settings)
+    await enroller.enrolment()
+    await cloud.stop_web()
+    with pytest.raises(ServerUnreachable):
+        await enroller.rotate()
+    assert (await Enroller(settings).enrolment()).robot == "sim1"
+
+
+async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):
+    """Nothing is asked of the server before the new key is safe on the disk."""
+    enroller = await enrol(settings)
+    old = await enroller.key()
+    with full_disk(), pytest.raises((KeyUnusable, StateUnusable)):
+        await enroller.rotate()
+    assert len(cloud.joins) == 1
+    assert await enroller.key() == old
+
+
+async def test_a_disk_that_became_read_only_keeps_both_keys(cloud, settings, monkeypatch, caplog):
+    """The server has the new key by then: both are shown to it until the disk takes the change."""
+    enroller = await enrol(settings)
+    await ensure_next_key(settings.state_dir)
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.replace", read_only)
+        await enroller.join()
+    assert "until then both keys are kept" in caplog.text
+    coming = await enroller.next_key()
+    assert coming is not None
+    await enroller.join()
+    assert (await enroller.key()).public == coming.public
+
+
+async def test_a_key_that_an_admin_turned_away_is_given_up(cloud, settings):
+    """The next try is with another one, and the robot keeps its own."""
+    enroller = await enrol(settings)
+    refusal = {"code": "key_rejected", "detail": "this key was turned away"}
+    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
+    with pytest.raises(JoinRefused, match="turned away"):
+        await enroller.rotate()
+    assert await enroller.next_key() is None
+    assert (await enroller.enrolment()).robot == "sim1"
+
+
+async def test_a_server_that_is_down_for_days_fills_no_log(cloud, settings, caplog):
+    """Of a hundred tries some are told, with their number."""
+    enroller = await enrol(settings)
+    await cloud.stop_web()
+    for _ in range(100):
+        await enroller.enrolment()
+    assert caplog.text.count("cannot reach https://") == 7
+    assert "(for the 64. time)" in caplog.text
+
+
+def pins(known_hosts: Path) -> set[str]:
+    """Return the host keys that OpenSSH trusts."""
+    return {line.split()[2] for line in known_hosts.read_text().splitlines()}

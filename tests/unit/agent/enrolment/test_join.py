@@ -1,0 +1,230 @@
+"""The join over real TLS, and what each answer means."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from aiohttp import web
+from dated_certificate import fingerprint_of, make_certificate
+from fake_cloud import FakeCloud, certificate, fingerprint
+from fake_proxy import FakeProxy
+from local_network import free_port
+from robotether_agent.enrolment.join import JoinRequest, PreviousKey, join, read_answer
+from robotether_agent.problems import (
+    AnswerInvalid,
+    JoinRefused,
+    NotEnrolled,
+    Retry,
+    ServerUnreachable,
+    SettingsInvalid,
+    TlsUntrusted,
+)
+from robotether_agent.settings import Settings
+
+REQUEST = JoinRequest(
+    mac="00:1b:44:11:3a:b7",
+    public_key="ssh-ed25519 AAAA",
+    hostname="turtle",
+    agent_version="0.1.0",
+    token="t",
+)
+KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJXwzyV7Yl1cYqPGRkvnkSnMuRlWZ2EiJkXYh2JYQ0bF"
+SSH = {"user": "tunnel", "host": None, "ports": [2222, 443], "host_keys": [KEY]}
+
+
+def answer(**changes: object) -> bytes:
+    return json.dumps({"state": "active", "robot": "sim1", "ssh": {**SSH, **changes}}).encode()
+
+
+async def test_pinned_certificate_is_enough(make_cloud):
+    """With its fingerprint a self-signed server is trusted, and hears all that the protocol names."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    joined = await join(settings, REQUEST)
+    assert joined.robot == "sim1"
+    assert joined.ssh.ports == (cloud.ssh.port,)
+    assert cloud.joins == [REQUEST.body()]
+
+
+async def test_own_authority_is_enough(make_cloud):
+    """With the certificate as a CA file the server is trusted, too."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, ca_file=certificate())
+    assert (await join(settings, REQUEST)).robot == "sim1"
+
+
+async def test_other_certificate_is_not_trusted(make_cloud):
+    """Neither a wrong fingerprint nor an unknown authority gets the request, and the sentence says which."""
+    cloud = await make_cloud()
+    with pytest.raises(TlsUntrusted, match="not the pinned one") as pinned:
+        await join(Settings(server=cloud.server, tls_fingerprint=b"\0" * 32), REQUEST)
+    assert fingerprint() in pinned.value.message.replace(":", "")
+    with pytest.raises(TlsUntrusted, match="clock is right"):
+        await join(Settings(server=cloud.server), REQUEST)
+    assert cloud.joins == []
+
+
+async def test_unreadable_ca_file_is_a_settings_problem(place):
+    settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
+    with pytest.raises(SettingsInvalid, match="ca_file"):
+        await join(settings, REQUEST)
+
+
+async def test_nothing_there_is_unreachable():
+    with pytest.raises(ServerUnreachable, match=r"cannot reach https://127\.0\.0\.1"):
+        await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
+
+
+def behind(proxy_url: str, cloud) -> Settings:
+    """A robot whose network has a proxy."""
+    pin = bytes.fromhex(fingerprint())
+    return Settings(server=cloud.server, tls_fingerprint=pin, http_proxy=proxy_url)
+
+
+async def test_through_a_proxy(make_cloud):
+    """The join goes where http_proxy says, with its password, and the pin still holds."""
+    cloud = await make_cloud()
+    async with FakeProxy("needs_password") as proxy:
+        url = proxy.url.replace("//", "//robot:s3cret%2F%40%3A@")
+        assert (await join(behind(url, cloud), REQUEST)).robot == "sim1"
+        assert proxy.asked == [cloud.server]
+        with pytest.raises(TlsUntrusted, match="not the pinned one"):
+            await join(replace(behind(url, cloud), tls_fingerprint=b"\0" * 32), REQUEST)
+
+
+@pytest.mark.parametrize(
+    ("mode", "told"),
+    [
+        ("refuses", "answers 403 Forbidden; .*lets CONNECT out"),
+        ("needs_password", "answers 407 .*USER:PASSWORD"),
+    ],
+)
+async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
+    cloud = await make_cloud()
+    async with FakeProxy(mode) as proxy:
+        with pytest.raises(ServerUnreachable, match=told) as caught:
+            await join(behind(proxy.url, cloud), REQUEST)
+        assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
+
+
+async def test_a_proxy_that_is_not_there(make_cloud):
+    """A wrong address is told as the proxy's, and not as the server's."""
+    settings = behind(f"http://robot:s3cret@127.0.0.1:{free_port()}", await make_cloud())
+    with pytest.raises(ServerUnreachable, match=r"HTTP proxy .* cannot be reached") as caught:
+        await join(settings, REQUEST)
+    assert "s3cret" not in str(caught.value)
+
+
+async def test_redirects_and_endless_answers_are_refused(make_cloud):
+    """A captive portal's redirect is not followed, and no answer fills the memory."""
+    cloud = await make_cloud()
+    settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    cloud.answer = lambda: web.Response(status=302, headers={"Location": "https://127.0.0.1:1/"})
+    with pytest.raises(AnswerInvalid, match="HTTP status 302"):
+        await join(settings, REQUEST)
+    cloud.answer = lambda: web.Response(body=b"x" * 200_000)
+    with pytest.raises(ServerUnreachable, match="longer than"):
+        await join(settings, REQUEST)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"user": "-oProxyCommand=x"}, "user"),
+        ({"host": "-oProxyCommand=x"}, "host"),
+        ({"host": "a b"}, "host"),
+        ({"ports": [0]}, r"ports\[0\]"),
+        ({"ports": "2222"}, "ports"),
+        ({"host_keys": []}, "host_keys"),
+        ({"host_keys": ["ssh-ed25519 AAAA\n* ssh-ed25519 AAAA"]}, "host_keys"),
+        ({"host_keys": ["ssh-dss AAAA"]}, "host_keys"),
+        ({"host_keys": ["ssh-rsa " + KEY.split()[1]]}, "another type"),
+    ],
+)
+def test_wrong_field_of_the_answer_is_named(changes, field):
+    """Nothing that could become an option of ssh or a second line of known_hosts gets through."""
+    with pytest.raises(AnswerInvalid, match=field):
+        read_answer("a.example", 200, answer(**changes))
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "kind", "retry"),
+    [
+        (202, "approval_pending", NotEnrolled, Retry.ASK_AGAIN),
+        (403, "robot_disabled", JoinRefused, Retry.SLOWLY),
+        (202, "mac_in_use", NotEnrolled, Retry.ASK_AGAIN),
+        (401, "token_invalid", JoinRefused, Retry.SLOWLY),
+        (401, "token_expired", JoinRefused, Retry.SLOWLY),
+        (401, "token_used_up", JoinRefused, Retry.SLOWLY),
+        (403, "key_rejected", JoinRefused, Retry.SLOWLY),
+        (403, "token_required", JoinRefused, Retry.SLOWLY),
+        (409, "key_in_use", JoinRefused, Retry.SLOWLY),
+        (409, "mac_elsewhere", JoinRefused, Retry.SLOWLY),
+        (422, "field_invalid", JoinRefused, Retry.SLOWLY),
+        (429, "too_many_pending", JoinRefused, Retry.ASK_AGAIN),
+    ],
+)
+def test_each_refusal_keeps_its_reason(status, code, kind, retry):
+    """The server's detail reaches the log, and each refusal has its own pause."""
+    body = json.dumps({"code": code, "detail": "the reason"}).encode()
+    with pytest.raises(kind, match="the reason") as error:
+        read_answer("a.example", status, body)
+    assert error.value.retry is retry
+    # The server's own sentence for an approval says how it is given.
+    assert error.value.advice or code == "approval_pending"
+    assert "ask the server's administrator" not in error.value.advice
+    assert error.value.code == ("not_enrolled" if kind is NotEnrolled else code)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "kind"),
+    [
+        (502, b"<html>", ServerUnreachable),
+        (200, b"<html>Welcome to the hotel", AnswerInvalid),
+        (404, b"{}", AnswerInvalid),
+        (200, b'{"state": "pending"}', AnswerInvalid),
+    ],
+)
+def test_other_servers_are_told_apart(status, body, kind):
+    """A server in trouble and a server that is none of ours are two problems."""
+    with pytest.raises(kind):
+        read_answer("a.example", status, body)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "why"),
+    [(+300, +600, "not yet valid"), (-600, -300, "expired")],
+)
+async def test_a_wrong_clock_is_told_as_such_and_no_matter_with_a_pin(place, begin, end, why):
+    """A robot without a battery-backed clock says what its clock says; the pinned certificate needs none."""
+    now = datetime.now(timezone.utc)
+    dates = (now + timedelta(days=days) for days in (begin, end))
+    pem = make_certificate(place, *dates)
+    cloud = FakeCloud(pem=pem)
+    await cloud.start()
+    try:
+        with pytest.raises(TlsUntrusted, match=f"this robot's clock says 20.* {why}") as error:
+            await join(Settings(server=cloud.server, ca_file=pem), REQUEST)
+        assert "with tls_fingerprint set the clock does not matter" in error.value.advice
+        pinned = bytes.fromhex(fingerprint_of(pem))
+        assert (await join(Settings(server=cloud.server, tls_fingerprint=pinned), REQUEST)).robot
+    finally:
+        await cloud.close()
+
+
+def test_only_what_there_is_to_say_is_said():
+    """A usual robot's join has no word of a changed MAC or key, and an old server gets nothing new."""
+    plain = replace(REQUEST, token=None)
+    assert set(plain.body()) == {"mac", "public_key", "hostname", "agent_version"}
+    changed = replace(
+        plain, mac_present=False, name="turtle", previous_key=PreviousKey("SHA256:x", "y")
+    )
+    assert changed.body() == {
+        **plain.body(),
+        "mac_present": False,
+        "name": "turtle",
+        "previous_key": {"fingerprint": "SHA256:x", "signature": "y"},
+    }

@@ -1,0 +1,174 @@
+"""The robot's own key, made by the real ssh-keygen."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+from pathlib import Path
+
+import pytest
+from fake_cloud import vouches
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.keys import (
+    ensure_key,
+    ensure_next_key,
+    next_key,
+    present_key,
+    promote,
+)
+from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
+
+
+async def test_made_once_and_kept(place):
+    """The first call makes a key for its owner only, the second finds it."""
+    first = await ensure_key(place)
+    assert first.public.startswith("ssh-ed25519 AAAA")
+    assert first.path.stat().st_mode & 0o777 == 0o600
+    assert await ensure_key(place) == first
+    assert sorted(path.name for path in place.iterdir()) == ["id_ed25519", "id_ed25519.pub"]
+
+
+async def test_public_half_is_made_again(place):
+    """A lost .pub is no loss: the private half tells it."""
+    first = await ensure_key(place)
+    (place / "id_ed25519.pub").unlink()
+    assert await ensure_key(place) == first
+
+
+async def test_fingerprint_is_ssh_keygens(place):
+    """What the status shows is what `ssh-keygen -l` and the server say."""
+    key = await ensure_key(place)
+    command = ["ssh-keygen", "-l", "-f", str(key.path)]
+    said = await asyncio.to_thread(subprocess.run, command, check=True, capture_output=True)
+    assert key.fingerprint == said.stdout.decode().split()[1]
+
+
+async def test_damaged_public_half_is_told(place):
+    """A .pub that was cut short is key_unusable, with what to do."""
+    key = await ensure_key(place)
+    key.path.with_suffix(".pub").write_text(key.public[:-3])
+    with pytest.raises(KeyUnusable, match="not ssh-ed25519"):
+        await ensure_key(place)
+
+
+async def test_open_mode_is_mended(place):
+    """A key that others could read is closed, because ssh would refuse it."""
+    key = await ensure_key(place)
+    key.path.chmod(0o644)
+    await ensure_key(place)
+    assert key.path.stat().st_mode & 0o777 == 0o600
+
+
+async def test_broken_and_foreign_keys_are_told(place):
+    """A key that ssh-keygen cannot read, or of another type, is key_unusable with its path."""
+    (place / "id_ed25519").write_text("rubbish")
+    with pytest.raises(KeyUnusable, match="id_ed25519"):
+        await ensure_key(place)
+    (place / "id_ed25519").unlink()
+    command = ["ssh-keygen", "-q", "-t", "ecdsa", "-N", "", "-f", str(place / "id_ed25519")]
+    await asyncio.to_thread(subprocess.run, command, check=True, stdin=subprocess.DEVNULL)
+    with pytest.raises(KeyUnusable, match="not ssh-ed25519"):
+        await ensure_key(place)
+
+
+async def test_nowhere_to_write(place):
+    with pytest.raises(StateUnusable, match="cannot make the robot's key in"):
+        await ensure_key(place / "none")
+
+
+async def test_without_ssh_keygen(place, monkeypatch):
+    """A robot without OpenSSH is told which package to install, and nothing is left half-made."""
+    monkeypatch.setenv("PATH", str(place))
+    with pytest.raises(SshMissing, match="openssh-client"):
+        await ensure_key(place)
+    assert list(place.iterdir()) == []
+
+
+async def test_two_processes_make_one_key(place):
+    """A join beside a starting agent must not give the robot two keys."""
+    made = await asyncio.gather(*(ensure_key(place) for _ in range(4)))
+    assert len({key.public for key in made}) == 1
+    assert await ensure_key(place) == made[0]
+    # The public half may be missing, as it can be told from the private one.
+    assert {path.name for path in place.iterdir()} <= {"id_ed25519", "id_ed25519.pub"}
+
+
+async def test_a_key_that_is_not_there_is_not_made_by_looking(place):
+    assert await present_key(place) is None
+    assert await next_key(place) is None
+    assert list(place.iterdir()) == []
+    assert await ensure_key(place) == await present_key(place)
+
+
+async def test_the_next_key_takes_the_place_of_the_other(place):
+    """Afterwards there is one key again, the new one, and doing it twice is no harm."""
+    old = await ensure_key(place)
+    coming = await ensure_next_key(place)
+    assert coming.public != old.public
+    assert await next_key(place) == coming
+    promote(place)
+    promote(place)
+    assert (await ensure_key(place)).public == coming.public
+    assert sorted(path.name for path in place.iterdir()) == ["id_ed25519", "id_ed25519.pub"]
+
+
+@pytest.mark.parametrize("steps", range(4))
+async def test_a_change_that_is_cut_short_leaves_whole_keys(place, monkeypatch, steps):
+    """Whichever step of it is the last before the power goes, no key is lost and none has another's half."""
+    old, coming = await ensure_key(place), await ensure_next_key(place)
+    left = iter(range(steps))
+
+    def cut(real):
+        def step(*arguments, **options):
+            if next(left, None) is None:
+                raise PowerCutError
+            return real(*arguments, **options)
+
+        return step
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.unlink", cut(Path.unlink))
+        patch.setattr("pathlib.Path.replace", cut(Path.replace))
+        patch.setattr("robotether_agent.enrolment.keys._flush", cut(keys._flush))
+        with pytest.raises(PowerCutError):
+            promote(place)
+    now, after = await ensure_key(place), await next_key(place)
+    assert coming.public in {now.public, after and after.public}
+    assert now.public in {old.public, coming.public}
+    for key in filter(None, (now, after)):
+        command = ["ssh-keygen", "-y", "-f", str(key.path)]
+        said = await asyncio.to_thread(subprocess.run, command, check=True, capture_output=True)
+        assert said.stdout.decode().startswith(key.public)
+    promote(place)
+    assert (await ensure_key(place)).public == coming.public
+
+
+class PowerCutError(Exception):
+    """The robot lost its power."""
+
+
+async def test_a_key_that_the_server_does_not_want_is_forgotten(place):
+    old = await ensure_key(place)
+    await ensure_next_key(place)
+    keys.discard_next(place)
+    assert await next_key(place) is None
+    assert await ensure_key(place) == old
+
+
+async def test_a_broken_next_key_does_not_touch_the_key_in_use(place):
+    """What is broken was never sent to a server; the robot goes on with the key that it has."""
+    (place / "id_ed25519.next").write_text("rubbish")
+    (place / "id_ed25519.next").chmod(0o600)
+    assert await next_key(place) is None
+    with pytest.raises(KeyUnusable, match=r"id_ed25519\.next"):
+        await ensure_next_key(place)
+
+
+async def test_a_signature_is_what_ssh_keygen_verifies(place):
+    """The server can check with OpenSSH that the old key vouches for the new one."""
+    key = await ensure_key(place)
+    signature = await keys.sign(key, "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n")
+    said = {"mac": "00:1b:44:11:3a:b7", "public_key": "ssh-ed25519 AAAA"}
+    assert vouches(key.public, {**said, "previous_key": {"signature": signature}})
+    other = {**said, "public_key": "ssh-ed25519 BBBB"}
+    assert not vouches(key.public, {**other, "previous_key": {"signature": signature}})

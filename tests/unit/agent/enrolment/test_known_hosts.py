@@ -1,0 +1,70 @@
+"""The pin of the server's SSH host keys."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from robotether_agent.enrolment.known_hosts import (
+    ALIAS,
+    HostKey,
+    check,
+    parse_host_key,
+    pin,
+    pinned,
+)
+from robotether_agent.fields import FieldError
+from robotether_agent.problems import HostKeyChanged, StateUnusable
+
+ED = HostKey("ssh-ed25519", "RUQx")
+ED_OTHER = HostKey("ssh-ed25519", "RUQy")
+RSA = HostKey("ssh-rsa", "UlNB")
+PATH = Path("/state/known_hosts")
+
+
+def test_openssh_finds_the_pinned_key(place):
+    """ssh-keygen finds the key under the alias, with the fingerprint that we print."""
+    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(place / "k")]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+    key = parse_host_key((place / "k.pub").read_text())
+    pin(place / "known_hosts", [key])
+    find = ["ssh-keygen", "-l", "-F", ALIAS, "-f", str(place / "known_hosts")]
+    found = subprocess.run(find, check=True, capture_output=True, text=True).stdout
+    assert key.fingerprint in found
+    assert pinned(place / "known_hosts") == [key]
+
+
+@pytest.mark.parametrize(
+    ("now", "trusted"),
+    [
+        ([ED], True),
+        ([ED, RSA], True),
+        ([ED_OTHER], False),
+        ([ED_OTHER, RSA], False),
+        ([ED, ED_OTHER], False),
+        ([RSA], False),
+    ],
+)
+def test_only_what_agrees_with_the_pin_is_trusted(now, trusted):
+    """A changed key is an alarm, a key of a new type is none, and nothing in common is one."""
+    if trusted:
+        check(PATH, [ED], now)
+        return
+    with pytest.raises(HostKeyChanged, match="SHA256:"):
+        check(PATH, [ED], now)
+
+
+@pytest.mark.parametrize("text", ["", f"{ALIAS} ssh-ed25519 %%%\n", "someone ssh-ed25519 RUQx\n"])
+def test_a_broken_pin_is_not_as_good_as_none(place, text):
+    """A damaged file must not make the agent trust whatever comes next."""
+    (place / "known_hosts").write_text(text)
+    with pytest.raises(StateUnusable, match="cannot use the pinned host keys"):
+        pinned(place / "known_hosts")
+
+
+@pytest.mark.parametrize("text", ["ssh-ed25519", "ssh-ed25519 !", "ssh-dss AAAA", ""])
+def test_rubbish_is_no_host_key(text):
+    """What is no public key of a known type is refused by name."""
+    with pytest.raises(FieldError, match="host_keys"):
+        parse_host_key(text)

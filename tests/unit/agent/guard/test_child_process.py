@@ -1,0 +1,254 @@
+"""One life of the guard process: with a fake guard at the other end of real pipes, then with the whole agent."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import processes
+import pytest
+from fake_cloud import echo, eventually
+from fake_guard import births, fake_guard_command, heard
+from openssh_server import command_line, descendants
+from robotether_agent.guard.child_process import (
+    SILENCE_S,
+    START_S,
+    TICK_S,
+    GuardProcess,
+    SilenceDetector,
+    guard_command,
+    guard_environment,
+)
+from robotether_agent.problems import GuardDown
+
+# A machine that runs other tests beside this one is slower than a robot.
+BACK_WITHIN_S = 2.0
+TEN_S = 10.0
+
+Start = Callable[[str], Awaitable[GuardProcess]]
+
+
+@pytest.fixture
+async def start(place: Path) -> AsyncIterator[Start]:
+    """Starts fake guards by mode, and ends them."""
+    started: list[GuardProcess] = []
+
+    async def one(mode: str) -> GuardProcess:
+        started.append(await GuardProcess.start(fake_guard_command(place, mode)))
+        return started[-1]
+
+    yield one
+    for guard in started:
+        await guard.kill()
+
+
+async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None) -> str:
+    """Return why the guard's life ended."""
+    taken = [] if lines is None else lines
+    with pytest.raises(GuardDown) as caught:
+        await asyncio.wait_for(guard.serve(lambda line: taken.append(dict(line))), 10)
+    return caught.value.message
+
+
+async def test_ticks_and_hands_lines_on(start, place):
+    """The guard hears a tick every 0.2 s, and what it says arrives line by line."""
+    guard, lines = await start("serves"), []
+    serving = asyncio.ensure_future(served(guard, lines))
+    guard.send({"type": "stop", "id": "5f0c", "by": "ben"})
+    await eventually(
+        lambda: any(line.get("answers") == "5f0c" for line in lines), lambda: f"an answer: {lines}"
+    )
+    assert lines[0] == {"type": "ready", "port": births(place)[0]["port"]}
+    text = (place / "heard.jsonl").read_text()
+    await eventually(
+        lambda: (place / "heard.jsonl").read_text().count('"tick"') > text.count('"tick"') + 2,
+        lambda: "more ticks",
+    )
+    os.kill(guard.pid, signal.SIGKILL)
+    assert await serving == "the guard was ended by SIGKILL"
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        ("dies", "ended with status 1"),
+        ("hangs", "the guard hangs"),
+        ("rubbish", "what cannot be understood"),
+    ],
+)
+async def test_what_is_wrong_with_a_guard_is_told(start, mode, why):
+    """A guard that ends, hangs or talks nonsense is one that is down."""
+    assert why in await served(await start(mode))
+
+
+async def test_a_frozen_guard_is_noticed_soon(start):
+    """A guard that is stopped in its tracks is given up soon after 0.6 s."""
+    guard, lines = await start("serves"), []
+    serving = asyncio.ensure_future(served(guard, lines))
+    await eventually(lambda: len(lines) > 2, lambda: "it serves")
+    os.kill(guard.pid, signal.SIGSTOP)
+    frozen_at = asyncio.get_running_loop().time()
+    assert await serving == "the guard hangs"
+    assert asyncio.get_running_loop().time() - frozen_at < SILENCE_S + 2 * TICK_S + 1
+
+
+async def test_a_guard_that_reads_nothing_is_killed(start):
+    guard = await start("deaf")
+    serving = asyncio.ensure_future(served(guard))
+    while not serving.done():
+        guard.send({"type": "lease", "fence": 1, "held": True, "pad": "x" * 10_000})
+        await asyncio.sleep(0)
+    assert await serving == "the guard was ended by SIGKILL"
+
+
+async def test_is_asked_to_end_and_waited_for(start, place):
+    """The orderly end says exit, so that the robot is stopped by then."""
+    guard = await start("serves")
+    await eventually(lambda: bool(births(place)), lambda: "it runs")
+    await guard.end()
+    assert heard(place)[-1]["type"] == "exit"
+
+
+async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
+    monkeypatch.setattr("robotether_agent.guard.child_process.EXIT_S", 0.2)
+    guard = await start("stays")
+    await eventually(lambda: bool(births(place)), lambda: "it runs")
+    await asyncio.wait_for(guard.end(), 5)
+    with pytest.raises(ProcessLookupError):
+        os.kill(guard.pid, 0)
+
+
+async def test_a_guard_that_cannot_be_started_is_down(place):
+    """A missing program is told like a guard that ended."""
+    with pytest.raises(GuardDown, match="cannot start the guard: No such file"):
+        await GuardProcess.start([str(place / "none")])
+
+
+def test_time_in_which_the_agent_stood_still_is_no_silence():
+    """After a suspension the guard gets the time to be heard, and no more than that."""
+    hearing = SilenceDetector(0.0)
+    hearing.on_line(0.1)
+    assert not hearing.is_lost(0.2)
+    assert not hearing.is_lost(30.0)
+    assert not hearing.is_lost(30.2)
+    assert not hearing.is_lost(30.4)
+    assert hearing.is_lost(30.7)
+
+
+def test_a_start_may_take_longer_than_a_silence():
+    """A small computer that boots loads Python for seconds; for ever it does not."""
+    hearing, now = SilenceDetector(0.0), 0.0
+    while not hearing.is_lost(now):
+        now += TICK_S
+    assert START_S < now < START_S + 1
+
+
+def test_the_guard_gets_no_secret():
+    """Settings of the agent, its join token among them, and systemd's socket stay with the agent."""
+    given = {"PATH": "/bin", "ROBOTETHER_TOKEN": "rj_x", "NOTIFY_SOCKET": "/run/x", "LANG": "C"}
+    passed_on = guard_environment(given)
+    assert {**passed_on, "PYTHONPATH": ""} == {"PATH": "/bin", "LANG": "C", "PYTHONPATH": ""}
+
+
+def test_the_guard_is_the_one_that_came_with_the_agent():
+    """The agent's own package comes before whatever else Python would find."""
+    places = guard_environment({"PYTHONPATH": "/opt/more"})["PYTHONPATH"].split(":")
+    assert Path(places[0], "robotether_agent", "guard_process.py").is_file()
+    assert places[1:] == ["/opt/more"]
+
+
+def test_the_command_names_both_directories():
+    """The guard runs by the agent's own Python."""
+    command = guard_command(Path("/state"), Path("/run/agent"), "debug")
+    assert command[1:] == [
+        "-m",
+        "robotether_agent.guard",
+        "--state-dir",
+        "/state",
+        "--run-dir",
+        "/run/agent",
+        "--log-level",
+        "debug",
+    ]
+
+
+async def test_a_killed_guard_is_back_within_a_second(make_cloud, start_agent):
+    """The port of the robot leads to the next guard, over the same connection."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    assert await echo(cloud.ports[0], "before") == "before"
+    killed_at = time.monotonic()
+    os.kill(guard_pid(), signal.SIGKILL)
+    while True:
+        with suppress(aiohttp.ClientError, TypeError):
+            assert await echo(cloud.ports[0], "after") == "after"
+            break
+        assert time.monotonic() - killed_at < TEN_S
+        await asyncio.sleep(0.02)
+    assert time.monotonic() - killed_at < BACK_WITHIN_S
+    assert len(cloud.of_kind("session", live=False)) == 1
+    link = await cloud.link("session")
+
+    def states() -> list[str]:
+        return [line["state"] for line in link.of_type("guard")]
+
+    await eventually(lambda: states()[-2:] == ["down", "ready"], lambda: f"{states()}")
+
+
+async def test_a_stop_outlives_the_agent(make_cloud, start_agent):
+    """A robot that somebody stopped is still stopped after its next boot, and says so to the server."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    link = await cloud.link("session")
+    link.send({"type": "stop", "id": "5f0c", "by": "ben"})
+    await agent.until(lambda status: status.stopped_by == "ben", "stopped")
+    await eventually(
+        lambda: "5f0c" in [line["answers"] for line in link.of_type("guard")],
+        lambda: f"an answer in {link.received}",
+    )
+    await agent.stop()
+    agent = start_agent(cloud)
+    link = await cloud.link("session", number=2)
+    await eventually(lambda: bool(link.of_type("guard")), lambda: f"{link.received}")
+    assert link.of_type("guard")[0]["stopped"]
+    await agent.until(lambda status: status.stopped_by == "ben", "still stopped")
+    link.send({"type": "release", "id": "77aa", "by": "ann"})
+    await agent.until(lambda status: status.stopped_by == "", "released")
+
+
+async def test_only_the_relay_of_this_session_gets_past_the_guard(make_cloud, start_agent):
+    """Whoever else reaches the robot's port has no key, and the bare port leads nowhere else."""
+    cloud = await make_cloud()
+    await start_agent(cloud).until_connected()
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await echo(cloud.ports[0], "x", key="another")
+    assert refused.value.status == HTTPStatus.FORBIDDEN
+
+
+async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, caplog):
+    """The paper's own way: the port leads straight to rosbridge, and everybody is told."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud, guard="off")
+    status = await agent.until_connected()
+    assert await echo(cloud.ports[0], "x", key="") == "x"
+    assert status.guard == "off"
+    assert (await cloud.link("session")).of_type("hello")[0]["guard"] == "off"
+    assert "nothing stops this robot" in caplog.text
+
+
+def guard_pid() -> int:
+    """The guard that this process's agent has started."""
+    # Another one may wait as a hot spare.
+    return processes.oldest(
+        pid for pid in descendants(os.getpid()) if "robotether_agent.guard" in command_line(pid)
+    )

@@ -1,0 +1,336 @@
+"""The supervisor of the guard, with fake guard processes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_cloud import eventually
+from fake_guard import births, fake_guard_command, heard
+from robotether_agent.fields import FieldError
+from robotether_agent.guard.supervisor import (
+    MAX_PAUSE_S,
+    MAX_UNSENT_LINES,
+    GuardSupervisor,
+    GuardView,
+    pause_before,
+)
+
+WANTS = {"key": "k" * 20, "deadman_ms": 500}
+URL = "ws://127.0.0.1:9090"
+
+
+class RunningSupervisor:
+    """A supervisor as a task, and what it told."""
+
+    def __init__(self, place: Path, modes: tuple[str, ...]) -> None:
+        self.views: list[GuardView] = []
+        command = fake_guard_command(place, *modes)
+        self.supervisor = GuardSupervisor(URL, command, on_change=self.views.append)
+        self.task = asyncio.ensure_future(self.supervisor.run())
+        self._place = place
+
+    async def ready(self, count: int = 1) -> None:
+        """Wait for the guard number `count`."""
+
+        def is_ready() -> bool:
+            born = births(self._place)
+            return len(born) >= count and self.supervisor.view.port == born[-1]["port"]
+
+        await eventually(is_ready, lambda: f"guard {count}: {self.supervisor.view}")
+
+    async def hears(self, *kinds: str) -> list[dict[str, Any]]:
+        """Wait until the newest guard has heard these kinds, and return them, each one's last."""
+
+        def of_the_newest() -> dict[str, dict[str, Any]]:
+            lines = heard(self._place)
+            start = max((at for at, line in enumerate(lines) if line["type"] == "born"), default=0)
+            return {line["type"]: line for line in lines[start:]}
+
+        await eventually(
+            lambda: set(kinds) <= set(of_the_newest()), lambda: f"{kinds} in {heard(self._place)}"
+        )
+        return [of_the_newest()[kind] for kind in kinds]
+
+    async def stop(self) -> None:
+        self.task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self.task
+
+
+@pytest.fixture
+async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
+    """Keeps guards of the given modes, and lets them end."""
+    made: list[RunningSupervisor] = []
+
+    def start(*modes: str) -> RunningSupervisor:
+        made.append(RunningSupervisor(place, modes))
+        return made[-1]
+
+    yield start
+    for running in made:
+        await running.stop()
+
+
+async def test_a_guard_is_there_without_a_session(keep, place):
+    """At the start the guard knows rosbridge and no key, so that it can stop a robot and lets nobody drive."""
+    running = keep("serves")
+    await running.ready()
+    config, session = await running.hears("config", "session")
+    expected = {"type": "config", "rosbridge_url": URL, "guard": {}, "direct": False}
+    assert (config, session["up"]) == (expected, False)
+    assert running.supervisor.view.state == "ready"
+
+
+async def test_a_session_reaches_the_guard_in_order(keep, place):
+    """Configuration, session, lease, stop and release arrive as the server sent them, and at once."""
+    running = keep("serves")
+    await running.ready()
+    before = len(heard(place))
+    running.supervisor.on_config(WANTS, direct=True)
+    running.supervisor.on_lease(13, held=True)
+    running.supervisor.on_stop("5f0c", "ben")
+    await eventually(
+        lambda: running.supervisor.view.stopped, lambda: f"stopped: {running.supervisor.view}"
+    )
+    assert running.supervisor.view.by == "ben"
+    running.supervisor.on_release("77aa", "ann")
+    await eventually(
+        lambda: not running.supervisor.view.stopped, lambda: f"{running.supervisor.view}"
+    )
+    running.supervisor.on_session_lost()
+    await eventually(lambda: len(heard(place)) >= before + 6, lambda: f"{heard(place)}")
+    # When the machine stands still for longer than a guard may be silent, another one is born behind these.
+    assert heard(place)[before : before + 6] == [
+        {"type": "config", "rosbridge_url": URL, "guard": WANTS, "direct": True},
+        {"type": "session", "up": True},
+        {"type": "lease", "fence": 13, "held": True},
+        {"type": "stop", "id": "5f0c", "by": "ben"},
+        {"type": "release", "id": "77aa", "by": "ann"},
+        {"type": "session", "up": False},
+    ]
+
+
+async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place):
+    """The next one starts at once, on a port of its own, with configuration, session and lease."""
+    running = keep("serves")
+    await running.ready()
+    running.supervisor.on_config(WANTS, direct=False)
+    running.supervisor.on_lease(13, held=True)
+    killed_at = asyncio.get_running_loop().time()
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    await running.ready(2)
+    assert asyncio.get_running_loop().time() - killed_at < 1.0
+    config, session, lease = await running.hears("config", "session", "lease")
+    assert (config["guard"], session["up"]) == (WANTS, True)
+    assert (lease["fence"], lease["held"]) == (13, True)
+    assert [view.port is None for view in running.views if view.state == "down"] == [True]
+
+
+async def test_a_hot_spare_takes_over(keep, place, monkeypatch):
+    """A second guard waits without settings, and has them in the moment in which the first one dies."""
+    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
+    running = keep("serves")
+    await running.ready()
+    running.supervisor.on_config(WANTS, direct=False)
+    await eventually(lambda: len(births(place)) == 2, lambda: "one a hot spare")
+    spare = running.supervisor._spare
+    await eventually(lambda: spare.is_fit(stopped=False), lambda: "it is ready")
+    assert heard(place)[-1]["type"] == "born"
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    at_port = births(place)[1]["port"]
+    await eventually(
+        lambda: running.supervisor.view.port == at_port, lambda: f"{running.supervisor.view}", 1
+    )
+    lines = heard(place)
+    born = [at for at, line in enumerate(lines) if line["type"] == "born"][1]
+    assert [line["type"] for line in lines[born + 1 : born + 3]] == ["config", "session"]
+    assert running.supervisor.view.state == "ready"
+    await eventually(lambda: len(births(place)) == 3, lambda: "another one a hot spare")
+    await running.stop()
+    for born_ in births(place):
+        with pytest.raises(ProcessLookupError):
+            os.kill(born_["pid"], 0)
+
+
+async def test_a_hot_spare_needs_no_pause(keep, place, monkeypatch):
+    """A guard that dies again and again must not leave a robot in motion to wait for the next one."""
+    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
+    monkeypatch.setattr("robotether_agent.guard.supervisor.pause_before", lambda _: 60.0)
+    running = keep("serves")
+    await running.ready()
+    for _ in range(3):
+        await eventually(lambda: running.supervisor._has_spare, lambda: "one a hot spare")
+        port = running.supervisor._spare._spare_lines["ready"]["port"]
+        os.kill(running.supervisor._guard.pid, signal.SIGKILL)
+        await eventually(
+            lambda at=port: running.supervisor.view.port == at,
+            lambda: f"{running.supervisor.view}",
+            1,
+        )
+
+
+async def test_a_spare_that_knows_no_stop_is_left_there(keep, place, monkeypatch):
+    """A guard that looked at the disk before somebody stopped the robot does not take over."""
+    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
+    running = keep("serves")
+    await running.ready()
+    await eventually(lambda: len(births(place)) == 2, lambda: "one a hot spare")
+    running.supervisor.on_stop("5f0c", "ben")
+    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    await eventually(
+        lambda: running.supervisor.view.port not in {None, births(place)[0]["port"]},
+        lambda: f"{running.supervisor.view}",
+    )
+    assert running.supervisor.view.port != births(place)[1]["port"]
+    with pytest.raises(ProcessLookupError):
+        os.kill(births(place)[1]["pid"], 0)
+
+
+async def test_a_frozen_guard_is_replaced(keep, place):
+    """A guard that hangs is killed, never left beside the next one."""
+    running = keep("serves")
+    await running.ready()
+    pid = births(place)[0]["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    await running.ready(2)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+async def test_a_stop_that_its_guard_did_not_answer_is_told_to_the_next(keep, place):
+    """A guard that dies of the stop itself leaves a stopped robot."""
+    running = keep("crashes", "serves")
+    await running.ready()
+    running.supervisor.on_config(WANTS, direct=False)
+    running.supervisor.on_stop("5f0c", "ben")
+    await running.ready(2)
+    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    os.kill(births(place)[1]["pid"], signal.SIGKILL)
+    await running.ready(3)
+    await running.hears("config", "session")
+    # The third guard may know it from its own file.
+    assert stops_sent(place) == ["5f0c", "5f0c", "kept"]
+
+
+async def test_a_stop_that_the_disk_did_not_take_outlives_its_guard(keep, place):
+    """The next guard finds no stop, and is told of it; a release is for the guard that has it."""
+    running = keep("serves")
+    running.supervisor.on_config(WANTS, direct=False)
+    await running.ready()
+    running.supervisor.on_stop("5f0c", "ben")
+    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    with running.supervisor.following() as lines:
+        os.kill(births(place)[0]["pid"], signal.SIGKILL)
+        await running.ready(2)
+        # A release before the answer is refused.
+        while (await asyncio.wait_for(lines.get(), 10))["answers"] != "kept":
+            pass
+    assert stops_sent(place) == ["5f0c", "kept"]
+    assert running.supervisor.view.stopped
+    running.supervisor.on_release("77aa", "ann")
+    await eventually(
+        lambda: not running.supervisor.view.stopped, lambda: f"{running.supervisor.view}"
+    )
+
+
+def stops_sent(place):
+    return [line["id"] for line in heard(place) if line["type"] == "stop"]
+
+
+async def test_a_release_never_comes_late(keep, place):
+    """What a guard that is down cannot do is not done later, when nobody expects it any more."""
+    running = keep("dies", "dies", "dies", "serves")
+    running.supervisor.on_config(WANTS, direct=False)
+    running.supervisor.on_stop("5f0c", "ben")
+    running.supervisor.on_release("77aa", "ann")
+    await running.ready(4)
+    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    assert not [line for line in heard(place) if line["type"] == "release"]
+
+
+async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, place):
+    """A guard that starts while the session is away lets the last driver's number do nothing."""
+    running = keep("serves")
+    running.supervisor.on_config(WANTS, direct=False)
+    running.supervisor.on_lease(13, held=True)
+    running.supervisor.on_session_lost()
+    await running.ready()
+    session, lease = await running.hears("session", "lease")
+    assert (session["up"], lease["fence"], lease["held"]) == (False, 13, False)
+
+
+async def test_never_stops_trying(keep, place):
+    """However often a guard dies, there is a next one."""
+    running = keep("dies", "dies", "rubbish", "dies", "serves")
+    await running.ready(5)
+    assert running.supervisor.view.state == "ready"
+
+
+def test_pauses_grow_to_a_bound():
+    """The first restart is at once, later ones do not use the processor up."""
+    assert [pause_before(restart) for restart in (1, 2, 3, 4)] == [0.0, 0.1, 0.2, 0.4]
+    assert pause_before(1_000_000) == MAX_PAUSE_S
+
+
+async def test_a_session_hears_how_it_is_and_each_answer(keep, place):
+    """First the present state, then the guard's lines as they are, and that it is down."""
+    running = keep("serves")
+    await running.ready()
+    with running.supervisor.following() as lines:
+        first = await lines.get()
+        assert (first["state"], first["stopped"], first["answers"]) == ("ready", False, None)
+        running.supervisor.on_stop("5f0c", "ben")
+        answer = await asyncio.wait_for(lines.get(), 5)
+        while answer["answers"] is None:
+            answer = await asyncio.wait_for(lines.get(), 5)
+        assert (answer["answers"], answer["stopped"], answer["by"]) == ("5f0c", True, "ben")
+        os.kill(births(place)[0]["pid"], signal.SIGKILL)
+        gone = await asyncio.wait_for(lines.get(), 5)
+        assert (gone["state"], gone["stopped"], gone["answers"]) == ("down", True, None)
+        assert set(gone) == {"type", "state", "stopped", "by", "moving", "answers", "refused"}
+
+
+async def test_a_session_that_takes_nothing_costs_no_memory(keep, place):
+    """What a session does not send is bounded, and the newest line stays."""
+    running = keep("serves")
+    await running.ready()
+    with running.supervisor.following() as lines:
+        for number in range(MAX_UNSENT_LINES + 5):
+            running.supervisor.on_stop(f"s{number}", "ben")
+        last = f"s{MAX_UNSENT_LINES + 4}"
+
+        def newest() -> bool:
+            return any(line["answers"] == last for line in lines._queue)
+
+        await eventually(newest, lambda: f"{lines}")
+        assert lines.qsize() <= MAX_UNSENT_LINES
+
+
+async def test_what_the_guard_would_not_take_changes_nothing(keep, place):
+    """A configuration that is wrong ends the session that brought it, and the guard keeps the last good one."""
+    running = keep("serves")
+    await running.ready()
+    running.supervisor.on_config(WANTS, direct=False)
+    with pytest.raises(FieldError, match="deadman_ms"):
+        running.supervisor.on_config({**WANTS, "deadman_ms": 0}, direct=True)
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    await running.ready(2)
+    assert (await running.hears("config"))[0]["guard"] == WANTS
+
+
+async def test_ends_only_after_the_guard(keep, place):
+    """When the agent ends, its guard is asked to stop the robot and has ended by then."""
+    running = keep("serves")
+    await running.ready()
+    await running.stop()
+    assert heard(place)[-1]["type"] == "exit"
+    with pytest.raises(ProcessLookupError):
+        os.kill(births(place)[0]["pid"], 0)

@@ -1,0 +1,73 @@
+"""Whether an SSH server is there, and whether its connection can still be used."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.net import banner
+from robotether_agent.net.banner import Banner
+from robotether_agent.net.resolver import Resolver
+from robotether_agent.net.tcp import connect
+from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
+from ssh_doors import BANNER, Door
+
+
+@pytest.fixture(autouse=True)
+def in_haste(monkeypatch):
+    """Nobody waits long for the silent."""
+    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 0.1)
+    monkeypatch.setattr(banner, "TIMEOUT_S", 0.3)
+
+
+async def check(door: Door, checker: Banner) -> bool:
+    with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
+        return await checker.check(connection, door.port, "the door")
+
+
+async def test_one_that_speaks_leaves_the_connection_unused():
+    """Not a word is said to it, and its own is still there."""
+    async with Door() as door, Door() as other:
+        with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
+            assert await Banner().check(connection, door.port, "the door")
+            assert connection.recv(100) == BANNER
+        assert await check(other, Banner())
+        assert door.heard == other.heard == b""
+
+
+async def test_a_shy_one_is_spoken_to_and_remembered():
+    """The connection is spent; the next time nobody waits for it to begin."""
+    async with Door("shy") as door:
+        checker = Banner()
+        assert not await check(door, checker)
+        assert door.heard.startswith(b"SSH-2.0-")
+        assert door.port in checker._silent_ports
+        assert not await check(door, checker)
+
+
+async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
+    """Nginx is there, and waits for the client's first words."""
+    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 60.0)
+    async with Door("shy") as door:
+        assert not await check(door, Banner(https_port=door.port))
+
+
+async def test_a_silent_one():
+    """What accepts and says nothing is as good as no answer."""
+    async with Door("silent") as door:
+        with pytest.raises(NoAnswer, match="the door: it accepts the connection and says nothing"):
+            await check(door, Banner())
+
+
+@pytest.mark.parametrize(
+    ("mode", "told"), [("babbles", "no SSH server .*302 Log in"), ("closes", "closes the conn")]
+)
+async def test_one_that_is_no_ssh_server(mode, told):
+    async with Door(mode) as door:
+        with pytest.raises(ServerUnreachable, match=told):
+            await check(door, Banner())
+
+
+@pytest.mark.parametrize("mode", ["full", "full_before_10"])
+async def test_a_server_that_lets_no_more_log_ins_begin(mode):
+    async with Door(mode) as door:
+        with pytest.raises(ServerBusy, match="as many log-ins are under way"):
+            await check(door, Banner())

@@ -1,0 +1,72 @@
+"""OpenSSH's client takes the connection that it is given, and nothing of it stays with anybody else."""
+
+from __future__ import annotations
+
+import shlex
+import socket
+import subprocess
+from array import array
+from pathlib import Path
+
+import pytest
+from robotether_agent.net import fd_passing
+from robotether_agent.net.fd_passing import proxy_options, stderr_with
+
+
+def helper() -> list[str]:
+    """The command that ssh would run, as its shell reads it."""
+    return shlex.split(proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
+
+
+@pytest.fixture
+def connection():
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as made,
+    ):
+        yield made
+
+
+def test_ssh_gets_the_connection(connection):
+    """The helper ends at once, and what it hands over is the same connection."""
+    ours, clients = stderr_with(connection)
+    ssh, helpers = socket.socketpair()
+    with ours, clients, ssh, helpers:
+        done = subprocess.run(
+            helper(), stdin=helpers, stdout=helpers, stderr=clients, timeout=10, check=False
+        )
+        assert done.returncode == 0
+        received = array("i")
+        _, [(_, _, data)], *_ = ssh.recvmsg(1, socket.CMSG_LEN(received.itemsize))
+        received.frombytes(data)
+        with socket.socket(fileno=received[0]) as handed:
+            assert handed.getsockname() == connection.getsockname()
+
+
+def test_nothing_to_hand_over():
+    """A helper without a connection says so and fails, and ssh with it."""
+    ours, clients = socket.socketpair()
+    ssh, helpers = socket.socketpair()
+    with ours, clients, ssh, helpers:
+        ours.shutdown(socket.SHUT_WR)
+        done = subprocess.run(
+            helper(), stdin=helpers, stdout=helpers, stderr=clients, timeout=10, check=False
+        )
+        assert done.returncode == 1
+        assert b"left no connection" in ours.recv(100)
+
+
+def test_a_closed_connection_leaves_nothing(connection):
+    """What cannot be handed over leaves no open descriptor."""
+    connection.close()
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(OSError, match="descriptor"):
+        stderr_with(connection)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_strange_place_is_quoted(monkeypatch):
+    """Python may live where a shell, or ssh, would read something else."""
+    monkeypatch.setattr(fd_passing.sys, "executable", "/o p't/%h/python")
+    assert helper()[0] == "/o p't/%h/python"
+    assert "%%h" in proxy_options()[0]

@@ -1,0 +1,160 @@
+"""Ways that are tried side by side: the first that works wins, nothing is left behind."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import repeat
+
+import pytest
+from fake_cloud import eventually
+from robotether_agent.net.happy_eyeballs import HappyEyeballs, after, combined_problem
+from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
+
+
+class Attempts:
+    """Attempts that end as they are told."""
+
+    def __init__(self) -> None:
+        self.started: list[str] = []
+        self.ended: list[str] = []
+        self.dropped: list[str] = []
+
+    def that(self, name: str, outcome=None, *, when: asyncio.Event | None = None):
+        async def attempt() -> str:
+            self.started.append(name)
+            try:
+                await (when or asyncio.Event()).wait() if when or outcome is None else None
+                if isinstance(outcome, Exception):
+                    raise outcome
+                return name
+            finally:
+                self.ended.append(name)
+
+        return attempt
+
+
+def never():
+    return asyncio.Event().wait()
+
+
+@pytest.fixture
+def attempts() -> Attempts:
+    return Attempts()
+
+
+async def test_the_first_one_wins_alone_when_it_answers(attempts):
+    """What works at once starts no second way."""
+    ways = [attempts.that("first", "works"), attempts.that("second", "works")]
+    race = HappyEyeballs(ways, pause=after(10), drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "first"
+    assert attempts.started == ["first"]
+
+
+async def test_a_silent_one_is_overtaken_and_ended(attempts):
+    """The next one starts after the pause, and wins while the first is ended."""
+    ways = [attempts.that("silent"), attempts.that("second", "works")]
+    race = HappyEyeballs(ways, pause=after(0.01), drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "second"
+    assert attempts.ended == ["second", "silent"]
+
+
+async def test_a_failure_starts_the_next_at_once(attempts):
+    """No pause is waited for after a refusal."""
+    ways = [attempts.that("refused", ServerUnreachable("no")), attempts.that("second", "works")]
+    race = HappyEyeballs(ways, pause=never, drop=attempts.dropped.append)
+    assert await asyncio.wait_for(race.winner(), 5) == "second"
+
+
+async def test_two_that_work_in_the_same_moment(attempts):
+    now = asyncio.Event()
+    ways = [attempts.that(name, when=now) for name in ("one", "other")]
+    race = HappyEyeballs(ways, pause=after(0), drop=attempts.dropped.append)
+    winner = asyncio.ensure_future(race.winner())
+    await eventually(lambda: len(attempts.started) == 2, lambda: "both have started")
+    now.set()
+    assert {await asyncio.wait_for(winner, 5), *attempts.dropped} == {"one", "other"}
+
+
+async def test_all_fail(attempts):
+    ways = [
+        attempts.that("a", NoAnswer("x")),
+        attempts.that("b", NoAnswer("x")),
+        attempts.that("c", NoAnswer("y")),
+    ]
+    race = HappyEyeballs(ways, pause=never, drop=attempts.dropped.append)
+    with pytest.raises(NoAnswer, match=r"^x; y"):
+        await asyncio.wait_for(race.winner(), 5)
+
+
+async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
+    """Silence is tried again without end and with pauses; a refusal ends it."""
+    outcomes = iter([NoAnswer("x"), NoAnswer("x"), ServerUnreachable("no")])
+    pauses: list[int] = []
+
+    async def attempt() -> str:
+        raise next(outcomes)
+
+    async def pause() -> None:
+        pauses.append(1)
+
+    race = HappyEyeballs(repeat(attempt), pause=pause, drop=attempts.dropped.append, eager=False)
+    with pytest.raises(ServerUnreachable):
+        await asyncio.wait_for(race.winner(), 5)
+    assert len(pauses) >= 2
+
+
+async def test_a_defect_is_not_hidden(attempts):
+    """What is no problem of the network gets through."""
+    ways = [attempts.that("broken", ValueError("a defect")), attempts.that("second", "works")]
+    with pytest.raises(ValueError, match="a defect"):
+        await HappyEyeballs(ways, pause=never, drop=attempts.dropped.append).winner()
+
+
+async def test_cancelled(attempts):
+    """A race that is ended leaves nothing running."""
+    race = asyncio.ensure_future(
+        HappyEyeballs([attempts.that("silent")], pause=never, drop=attempts.dropped.append).winner()
+    )
+    await eventually(lambda: bool(attempts.started), lambda: "it has started")
+    race.cancel()
+    await asyncio.wait({race})
+    assert attempts.ended == ["silent"]
+
+
+@pytest.mark.parametrize("turns", range(12))
+async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns):
+    """What the first one brought is taken or dropped, also while the others are being ended."""
+    ways = [attempts.that("silent"), attempts.that("works", "works")]
+    race = HappyEyeballs(ways, pause=after(0), drop=attempts.dropped.append)
+    racing = asyncio.ensure_future(race.winner())
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    racing.cancel()
+    [won] = await asyncio.gather(racing, return_exceptions=True)
+    await asyncio.sleep(0)
+    came = ["works"] if "works" in attempts.ended else []
+    assert attempts.dropped == ([] if won == "works" else came)
+
+
+def test_silence_is_told_only_if_nothing_answered():
+    """A refusal counts more than the silence beside it, since it waits longer."""
+    assert isinstance(combined_problem([NoAnswer("a"), ServerUnreachable("b")]), ServerUnreachable)
+    assert isinstance(combined_problem([NoAnswer("a")]), NoAnswer)
+    assert isinstance(combined_problem([]), NoAnswer)
+
+
+async def test_a_busy_server_ends_the_attempts(attempts):
+    """Its other ports are not asked: they lead to the same server."""
+    ways = [attempts.that("busy", ServerBusy("full")), attempts.that("second", "works")]
+    with pytest.raises(ServerBusy, match="full"):
+        await HappyEyeballs(ways, pause=after(10), drop=attempts.dropped.append).winner()
+    assert attempts.started == ["busy"]
+
+
+def test_busy_is_what_counts_of_several_problems():
+    """What the server itself said explains more than a port that somebody closed."""
+    problem = combined_problem(
+        [NoAnswer("nothing"), ServerUnreachable("closed"), ServerBusy("full")]
+    )
+    assert isinstance(problem, ServerBusy)
+    assert problem.message == "full"

@@ -1,0 +1,119 @@
+"""CONNECT: what is asked, what each answer means, and what is never told."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
+from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
+from robotether_agent.net.resolver import Resolver
+from robotether_agent.net.tcp import connect
+from robotether_agent.problems import NoAnswer, ServerUnreachable
+from ssh_doors import BANNER, Door
+
+WITH_LOGIN = "http://robot:s3cret%2F%40%3A@127.0.0.1:{port}"
+
+
+@pytest.mark.parametrize(
+    ("url", "proxy"),
+    [
+        (None, None),
+        ("", None),
+        ("http://proxy.example:8080", Proxy("proxy.example", 8080)),
+        ("http://[2001:db8::1]:8080", Proxy("2001:db8::1", 8080)),
+        ("http://a%40b:c%3Ad@proxy.example:8080", Proxy("proxy.example", 8080, "a@b", "c:d")),
+    ],
+)
+def test_the_setting_is_read(url, proxy):
+    """Name and password come out of the URL as they were meant."""
+    assert proxy_of(url) == proxy
+
+
+def test_the_password_is_in_no_text():
+    """Neither log nor problem can show it."""
+    proxy = Proxy("proxy.example", 8080, USER, PASSWORD)
+    assert PASSWORD not in f"{proxy} {proxy!r}"
+    assert SECRET in request(proxy, "h", 443).decode()
+
+
+@pytest.mark.parametrize(
+    ("host", "authority"), [("h.example", "h.example:443"), ("::1", "[::1]:443")]
+)
+def test_the_request(host, authority):
+    """The proxy gets the name as it is, since only it may know the name."""
+    expected = f"CONNECT {authority} HTTP/1.1\r\nHost: {authority}\r\n\r\n"
+    assert request(Proxy("p", 1), host, 443).decode() == expected
+
+
+@pytest.mark.parametrize(
+    ("head", "kind", "told"),
+    [
+        (b"HTTP/1.1 200 Connection established\r\n\r\n", None, ""),
+        (b"HTTP/1.0 200\r\nVia: x\r\n\r\n", None, ""),
+        (b"HTTP/1.1 403 Forbidden\r\n\r\n", ServerUnreachable, "p port 1 answers 403 Forbidden"),
+        (b"HTTP/1.1 407 Who?\r\n\r\n", ServerUnreachable, "USER:PASSWORD"),
+        (b"HTTP/1.1 504 Too late\r\n\r\n", NoAnswer, "504 Too late"),
+        (b"HTTP/1.1 403 \x1b[31m\r\n\r\n", ServerUnreachable, "403"),
+        (b"SSH-2.0-OpenSSH_9.2\r\n\r\n", ServerUnreachable, "not HTTP"),
+        (b"HTTP/1.1 200 " + b"x" * 9000, ServerUnreachable, "not HTTP"),
+    ],
+)
+def test_each_answer_is_told(head, kind, told):
+    """A person learns which proxy it was, and what it said."""
+    problem = refusal(head, Proxy("p", 1), "h port 22")
+    if kind is None:
+        assert problem is None
+        return
+    assert isinstance(problem, kind)
+    assert told in str(problem)
+    assert "\x1b" not in str(problem)
+
+
+async def through(
+    proxy: FakeProxy, port: int, url: str = "http://127.0.0.1:{port}"
+) -> socket.socket:
+    """Connect to `port` through the proxy."""
+    parsed = proxy_of(url.format(port=proxy.port))
+    assert parsed is not None
+    connection = await connect(parsed.host, parsed.port, Resolver(), "the proxy")
+    try:
+        await ask_for(connection, parsed, "127.0.0.1", port)
+    except (NoAnswer, ServerUnreachable):
+        connection.close()
+        raise
+    return connection
+
+
+async def test_what_the_server_says_with_the_answer_is_left_there():
+    """Not a byte of the server's is taken, also when it came in the same packet."""
+    async with Door() as door, FakeProxy() as proxy:
+        with await through(proxy, door.port) as connection:
+            assert connection.recv(100) == BANNER
+        assert proxy.asked == [f"127.0.0.1:{door.port}"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "told"),
+    [("refuses", "403 Forbidden"), ("closes", "closes the connection"), ("babbles", "not HTTP")],
+)
+async def test_a_proxy_that_does_not_join(mode, told):
+    async with FakeProxy(mode) as proxy:
+        with pytest.raises(ServerUnreachable, match=told) as caught:
+            await through(proxy, 9)
+        assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
+
+
+async def test_a_proxy_that_wants_a_password():
+    async with Door() as door, FakeProxy("needs_password") as proxy:
+        with pytest.raises(ServerUnreachable, match="USER:PASSWORD"):
+            await through(proxy, door.port)
+        (await through(proxy, door.port, WITH_LOGIN)).close()
+
+
+async def test_a_silent_proxy(monkeypatch):
+    """One that says nothing is given up, and taken for no answer."""
+    monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
+    async with FakeProxy("silent") as proxy:
+        with pytest.raises(NoAnswer, match="does not answer"):
+            await through(proxy, 9)

@@ -1,0 +1,246 @@
+"""The way to the server: whichever port answers, what silence costs, and connections in hand."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from contextlib import contextmanager
+from random import Random
+
+import pytest
+from fake_proxy import FakeProxy
+from local_network import free_port
+from robotether_agent.net import banner
+from robotether_agent.net import server_dialer as dialer_module
+from robotether_agent.net.http_proxy import proxy_of
+from robotether_agent.net.resolver import Resolver
+from robotether_agent.net.server_dialer import ServerDialer, Target
+from robotether_agent.problems import NoAnswer, ServerUnreachable
+from ssh_doors import BANNER, Door
+
+WAIT_S = 20.0
+
+
+def at(port: int, host: str = "127.0.0.1") -> Target:
+    return Target(host, port, "tunnel")
+
+
+@pytest.fixture
+def silent_port():
+    """A port whose queue is full, so that the kernel drops what comes, as a packet filter does."""
+    with socket.socket() as full:
+        full.bind(("127.0.0.1", 0))
+        full.listen(0)
+        with socket.create_connection(full.getsockname()), socket.socket() as second:
+            second.setblocking(False)
+            second.connect_ex(full.getsockname())
+            yield full.getsockname()[1]
+
+
+async def until(is_so) -> None:
+    """Wait for it; the test has a time-out."""
+    while not is_so():  # noqa: ASYNC110 - what is waited for has no event
+        await asyncio.sleep(0.01)
+
+
+async def words(connection: socket.socket) -> bytes:
+    """What the server says first."""
+    with connection:
+        return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(connection, 64), 5)
+
+
+@pytest.fixture
+def quiet_network(monkeypatch):
+    """A machine on which nothing of the network changes; each change is a reason to try again."""
+
+    @contextmanager
+    def listening():
+        yield QuietNetwork()
+
+    monkeypatch.setattr(dialer_module.netlink, "listening", listening)
+
+
+class QuietNetwork:
+    """Nothing ever changes."""
+
+    async def changed(self) -> None:
+        """Never return."""
+        await asyncio.Event().wait()
+
+
+async def test_what_was_found_is_what_is_opened():
+    """One connection is made, and its first word is still there for ssh."""
+    async with Door() as door:
+        dialer = ServerDialer()
+        target = await dialer.find([at(door.port)])
+        assert await words(await dialer.open(target)) == BANNER
+        assert door.visitors == 1
+
+
+async def test_the_first_port_is_taken_when_it_answers():
+    async with Door() as first, Door() as second:
+        assert await ServerDialer().find([at(first.port), at(second.port)]) == at(first.port)
+        assert second.visitors == 0
+
+
+async def test_a_port_that_drops_everything_costs_little(silent_port):
+    """The next port is tried after half a second, and not after a time-out."""
+    loop = asyncio.get_running_loop()
+    async with Door("shy") as door:
+        started = loop.time()
+        dialer = ServerDialer()
+        dialer._banner._silent_ports.add(door.port)
+        assert await dialer.find([at(silent_port), at(door.port)]) == at(door.port)
+        assert loop.time() - started < dialer_module.NEXT_PORT_AFTER_S + 1
+
+
+async def test_a_shy_port_gets_a_fresh_connection():
+    """The one on which the agent spoke is not given to ssh."""
+    async with Door("shy") as door:
+        dialer = ServerDialer()
+        dialer._banner._silent_ports.add(door.port)
+        target = await dialer.find([at(door.port)])
+        heard = door.heard
+        (await dialer.open(target)).close()
+        assert heard.startswith(b"SSH-2.0-robotether")
+
+
+async def test_a_refusal_is_told_at_once():
+    """A server that is up and refuses is left to the caller's back-off."""
+    with pytest.raises(ServerUnreachable, match="refuses"):
+        await asyncio.wait_for(ServerDialer().find([at(free_port()), at(free_port())]), 5)
+
+
+async def test_silence_is_told_after_a_while(silent_port, monkeypatch):
+    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.3)
+    with pytest.raises(NoAnswer):
+        await asyncio.wait_for(ServerDialer().find([at(silent_port)]), 5)
+
+
+async def test_it_is_found_soon_after_it_answers():
+    """A name that nobody knows is asked for twice a second until somebody does."""
+    known = asyncio.Event()
+
+    def lookup(_: str, port: int):
+        if not known.is_set():
+            raise socket.gaierror(-3, "Temporary failure in name resolution")
+        return [(socket.AF_INET, ("127.0.0.1", port))]
+
+    loop = asyncio.get_running_loop()
+    async with Door() as door:
+        finding = asyncio.ensure_future(
+            ServerDialer(rng=Random(1), resolver=Resolver(lookup)).find([at(door.port, "h")])
+        )
+        await asyncio.wait({finding}, timeout=0.7)
+        known.set()
+        since = loop.time()
+        assert await asyncio.wait_for(finding, 5) == at(door.port, "h")
+        assert loop.time() - since < dialer_module.TRY_EVERY_S[1] + 0.5
+
+
+async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
+    """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
+    monkeypatch.setattr(dialer_module, "BUSY_FIND_TIMEOUT_S", 8.0)
+    async with Door("silent") as busy, Door("silent") as other:
+        finding = asyncio.ensure_future(
+            ServerDialer(rng=Random(1)).find([at(busy.port), at(other.port)])
+        )
+        await asyncio.wait({finding}, timeout=1.5)
+        assert (busy.visitors, other.visitors) == (1, 0)
+        with pytest.raises(NoAnswer):
+            await finding
+        # One more each, to a server that may have lost the first.
+        assert busy.visitors + other.visitors <= 3
+
+
+async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
+    """The connection that it has taken is used as soon as it speaks, however late that is."""
+    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(dialer_module, "TRY_EVERY_S", (60.0, 60.0))
+    async with Door("late") as door, asyncio.timeout(WAIT_S):
+        dialer = ServerDialer()
+        with dialer._counted_silent():
+            finding = asyncio.ensure_future(dialer.find([at(door.port)]))
+            # The test's own, and the one that the door has taken.
+            await until(lambda: dialer._silent_connections > 1)
+        door.may_speak.set()
+        assert await words(await dialer.open(await finding)) == BANNER
+        assert door.visitors == 1
+
+
+async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
+    """Nothing stands any more, so the usual patience counts."""
+    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 0.1)
+    monkeypatch.setattr(banner, "TIMEOUT_S", 0.3)
+    async with Door("silent") as door:
+        with pytest.raises(NoAnswer):
+            await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
+
+
+async def test_a_connection_in_hand_is_used_for_the_next_dial():
+    """What reach has tried, the next dial need not try again."""
+    async with Door() as door:
+        dialer = ServerDialer()
+        await dialer.find([at(door.port)])
+        await dialer.find([at(free_port()), at(door.port)])
+        (await dialer.open(at(door.port))).close()
+        assert door.visitors == 1
+
+
+async def test_a_connection_in_hand_that_ended_is_not_used():
+    """A server that has gone meanwhile is asked anew."""
+    dialer = ServerDialer()
+    async with Door() as door:
+        target = await dialer.find([at(door.port)])
+    with pytest.raises(ServerUnreachable):
+        await dialer.open(target)
+
+
+async def test_nothing_is_kept_for_long(monkeypatch):
+    """A connection that nobody wants is let go."""
+    monkeypatch.setattr(dialer_module, "SPARE_S", 0.05)
+    async with Door() as door:
+        dialer = ServerDialer()
+        await dialer.find([at(door.port)])
+        deadline = asyncio.get_running_loop().time() + 5
+        while dialer._spares:
+            assert asyncio.get_running_loop().time() < deadline
+            await asyncio.sleep(0.01)
+
+
+async def test_the_end_of_the_dialer_leaves_no_connection():
+    """Also an agent that stops between a find and an open."""
+    async with Door() as door:
+        dialer = ServerDialer()
+        await dialer.find([at(door.port)])
+        [spare] = dialer._spares
+        dialer_module._drop_all(dialer._spares)
+        assert spare.connection is not None
+        assert spare.connection.fileno() == -1
+
+
+async def test_through_a_proxy():
+    """The proxy is asked for the server's name, and the server's first word is still there."""
+    async with Door() as door, FakeProxy() as proxy:
+        dialer = ServerDialer(proxy_of(proxy.url))
+        assert dialer.is_proxied
+        target = await dialer.find([at(door.port, "localhost")])
+        assert await words(await dialer.open(target)) == BANNER
+        assert proxy.asked == [f"localhost:{door.port}"]
+
+
+async def test_a_proxy_that_lets_only_443_out():
+    """A refusal for the first port leads to the next one at once."""
+    async with Door("shy") as door, FakeProxy("only_443", behind_443=door.port) as proxy:
+        dialer = ServerDialer(proxy_of(proxy.url))
+        assert await dialer.find([at(2222), at(443)]) == at(443)
+        assert proxy.asked == ["127.0.0.1:2222", "127.0.0.1:443"]
+
+
+async def test_a_proxy_that_refuses_all():
+    """Both answers are told, with the proxy's name."""
+    async with FakeProxy("refuses") as proxy:
+        with pytest.raises(ServerUnreachable, match=r"port 2222.*403.*port 443.*403") as caught:
+            await ServerDialer(proxy_of(proxy.url)).find([at(2222), at(443)])
+        assert f"127.0.0.1 port {proxy.port}" in str(caught.value)

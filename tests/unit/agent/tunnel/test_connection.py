@@ -1,0 +1,392 @@
+"""One connection with OpenSSH's own client and server: its forward, what it tells, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from fake_cloud import FakeCloud, eventually
+from fake_guard import fake_guard_command, heard
+from local_network import free_port
+from openssh_server import OpenSshServer, listens
+from robotether_agent import __version__
+from robotether_agent.daemon import report_guard, report_health
+from robotether_agent.enrolment.enrolment_store import parse_host_keys
+from robotether_agent.enrolment.keys import KeyPair, ensure_key
+from robotether_agent.enrolment.known_hosts import pin
+from robotether_agent.guard.supervisor import GuardSupervisor
+from robotether_agent.health import Health
+from robotether_agent.net.server_dialer import Target
+from robotether_agent.problems import HostKeyChanged, PortTaken, Problem
+from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH
+from robotether_agent.tunnel.connection import Report, Role, run_connection
+from robotether_agent.tunnel.session import Session, SessionConfig
+from robotether_agent.tunnel.ssh_command import Forward, SshFiles
+from robotether_agent.video.sources import SourceSettings
+
+TIMEOUT_S = 15.0
+
+Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@dataclass
+class Up:
+    """Notes each time that a connection says it is up, and whether its port was open by then."""
+
+    configs: list[SessionConfig] = field(default_factory=list)
+    ports_were_open: bool = True
+
+    def note(self, _: Target, config: SessionConfig, __: Session) -> None:
+        self.configs.append(config)
+        self.ports_were_open &= listens(config.ros_port)
+
+    @property
+    def ports(self) -> list[int]:
+        return [config.ros_port for config in self.configs]
+
+
+@dataclass
+class Robot:
+    """A robot's files in a place, and connections from there as tasks."""
+
+    key: KeyPair
+    files: SshFiles
+    started: list[asyncio.Future[Any]] = field(default_factory=list)
+
+    def trust(self, ssh: OpenSshServer) -> Target:
+        """Pin the server's host key, and return where it is."""
+        pin(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
+        return Target("127.0.0.1", ssh.port, ssh.user)
+
+    def connect(
+        self,
+        target: Target,
+        up: Up,
+        health: Health | None = None,
+        recheck: asyncio.Event | None = None,
+        **more: Any,
+    ) -> asyncio.Future[Any]:
+        """Start a connection whose forward leads nowhere, unless told otherwise."""
+        usual = Role(
+            kind="media" if health is None else "session",
+            forward=lambda config: Forward(config.ros_port, "127.0.0.1", 9),
+            on_up=up.note,
+            reports=[] if health is None else reports_of(health, more.get("guard")),
+            recheck=recheck,
+        )
+        role = replace(usual, **more)
+        self.started.append(asyncio.ensure_future(run_connection(target, self.files, role)))
+        return self.started[-1]
+
+
+def reports_of(health: Health, guard: GuardSupervisor | None) -> list[Report]:
+    reports = [partial(report_health, health, guard)]
+    return [*reports, *([] if guard is None else [partial(report_guard, guard)])]
+
+
+@pytest.fixture
+async def robot(place) -> AsyncIterator[Robot]:
+    """A robot with a key; its connections end with the test, and leave no control socket."""
+    key = await ensure_key(place)
+    made = Robot(key, SshFiles((key.path,), place / "known_hosts", place / "session.ctl"))
+    yield made
+    for connection in made.started:
+        connection.cancel()
+        with suppress(asyncio.CancelledError, Problem):
+            await connection
+    assert not made.files.control.exists()
+
+
+@pytest.fixture
+async def cloud(make_cloud, robot) -> FakeCloud:
+    """A server that lets the robot's key in."""
+    made = await make_cloud()
+    # Nobody connects again here, so a busy machine must not end a connection for its silence.
+    made.timeout_s = TIMEOUT_S
+    made.authorize(robot.key.public)
+    return made
+
+
+@pytest.fixture
+async def start_ssh(robot) -> AsyncIterator[Callable[[int], Awaitable[OpenSshServer]]]:
+    """Starts SSH servers that let the robot in, for a relay at the given port."""
+    servers: list[OpenSshServer] = []
+
+    async def start(relay_port: int) -> OpenSshServer:
+        servers.append(OpenSshServer(relay_port))
+        servers[-1].authorize(robot.key.public, (free_port(),))
+        await asyncio.to_thread(servers[-1].start)
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        await asyncio.to_thread(server.close)
+
+
+@pytest.fixture
+async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
+    """Starts relays that do what the test says with a connection and then drop it; returns their ports."""
+    relays: list[asyncio.Server] = []
+    serving: set[asyncio.Task[Any]] = set()
+
+    async def start(serve: Serve) -> int:
+        async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            task = asyncio.current_task()
+            assert task is not None
+            serving.add(task)
+            with closing(writer):
+                await reader.readline()
+                await serve(reader, writer)
+
+        relays.append(await asyncio.start_server(handle, "127.0.0.1", 0))
+        return int(relays[-1].sockets[0].getsockname()[1])
+
+    yield start
+    for relay in relays:
+        relay.close()
+    for task in serving:
+        task.cancel()
+    await asyncio.gather(*serving, return_exceptions=True)
+
+
+def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, object]:
+    """A configuration as the relay sends it."""
+    times = {"heartbeat_s": 0.2, "timeout_s": TIMEOUT_S}
+    ports = {"ros_port": ros_port, "video_port": cloud.ports[1]}
+    return {"type": "config", "robot": name, "guard": {}, **ports, **times}
+
+
+async def is_up(up: Up, count: int = 1) -> None:
+    await eventually(lambda: len(up.configs) >= count, lambda: f"up {count} times: {up}")
+
+
+async def problem_of(connection: asyncio.Future[Any]) -> Problem:
+    """Return what ends the connection."""
+    with pytest.raises(Problem) as caught:
+        await asyncio.wait_for(connection, 10)
+    return caught.value
+
+
+async def drop_at_once(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> None:
+    """The relay ends the connection before it sent anything."""
+
+
+async def drop_mid_line(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    writer.write(b'{"type": "conf')
+    await writer.drain()
+
+
+async def test_is_up_only_when_its_port_is_open(cloud, robot):
+    """Nobody is told that the robot is connected before its port leads to it."""
+    up = Up()
+    robot.connect(robot.trust(cloud.ssh), up)
+    await is_up(up)
+    assert up.ports == [cloud.ports[0]]
+    assert up.ports_were_open
+
+
+async def test_a_new_name_leaves_the_forward_alone(cloud, robot, caplog):
+    """A robot that is renamed learns its name, and its port is not opened anew."""
+    caplog.set_level("INFO")
+    up = Up()
+    robot.connect(robot.trust(cloud.ssh), up)
+    await is_up(up)
+    (await cloud.link("media")).send(config(cloud, cloud.ports[0], "turtle"))
+    await is_up(up, 2)
+    assert [config.robot for config in up.configs] == ["sim1", "turtle"]
+    assert up.ports_were_open
+    assert caplog.text.count("of the server leads to") == 1
+
+
+async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
+    """However fast the ports change, the newest is open in the end, and no other one."""
+    up = Up()
+    connecting = robot.connect(robot.trust(cloud.ssh), up)
+    await is_up(up)
+    link = await cloud.link("media")
+    for port in (*cloud.other_ports, cloud.ports[1]):
+        link.send(config(cloud, port))
+    # Each change is two commands of OpenSSH's, and up to three changes are made.
+    await eventually(
+        lambda: up.ports[-1] == cloud.ports[1], lambda: f"the newest port: {up}, {connecting}", 30
+    )
+    assert up.ports_were_open
+    assert not any(map(listens, (cloud.ports[0], *cloud.other_ports)))
+
+
+async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
+    """A connection that cannot follow its configuration ends, so that nobody takes it for up."""
+    up = Up()
+    connecting = robot.connect(robot.trust(cloud.ssh), up)
+    await is_up(up)
+    with socket.create_server(("0.0.0.0", cloud.other_ports[0])):
+        (await cloud.link("media")).send(config(cloud, cloud.other_ports[0]))
+        assert isinstance(await problem_of(connecting), PortTaken)
+    assert up.ports == [cloud.ports[0]]
+    await eventually(lambda: not listens(cloud.ports[0]), lambda: "the old port is closed")
+
+
+async def test_the_session_tells_each_change_once(cloud, robot, services):
+    """First who the robot is, then how its services are, and again only when that changes."""
+    health = Health(SourceSettings(services.http_url, services.ws_url), every_s=0.05)
+    probing = asyncio.ensure_future(health.run())
+    robot.started.append(probing)
+    robot.connect(robot.trust(cloud.ssh), Up(), health)
+    link = await cloud.link("session")
+
+    def said() -> list[tuple[str, str]]:
+        return [(message["ros"], message["video"]) for message in link.of_type("health")]
+
+    await eventually(lambda: ("ok", "ok") in said(), lambda: f"both are ok in {link.received}")
+    services.video_status = 503
+    await eventually(lambda: said()[-1:] == [("ok", "down")], lambda: f"video is down in {said()}")
+    pings = len(link.of_type("ping"))
+    await eventually(lambda: len(link.of_type("ping")) > pings + 2, lambda: "more heartbeats")
+    assert all(before != after for before, after in pairwise(said()))
+    who = {"hostname": socket.gethostname(), "agent_version": __version__}
+    hello = {"type": "hello", **who, "guard": "off"}
+    assert link.received[0] == hello
+    assert link.of_type("hello") == [hello]
+
+
+async def test_the_forward_follows_where_it_leads(cloud, robot, caplog):
+    """A guard that is gone has no forward; a new one on another port has one, without a new connection."""
+    caplog.set_level("INFO")
+    up, moved, leads_to = Up(), asyncio.Event(), [free_port()]
+
+    def forward(config: SessionConfig) -> Forward | None:
+        return Forward(config.ros_port, "127.0.0.1", leads_to[0]) if leads_to else None
+
+    robot.connect(robot.trust(cloud.ssh), up, forward=forward, moved=moved)
+    await is_up(up)
+    leads_to.clear()
+    moved.set()
+    await eventually(lambda: not listens(cloud.ports[0]), lambda: "nothing leads to the robot")
+    leads_to.append(free_port())
+    moved.set()
+    await eventually(lambda: f"127.0.0.1:{leads_to[0]}" in caplog.text, lambda: caplog.text)
+    assert listens(cloud.ports[0])
+    assert len(cloud.links) == 1
+    told = len(up.configs)
+    moved.set()
+    pings = len((await cloud.link("media")).of_type("ping"))
+    link = await cloud.link("media")
+    await eventually(lambda: len(link.of_type("ping")) > pings + 1, lambda: "more heartbeats")
+    assert len(up.configs) == told
+
+
+async def test_the_session_joins_the_guard(cloud, robot, place):
+    """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
+    supervisor = GuardSupervisor("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
+    robot.started.append(asyncio.ensure_future(supervisor.run()))
+    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=supervisor)
+    link = await cloud.link("session")
+    link.send({"type": "lease", "fence": 13, "held": True})
+    link.send({"type": "stop", "id": "5f0c", "by": "ben"})
+
+    def answers() -> list[Any]:
+        return [line["answers"] for line in link.of_type("guard") if line["stopped"]]
+
+    await eventually(lambda: "5f0c" in answers(), lambda: f"an answer in {link.received}")
+    assert link.of_type("hello")[0]["guard"] == "on"
+    link.drop()
+    await problem_of(connecting)
+    await eventually(
+        lambda: heard(place)[-1:] == [{"type": "session", "up": False}], lambda: f"{heard(place)}"
+    )
+    kinds = [line["type"] for line in heard(place)]
+    assert kinds[:3] == ["born", "config", "session"]
+    assert kinds[-4:] == ["session", "lease", "stop", "session"]
+    assert {"type": "lease", "fence": 13, "held": True} in heard(place)
+
+
+async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
+    """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
+    monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0.6)
+    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    recheck = asyncio.Event()
+    robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
+    link = await cloud.link("session")
+    await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
+    assert link.of_type("check") == []
+    recheck.set()
+    await eventually(lambda: len(link.of_type("check")) == 1, lambda: f"{link.received}")
+    recheck.set()
+    pings = len(link.of_type("ping"))
+    await eventually(lambda: len(link.of_type("check")) == 2, lambda: f"{link.received}")
+    # Between the two lay most of the pause, in which the session pings every 0.2 s.
+    assert len(link.of_type("ping")) - pings >= 2
+
+
+async def test_media_tells_nothing(cloud, robot):
+    """The video connection carries heartbeats only."""
+    robot.connect(robot.trust(cloud.ssh), Up())
+    link = await cloud.link("media")
+    await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
+    assert {message["type"] for message in link.received} == {"ping", "pong"}
+
+
+async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, place):
+    """What run_dir allows is what OpenSSH can bind."""
+    run_dir = place / ("x" * (MAX_RUN_DIR_LENGTH - len(str(place)) - 1))
+    run_dir.mkdir()
+    assert len(str(run_dir)) == MAX_RUN_DIR_LENGTH
+    robot.files = replace(robot.files, control=run_dir / "session.ctl")
+    up = Up()
+    robot.connect(robot.trust(cloud.ssh), up)
+    await is_up(up)
+    assert listens(cloud.ports[0])
+
+
+async def test_another_host_key_than_the_pinned_one_gets_no_session(cloud, robot):
+    """A server that is not the pinned one is told loudly, and hears nothing of the session."""
+    target = robot.trust(cloud.ssh)
+    cloud.ssh.stop()
+    cloud.ssh.new_host_key()
+    cloud.ssh.start()
+    problem = await problem_of(robot.connect(target, Up()))
+    assert isinstance(problem, HostKeyChanged)
+    assert cloud.links == []
+
+
+async def test_a_relay_that_is_away_is_told_in_the_servers_words(start_ssh, robot):
+    """An sshd that lets the robot in but has no relay behind it is not taken for a network trouble."""
+    server = await start_ssh(free_port())
+    problem = await problem_of(robot.connect(robot.trust(server), Up()))
+    assert problem.code == "session_refused"
+    assert "cannot reach the relay" in problem.message
+
+
+@pytest.mark.parametrize("serve", [drop_at_once, drop_mid_line])
+async def test_a_relay_that_drops_it_before_a_configuration(start_ssh, start_relay, robot, serve):
+    """A login that worked and led to nothing is link_lost, not an unreachable server or a refused key."""
+    up = Up()
+    server = await start_ssh(await start_relay(serve))
+    problem = await problem_of(robot.connect(robot.trust(server), up))
+    assert problem.code == "link_lost", problem
+    assert up.configs == []
+
+
+async def test_cancelled_before_a_configuration(start_ssh, start_relay, robot):
+    """A stop while the server still says nothing ends the client at once."""
+    entered = asyncio.Event()
+
+    async def say_nothing(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+        entered.set()
+        await reader.read()
+
+    server = await start_ssh(await start_relay(say_nothing))
+    connecting = robot.connect(robot.trust(server), Up())
+    await asyncio.wait_for(entered.wait(), 10)
+    connecting.cancel()
+    await asyncio.wait({connecting}, timeout=5)
+    assert connecting.cancelled()
+    assert not robot.files.control.exists()

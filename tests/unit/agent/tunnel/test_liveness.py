@@ -1,0 +1,237 @@
+"""When a silent connection is given up: never while it works, and soon when the server answers elsewhere."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+
+import pytest
+from robotether_agent.net import netlink
+from robotether_agent.net.paths import Path
+from robotether_agent.net.server_dialer import SETTLED_AFTER_S, Target
+from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
+from robotether_agent.tunnel import liveness
+from robotether_agent.tunnel.liveness import PauseClock, Signs, is_certain, suspicion, watch
+
+
+@pytest.mark.parametrize(
+    ("signs", "problem", "certain"),
+    [
+        (Signs(Path.SAME, 0.4, is_stuck=False), None, False),
+        (Signs(Path.SAME, 9.0, is_stuck=False), None, False),
+        (Signs(Path.SAME, 1.1, is_stuck=True), None, False),
+        (Signs(Path.SAME, 1.3, is_stuck=True), ServerSilent, False),
+        (Signs(Path.SAME, 0.7, is_stuck=True, is_distrusted=True), ServerSilent, False),
+        (Signs(Path.SAME, 0.7, is_stuck=False, is_distrusted=True), None, False),
+        (Signs(Path.SAME, 4.5, is_stuck=True), ServerSilent, True),
+        (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChanged, False),
+        (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilent, True),
+        (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChanged, True),
+    ],
+)
+def test_what_the_signs_mean(signs, problem, certain):
+    """A server that is slow is not suspected, a dead path is, and only a few signs need no proof."""
+    found = suspicion(signs)
+    assert type(found) is (problem or type(None))
+    assert found is None or found.retry is Retry.AT_ONCE
+    assert is_certain(signs) is certain
+
+
+def test_the_clock_tells_how_long_it_was():
+    """It goes on while the machine sleeps, which the monotonic clock does not."""
+    clock = PauseClock()
+    assert 0 <= clock.since_last_s() < 5
+
+
+@dataclass
+class Session:
+    """A session that was silent for as long as the test says."""
+
+    silent_s: float = 0.0
+
+
+@dataclass
+class FakeDialer:
+    """Reaches a server that answers when the test lets it."""
+
+    is_proxied: bool = True
+    answers: asyncio.Event = field(default_factory=asyncio.Event)
+    asked: int = 0
+    ended: int = 0
+    fails: bool = False
+
+    async def find(self, targets):
+        self.asked += 1
+        try:
+            if not self.fails:
+                await self.answers.wait()
+            if self.fails:
+                raise NoAnswer("nobody is there")
+            return targets[0]
+        finally:
+            self.ended += 1
+
+    async def open(self, target):
+        raise AssertionError("a watch opens nothing")
+
+
+@dataclass
+class Tunnel:
+    """What a watch looks at."""
+
+    socket: socket.socket | None
+
+
+@pytest.fixture(autouse=True)
+def in_haste(monkeypatch):
+    """Looks come quickly."""
+    monkeypatch.setattr(liveness, "CHECK_EVERY_S", 0.02)
+
+
+@pytest.fixture
+def network(monkeypatch):
+    """What the kernel would tell of, where the test tells."""
+    network = netlink.Network()
+    monkeypatch.setattr(netlink, "listening", lambda: nullcontext(network))
+    return network
+
+
+@pytest.fixture
+async def watched(network):
+    """A watch over a connection of this machine's, with a session, a way and a network that the test moves."""
+    session, dialer = Session(), FakeDialer()
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as connection,
+    ):
+        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
+        task = asyncio.ensure_future(watch(session, Tunnel(connection), target))
+        yield session, dialer, task
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def until(condition) -> None:
+    deadline = asyncio.get_running_loop().time() + 5
+    while not condition():
+        assert asyncio.get_running_loop().time() < deadline
+        await asyncio.sleep(0.005)
+
+
+async def test_a_connection_that_works_is_left_alone(watched):
+    """Nobody is asked while the server is heard."""
+    _, dialer, task = watched
+    await asyncio.wait({task}, timeout=0.2)
+    assert not task.done()
+    assert dialer.asked == 0
+
+
+async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
+    """And not before: a server that is away altogether gets its time."""
+    session, dialer, task = watched
+    session.silent_s = 2.0
+    await until(lambda: dialer.asked == 1)
+    assert not task.done()
+    dialer.answers.set()
+    with pytest.raises(ServerSilent, match=r"silent for 2\.0 s"):
+        await asyncio.wait_for(task, 5)
+
+
+async def test_a_session_that_speaks_again_is_kept(watched):
+    """What recovers by itself is not replaced, and the attempt is ended."""
+    session, dialer, task = watched
+    session.silent_s = 2.0
+    await until(lambda: dialer.asked == 1)
+    session.silent_s = 0.1
+    await until(lambda: dialer.ended == 1)
+    dialer.answers.set()
+    await asyncio.wait({task}, timeout=0.1)
+    assert not task.done()
+
+
+async def test_without_any_answer_it_ends_after_some_seconds(watched):
+    session, dialer, task = watched
+    session.silent_s = 2.0
+    await until(lambda: dialer.asked == 1)
+    session.silent_s = liveness.HOPELESS_AFTER_S
+    with pytest.raises(ServerSilent):
+        await asyncio.wait_for(task, 5)
+
+
+async def test_an_attempt_that_fails_is_made_again_while_silence_lasts(watched):
+    """Each time that the way says no, until it says yes."""
+    session, dialer, _ = watched
+    dialer.fails = True
+    session.silent_s = 2.0
+    await until(lambda: dialer.asked >= 3)
+
+
+async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(watched, monkeypatch):
+    """While the old one works, one attempt is enough for a while."""
+    _, dialer, task = watched
+    dialer.fails = True
+    monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
+    await until(lambda: dialer.asked == 1)
+    await asyncio.wait({task}, timeout=0.2)
+    assert dialer.asked == 1
+    assert not task.done()
+
+
+async def test_a_new_network_takes_over_when_the_server_answers_there(watched, monkeypatch):
+    """The connection over the old one ends then, though it still works."""
+    _, dialer, task = watched
+    monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
+    dialer.answers.set()
+    with pytest.raises(NetworkChanged, match="another network"):
+        await asyncio.wait_for(task, 5)
+
+
+async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):
+    """Nothing can come back to it, so nobody is asked."""
+    _, dialer, task = watched
+    monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)
+    with pytest.raises(NetworkChanged, match="another address"):
+        await asyncio.wait_for(task, 5)
+    assert dialer.asked == 0
+
+
+async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch):
+    monkeypatch.setattr(liveness, "CHECK_EVERY_S", 60)
+    monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as connection,
+    ):
+        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
+        watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
+        assert not (await asyncio.wait({watching}, timeout=0.1))[0]
+        network._event.set()
+        with pytest.raises(NetworkChanged):
+            await asyncio.wait_for(watching, 5)
+
+
+async def test_a_change_during_an_attempt_has_another_follow(network, watched, monkeypatch):
+    """The first may have gone the way that was there before."""
+    _, dialer, _ = watched
+    monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
+    await until(lambda: dialer.asked == 1)
+    network._event.set()
+    await until(lambda: not network._event.is_set())
+    await asyncio.sleep(2 * SETTLED_AFTER_S)
+    dialer.fails = True
+    dialer.answers.set()
+    await until(lambda: dialer.asked == 2)
+
+
+async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch):
+    """A machine that slept finds out at once whether its session is still there."""
+    session, dialer, task = watched
+    session.silent_s = liveness.DISTRUSTED_AFTER_S + 0.1
+    await asyncio.wait({task}, timeout=0.1)
+    assert dialer.asked == 0
+    monkeypatch.setattr(PauseClock, "since_last_s", lambda _: 30.0)
+    dialer.answers.set()
+    with pytest.raises(ServerSilent):
+        await asyncio.wait_for(task, 5)

@@ -1,0 +1,123 @@
+"""What of a configuration makes the agent do more than keep its two tunnels: by itself, and with a real sshd."""
+
+from __future__ import annotations
+
+from aiohttp import web
+from fake_cloud import echo, eventually
+from local_network import free_port
+from openssh_server import listens
+from robotether_agent.enrolment.keys import ensure_key, ensure_next_key
+from robotether_agent.tunnel.requested_features import RequestedFeatures
+from robotether_agent.tunnel.session import SessionConfig
+
+
+def config(*, rotate_key: bool = False) -> SessionConfig:
+    return SessionConfig("sim1", 20000, 20001, 1.0, 5.0, {}, rotate_key=rotate_key)
+
+
+def test_one_request_for_a_key_is_one_key():
+    """A configuration that repeats a wish which was fulfilled meanwhile is none; a wish can be withdrawn."""
+    features = RequestedFeatures(allows_shell=True)
+    features.apply(config(rotate_key=True))
+    assert features.new_key.is_set()
+    features.new_key.clear()
+    features.apply(config(rotate_key=True))
+    assert not features.new_key.is_set()
+    features.apply(config())
+    features.apply(config(rotate_key=True))
+    assert features.new_key.is_set()
+    features.apply(config())
+    assert not features.new_key.is_set()
+
+
+async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, services):
+    """It comes with its port and goes with shell_off; session and video never notice, nor does another start."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
+    await agent.until_connected()
+    assert agent.status().shell_tunnel == "off"
+    cloud.configure(shell_port=free_port())
+    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
+    assert await echo(cloud.shell_port, "shell") == "shell"
+    port = cloud.shell_port
+    shell = await cloud.link("shell")
+    cloud.configure(shell_port=None)
+    shell.send({"type": "bye", "code": "shell_off", "detail": "an admin switched it off"})
+    await agent.until(lambda status: status.shell_tunnel == "off", "the shell tunnel is off")
+    await eventually(lambda: not listens(port), lambda: "the shell's port is closed")
+    cloud.configure(shell_port=free_port())
+    await cloud.link("shell", number=2)
+    await agent.until(
+        lambda status: status.shell_tunnel == "open", "the shell tunnel is open again"
+    )
+    assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
+
+
+async def test_a_shell_that_fails_leaves_the_others_alone(make_cloud, start_agent, services):
+    """When the shell's connection drops it comes back by itself, and until then that is a problem."""
+    cloud = await make_cloud()
+    cloud.shell_port = free_port()
+    agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
+    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
+    (await cloud.link("shell")).drop()
+    await cloud.link("shell", number=2)
+    await agent.until(
+        lambda status: status.shell_tunnel == "open", "the shell tunnel is open again"
+    )
+    assert len(cloud.of_kind("session", live=False)) == 1
+
+
+async def test_a_robot_that_allows_no_shell_opens_none(make_cloud, start_agent):
+    """Its own setting has the last word."""
+    cloud = await make_cloud()
+    cloud.shell_port = free_port()
+    agent = start_agent(cloud, shell_address="none")
+    await agent.until_connected()
+    assert agent.status().shell_tunnel == "off"
+    assert cloud.of_kind("shell", live=False) == []
+
+
+async def test_a_new_key_on_request_without_losing_a_tunnel(make_cloud, start_agent):
+    """The live connections stay, the status shows the new key, and the next log-in is with it."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    old = (await agent.until_connected()).fingerprint
+    cloud.configure(rotate_key=True)
+    status = await agent.until(lambda status: status.fingerprint != old, "a new key")
+    key = await ensure_key(agent.settings.state_dir)
+    assert (status.fingerprint, cloud.robot_key) == (key.fingerprint, key.public)
+    assert [len(cloud.of_kind(kind)) for kind in ("session", "media")] == [1, 1]
+    cloud.ssh.drop_connections()
+    await cloud.link("session", number=2)
+    await agent.until_connected()
+    assert len(cloud.joins) == 2
+
+
+async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_agent):
+    """The robot stays connected with the old one meanwhile."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    old = (await agent.until_connected()).fingerprint
+    refusal = {"code": "robot_disabled", "detail": "it is disabled"}
+    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
+    cloud.configure(rotate_key=True)
+    await agent.until(lambda status: "it is disabled" in status.new_key, "the reason is there")
+    assert agent.status().state == "connected"
+    cloud.refuses_rotation = None
+    await agent.until(
+        lambda status: status.fingerprint != old and not status.new_key, "the new key"
+    )
+
+
+async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(
+    make_cloud, start_agent
+):
+    """The server has the new key only, nobody can be asked, and the robot shows it both."""
+    cloud = await make_cloud()
+    first = start_agent(cloud)
+    await first.until_connected()
+    await first.stop()
+    coming = await ensure_next_key(first.settings.state_dir)
+    cloud.authorize(coming.public)
+    await cloud.stop_web()
+    await start_agent(cloud).until_connected()

@@ -1,0 +1,263 @@
+"""The session's protocol, with a real pair of sockets in the place of SSH."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import time
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from fake_cloud import eventually
+from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.tunnel.session import Checked, Session, SessionConfig
+
+CONFIG = {
+    "type": "config",
+    "robot": "sim1",
+    "ros_port": 20000,
+    "video_port": 20001,
+    "heartbeat_s": 0.1,
+    "timeout_s": 0.4,
+    "guard": {},
+}
+
+
+class Peer:
+    """The server's end of one session."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+
+    def send(self, message: dict[str, Any]) -> None:
+        self.send_raw(json.dumps(message).encode() + b"\n")
+
+    def send_raw(self, data: bytes) -> None:
+        self._writer.write(data)
+
+    async def receive(self, kind: str) -> dict[str, Any]:
+        while True:
+            message = json.loads(await asyncio.wait_for(self._reader.readline(), 5))
+            if message["type"] == kind:
+                return message
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class Done:
+    """Notes what a session has done, in order."""
+
+    def __init__(self) -> None:
+        self.drive_handler: list[tuple[Any, ...]] = []
+
+    def on_config(self, guard: Any, *, direct: bool) -> None:
+        self.drive_handler.append(("configured", guard, direct))
+
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        self.drive_handler.append(("lease", fence, held))
+
+    def on_stop(self, message_id: str, by: str) -> None:
+        self.drive_handler.append(("stop", message_id, by))
+
+    def on_release(self, message_id: str, by: str) -> None:
+        self.drive_handler.append(("release", message_id, by))
+
+
+@pytest.fixture
+def drive_handler() -> Done:
+    """Who does what the server says about driving."""
+    return Done()
+
+
+@pytest.fixture
+async def ends(drive_handler: Done) -> AsyncIterator[tuple[Session, Peer]]:
+    """A session and its peer."""
+    ours, theirs = socket.socketpair()
+    reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
+    peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
+    yield Session(reader, writer, drive_handler=drive_handler), Peer(peer_reader, peer_writer)
+    for each in (writer, peer_writer):
+        each.close()
+    await asyncio.gather(writer.wait_closed(), peer_writer.wait_closed(), return_exceptions=True)
+
+
+async def test_pings_in_the_given_time_and_measures(ends):
+    """After the configuration a ping goes out at each heartbeat, and its pong gives the round trip."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    assert await session.new_config(None) == SessionConfig("sim1", 20000, 20001, 0.1, 0.4, {})
+    ping = await peer.receive("ping")
+    peer.send({"type": "pong", "seq": ping["seq"], "t_ms": -1e9})
+    assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
+    assert session.rtt_ms is not None
+    assert 0 < session.rtt_ms < 5000
+    assert abs(ping["t_ms"] / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)) < 5
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_answers_pings_and_ignores_what_is_new(ends):
+    """A ping is answered at once; an unknown type and a stray pong harm nothing."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send({"type": "dance", "why": "of a later version"})
+    peer.send({"type": "pong", "seq": 12345})
+    peer.send({"type": "ping", "seq": 41})
+    assert await peer.receive("pong") == {"type": "pong", "seq": 41}
+    assert session.rtt_ms is None
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_newest_config_wins(ends):
+    """Who waits for a configuration gets the newest, and only when it differs."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    first = await session.new_config(None)
+    peer.send(CONFIG)
+    peer.send({**CONFIG, "ros_port": 20100})
+    assert (await session.new_config(first)).ros_port == 20100
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_silence_ends_it(ends):
+    """A server that is silent for timeout_s is given up."""
+    session, peer = ends
+    peer.send(CONFIG)
+    with pytest.raises(ServerSilent, match=r"silent for 0\.4 s"):
+        await asyncio.wait_for(session.run(), 5)
+
+
+async def test_its_silence_is_known(ends):
+    """How long the server has said nothing is there for who looks for another way to it."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    await session.new_config(None)
+    assert session.silent_s < 0.3
+    await eventually(lambda: session.silent_s > 0.1, lambda: f"{session.silent_s}")
+    peer.send({"type": "ping", "seq": 1})
+    await eventually(lambda: session.silent_s < 0.1, lambda: f"{session.silent_s}")
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_messages_are_done_in_the_order_in_which_they_come(ends, drive_handler):
+    """Configuration, lease and stop reach the guard's supervisor at once, before anybody else learns of them."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send({**CONFIG, "guard": {"key": "s3cret"}, "direct": True})
+    peer.send({"type": "lease", "fence": 13, "held": False})
+    peer.send({"type": "stop", "id": "5f0c", "by": "ben"})
+    config = await session.new_config(None)
+    assert (config.guard, config.direct) == ({"key": "s3cret"}, True)
+    assert "s3cret" not in repr(config)
+    await eventually(
+        lambda: len(drive_handler.drive_handler) == 3, lambda: f"{drive_handler.drive_handler}"
+    )
+    assert drive_handler.drive_handler == [
+        ("configured", {"key": "s3cret"}, True),
+        ("lease", 13, False),
+        ("stop", "5f0c", "ben"),
+    ]
+    await peer.receive("ping")
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
+async def test_a_server_that_takes_nothing_ends_it(ends):
+    session, _ = ends
+
+    def flood() -> None:
+        for _ in range(1000):
+            session.send({"type": "health", "detail": "x" * 10_000})
+
+    with pytest.raises(ServerSilent, match="takes nothing"):
+        flood()
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"rubbish\n", "not JSON"),
+        (b"[]\n", "must be a JSON object"),
+        (b"{}\n", "field type is missing"),
+        (b'{"type": "ping"}\n', "field seq is missing"),
+        (json.dumps({**CONFIG, "ros_port": 0}).encode() + b"\n", "field ros_port"),
+        (json.dumps({**CONFIG, "robot": "../x"}).encode() + b"\n", "field robot"),
+        (json.dumps({**CONFIG, "timeout_s": 0}).encode() + b"\n", "field timeout_s"),
+        (json.dumps({**CONFIG, "guard": []}).encode() + b"\n", "guard must be a JSON object"),
+        (json.dumps({**CONFIG, "direct": 1}).encode() + b"\n", "field direct"),
+        (b'{"type": "lease"}\n', "field fence is missing"),
+        (b"x" * 200_000, "over 64 KiB"),
+    ],
+)
+async def test_broken_lines_end_it(ends, line, why):
+    """A line that is no message of the protocol ends the session and names the field."""
+    session, peer = ends
+    peer.send_raw(line)
+    with pytest.raises(ProtocolBroken, match=why):
+        await asyncio.wait_for(session.run(), 5)
+
+
+@pytest.mark.parametrize(
+    ("code", "retry"),
+    [
+        ("superseded", Retry.SLOWLY),
+        ("robot_disabled", Retry.SLOWLY),
+        ("robot_unknown", Retry.SLOWLY),
+        ("relay_stopping", Retry.SOON),
+        ("of_a_later_version", Retry.SOON),
+    ],
+)
+async def test_bye_keeps_code_and_detail(ends, code, retry):
+    """A goodbye is told in the server's words; some are no use to try again at once."""
+    session, peer = ends
+    peer.send({"type": "bye", "code": code, "detail": "the\nreason"})
+    with pytest.raises(SessionEnded, match="the reason") as error:
+        await asyncio.wait_for(session.run(), 5)
+    assert error.value.code == code
+    assert error.value.retry is retry
+
+
+async def test_superseded_explains_two_robots_with_one_key(ends):
+    session, peer = ends
+    peer.send({"type": "bye", "code": "superseded", "detail": "x"})
+    with pytest.raises(SessionEnded, match="two robots use one key"):
+        await asyncio.wait_for(session.run(), 5)
+
+
+async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(ends):
+    """A server that knows neither says nothing of them; nonsense ends the session."""
+    session, peer = ends
+    serving = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    plain = await asyncio.wait_for(session.new_config(None), 5)
+    assert (plain.shell_port, plain.rotate_key) == (None, False)
+    peer.send({**CONFIG, "shell_port": 24000, "rotate_key": True})
+    wished = await asyncio.wait_for(session.new_config(plain), 5)
+    assert (wished.shell_port, wished.rotate_key) == (24000, True)
+    peer.send({**CONFIG, "shell_port": 70000})
+    with pytest.raises(ProtocolBroken, match="shell_port"):
+        await asyncio.wait_for(serving, 5)
+
+
+async def test_what_the_server_found_is_kept(ends):
+    """Until it has looked all is unknown; a word that is none of the three ends the session."""
+    session, peer = ends
+    assert session.checked == Checked("unknown", "unknown", "unknown")
+    serving = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    peer.send({"type": "checked", "ros": "ok", "video": "down", "shell": "unknown"})
+    await eventually(lambda: session.checked.ros == "ok", lambda: f"{session.checked}")
+    assert session.checked == Checked("ok", "down", "unknown")
+    peer.send({"type": "checked", "ros": "splendid", "video": "down", "shell": "unknown"})
+    with pytest.raises(ProtocolBroken, match="ros must be ok, down or unknown"):
+        await asyncio.wait_for(serving, 5)

@@ -1,0 +1,169 @@
+"""One SSH connection: its children and its control socket never stay behind."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from pathlib import Path
+
+import pytest
+from fake_cloud import eventually
+from local_network import free_port
+from openssh_server import descendants, listens, wait_until
+from robotether_agent.enrolment.enrolment_store import parse_host_keys
+from robotether_agent.enrolment.keys import ensure_key
+from robotether_agent.enrolment.known_hosts import pin
+from robotether_agent.net.server_dialer import Target
+from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
+from robotether_agent.tunnel.ssh_command import Forward, SshFiles
+from robotether_agent.tunnel.tunnel import Tunnel
+
+# The differentiated services code point, of which TOS has the upper six bits.
+AF21 = 18
+
+
+@pytest.fixture
+async def dialer(make_cloud, place):
+    """A server that lets our key in, and what it takes to connect to it."""
+    cloud = await make_cloud()
+    key = await ensure_key(place)
+    cloud.authorize(key.public)
+    pin(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
+    files = SshFiles((key.path,), place / "known_hosts", place / "session.ctl")
+    return cloud, Target("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
+
+
+async def test_forwards_are_added_and_cancelled_while_it_runs(dialer):
+    """A forward opens and closes on the live connection."""
+    cloud, target, files = dialer
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        forward = Forward(cloud.ports[0], "127.0.0.1", 9)
+        await tunnel.add(forward)
+        assert listens(cloud.ports[0])
+        await tunnel.cancel(forward)
+        # OpenSSH asks for the cancel without a wish for an answer: sshd may still be about to.
+        await eventually(lambda: not listens(cloud.ports[0]), lambda: "sshd closes the port")
+    finally:
+        await tunnel.close()
+    assert not files.control.exists()
+
+
+async def test_a_port_that_is_not_the_robots_is_refused(dialer):
+    """A port outside permitlisten is told as port_taken."""
+    _, target, files = dialer
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        with pytest.raises(PortTaken):
+            await tunnel.add(Forward(free_port(), "127.0.0.1", 9))
+    finally:
+        await tunnel.close()
+
+
+async def test_a_stale_control_socket_is_removed(dialer):
+    """What a killed agent left in the way of the next connection is removed."""
+    _, target, files = dialer
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(files.control))
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        await tunnel.add(Forward(_first_port(dialer), "127.0.0.1", 9))
+    finally:
+        await tunnel.close()
+
+
+async def test_a_client_that_an_agent_left_is_ended(dialer):
+    """A client that still runs behind the control socket is ended before the next one starts."""
+    _, target, files = dialer
+    left = await Tunnel.open(target, files, "session")
+    assert await asyncio.wait_for(left.lines_in.readline(), 10)
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert (await left.why_ended(was_connected=True)).code == "link_lost"
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    finally:
+        await tunnel.close()
+        await left.close()
+
+
+async def test_close_before_it_connects(place):
+    """A client that waits for a server which accepts and says nothing ends at once, and wholly."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
+        before = set(descendants(os.getpid()))
+        tunnel = await Tunnel.open(target, files, "session")
+        await asyncio.wait_for(tunnel.close(), 5)
+        assert set(descendants(os.getpid())) <= before
+
+
+async def test_a_close_that_is_cut_short_kills(place):
+    """Even a cancelled close leaves no client."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
+        before = set(descendants(os.getpid()))
+        tunnel = await Tunnel.open(target, files, "session")
+        closing = asyncio.ensure_future(tunnel.close())
+        await asyncio.sleep(0)
+        closing.cancel()
+        await asyncio.wait({closing})
+        await tunnel.close()
+        wait_until(lambda: set(descendants(os.getpid())) <= before, lambda: "ssh has ended", 5)
+
+
+async def test_without_ssh(place, monkeypatch):
+    """A robot without OpenSSH is told which package to install."""
+    monkeypatch.setenv("PATH", str(place))
+    files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        with pytest.raises(SshMissing, match="openssh-client"):
+            await Tunnel.open(target, files, "session")
+
+
+async def test_the_client_runs_on_our_connection(dialer):
+    """What ssh sets on it, the class of service, shows on ours; both are gone after the end."""
+    cloud, target, files = dialer
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        assert tunnel.socket is not None
+        assert tunnel.socket.getpeername() == ("127.0.0.1", cloud.ssh.port)
+        assert tunnel.socket.getsockopt(socket.IPPROTO_IP, socket.IP_TOS) == AF21 << 2
+    finally:
+        await tunnel.close()
+    assert tunnel.socket.fileno() == -1
+
+
+async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
+    """Neither after a tunnel nor after one that could not start."""
+    _, target, files = dialer
+    before = _descriptors()
+    tunnel = await Tunnel.open(target, files, "media")
+    await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    await tunnel.close()
+    with monkeypatch.context() as without_ssh:
+        without_ssh.setenv("PATH", str(place))
+        with pytest.raises(SshMissing):
+            await Tunnel.open(target, files, "session")
+    await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
+
+
+async def test_a_server_that_refuses(place):
+    """A port without a server is told before any client starts."""
+    files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
+    with pytest.raises(ServerUnreachable, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
+        await Tunnel.open(Target("127.0.0.1", free_port(), "tunnel"), files, "session")
+
+
+def _descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def _first_port(dialer) -> int:
+    return dialer[0].ports[0]

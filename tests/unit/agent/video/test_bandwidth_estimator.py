@@ -1,0 +1,274 @@
+"""The pace of video over a modelled path: it fills the link, keeps the queue short, gives way, never starves."""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from collections.abc import Callable
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robotether_agent.video.bandwidth_estimator import (
+    BASE_FOR_S,
+    MAX_WINDOW,
+    MIN_SEGMENTS,
+    BandwidthEstimator,
+)
+from robotether_agent.video.connection_state import Reading
+
+LOOK_S = 0.004
+SEGMENT = 1448
+UPLINK = 4.97e6 / 8
+
+
+class Path:
+    """A link with one queue and a sender that keeps the estimator's window under way, looked at every 4 ms.
+
+    Round trips differ by `jitter_s`. `others` is what others have in the same queue, in bytes; it neither grows nor
+    shrinks by itself.
+    """
+
+    def __init__(self, rate: float, base_s: float) -> None:
+        self.rate = rate
+        self.base_s = base_s
+        self.jitter_s = 0.0
+        self._rng = Random(1)
+        self.others = 0.0
+        self.offers: Callable[[float], bool] = lambda _now: True
+        self.now = 0.0
+        self.queues_s: list[float] = []
+        self._written = 10_000.0
+        self._arrived = 10_000.0
+        self._sent = 10_000.0
+        self._acks: deque[tuple[float, float]] = deque()
+        self._rtt_s = base_s
+        self._stalls_until = 0.0
+        self.estimator = BandwidthEstimator(self._reading(base_s))
+
+    def run(self, lasts_s: float) -> float:
+        """Let time pass; return the part of the link's capacity that was used."""
+        self.queues_s = []
+        before, until = self._sent, self.now + lasts_s
+        while self.now < until:
+            self._step()
+        return (self._sent - before) / (self.rate * lasts_s)
+
+    def _step(self) -> None:
+        self._carry()
+        self._look()
+
+    def _carry(self) -> None:
+        self.now += LOOK_S
+        own = self._written - self._sent
+        share = own / (own + self.others) if own else 0.0
+        self._sent += min(own, self.rate * LOOK_S * share)
+        queue_s = (self._written - self._sent + self.others) / self.rate
+        self.queues_s.append(queue_s)
+        self._acks.append((self.now + self.base_s, self._sent))
+        while self._acks and self._acks[0][0] <= self.now and self.now >= self._stalls_until:
+            _, arrived = self._acks.popleft()
+            if arrived > self._arrived:
+                self._arrived = arrived
+                # Some acknowledgements came in this step, and the kernel smooths by an eighth each.
+                jitter_s = self._rng.uniform(-self.jitter_s, self.jitter_s)
+                self._rtt_s += (self.base_s + queue_s + jitter_s - self._rtt_s) * 0.6
+
+    def _look(self) -> None:
+        is_offered = self.offers(self.now)
+        self._send(is_offered, MAX_WINDOW if is_offered else 0.0)
+
+    def _send(self, was_full: bool, offered: float) -> float:
+        """Hand on what may go of what is offered, and return how much that is."""
+        reading = self._reading(self._rtt_s)
+        self.estimator.update(reading, was_full=was_full, is_handed=not was_full)
+        room = max(0.0, self.estimator.window - reading.in_flight)
+        sent = min(room, self.estimator.speed * LOOK_S, offered)
+        self._written += sent
+        return sent
+
+    def _reading(self, rtt_s: float) -> Reading:
+        return Reading(
+            self.now, int(self._written), int(self._arrived), rtt_s, self.base_s, SEGMENT
+        )
+
+
+class Camera(Path):
+    """A path whose sender has `fps` frames a second, and drops the one that comes while the last still waits."""
+
+    def __init__(self, rate: float, base_s: float, frame: float, fps: float = 15) -> None:
+        super().__init__(rate, base_s)
+        self.took_s: list[float] = []
+        # The part of the frames of which a segment is lost, so that all behind it counts a round trip later.
+        self.lost_part = 0.0
+        self._frame = frame
+        self._fps = fps
+        self._waits = 0.0
+        self._taken_at = self._next_at = 0.0
+        self._arriving: deque[tuple[float, float]] = deque()
+
+    def _look(self) -> None:
+        was_full = self._waits > 0
+        if self.now >= self._next_at:
+            self._next_at += 1 / self._fps
+            if not was_full:
+                self._waits, self._taken_at = self._frame, self.now
+                if self._rng.random() < self.lost_part:
+                    self._stalls_until = self.now + 2 * self.base_s
+        sent = self._send(was_full, self._waits)
+        self._waits -= sent
+        if sent and not self._waits:
+            self._arriving.append((self._taken_at, self._written))
+        while self._arriving and self._arrived >= self._arriving[0][1] - 1:
+            self.took_s.append(self.now - self._arriving.popleft()[0])
+
+
+def p95(values: list[float]) -> float:
+    return statistics.quantiles(values, n=20)[-1]
+
+
+def test_fills_the_papers_uplink_and_keeps_its_queue_short() -> None:
+    """38 ms and 4.97 Mbit/s: most of it used, a queue of about 10 ms."""
+    path = Path(UPLINK, 0.038)
+    path.run(2)
+    assert path.run(30) > 0.95
+    assert statistics.median(path.queues_s) < 0.012
+    assert p95(path.queues_s) < 0.02
+
+
+@settings(max_examples=25)
+@given(st.floats(0.5e6, 100e6), st.floats(0.005, 0.3))
+def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: float) -> None:
+    """At least three quarters when alone, and never a long queue but for the least window's own."""
+    path = Path(bit_s / 8, base_s)
+    path.run(12)
+    used = path.run(8)
+    least_s = MIN_SEGMENTS * SEGMENT / path.rate
+    assert used > 0.75
+    assert statistics.median(path.queues_s) < max(0.015, least_s)
+
+
+def test_takes_a_link_that_becomes_faster() -> None:
+    """From 1 to 20 Mbit/s within some seconds."""
+    path = Path(1e6 / 8, 0.04)
+    path.run(5)
+    path.rate = 20e6 / 8
+    path.run(3)
+    assert path.run(5) > 0.9
+
+
+def test_lets_a_link_that_becomes_slower_drain() -> None:
+    """From 20 to 2 Mbit/s: the queue is short again after a second."""
+    path = Path(20e6 / 8, 0.04)
+    path.run(5)
+    path.rate = 2e6 / 8
+    path.run(1)
+    assert path.run(5) > 0.75
+    assert p95(path.queues_s) < 0.03
+
+
+def test_gives_way_to_others_and_never_starves() -> None:
+    """While somebody else fills the queue with 100 KB, little stays under way; then all is back."""
+    path = Path(UPLINK, 0.038)
+    path.run(5)
+    path.others = 100_000.0
+    path.run(2)
+    assert MIN_SEGMENTS * SEGMENT <= path.estimator.window < 6000
+    path.run(10)
+    assert MIN_SEGMENTS * SEGMENT <= path.estimator.window < 30_000
+    path.others = 0.0
+    path.run(2)
+    assert path.run(5) > 0.9
+
+
+def test_jitter_is_no_queue() -> None:
+    """As on a mobile network: 80 ms, give or take 20, of which the kernel knows the shortest."""
+    path = Path(UPLINK, 0.06)
+    path.base_s, path.jitter_s = 0.08, 0.02
+    path.run(8)
+    assert path.run(20) > 0.75
+
+
+def test_notices_that_the_path_became_longer() -> None:
+    """After BASE_FOR_S the longer round trip is no queue any more."""
+    path = Path(UPLINK, 0.038)
+    path.run(5)
+    path.base_s = 0.09
+    path.run(BASE_FOR_S + 3)
+    assert path.run(5) > 0.9
+    assert statistics.median(path.queues_s) < 0.02
+
+
+def test_a_camera_that_offers_little_shrinks_nothing() -> None:
+    """A pause is not taken for a slow path: what comes after it starts where it was."""
+    path = Path(UPLINK, 0.038)
+    path.run(3)
+    before = path.estimator.rate
+    path.offers = lambda now: now % 1 < 0.1
+    path.run(20)
+    assert path.estimator.rate == pytest.approx(before, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("bit_s", "base_s"),
+    [(89e6, 0.007), (113e6, 0.007), (5e6, 0.038), (9e6, 0.019), (19e6, 0.015), (5.4e6, 0.031)],
+)
+@pytest.mark.parametrize("frame", [12_000.0, 24_000.0, 36_000.0])
+def test_a_frame_that_fits_is_not_held_up(bit_s: float, base_s: float, frame: float) -> None:
+    """On each of the paper's networks it takes what the path itself takes, and makes no long queue."""
+    path = Camera(bit_s / 8, base_s, frame)
+    path.run(5)
+    path.took_s.clear()
+    path.run(15)
+    assert len(path.took_s) > 14.5 * 15
+    assert statistics.median(path.took_s) < frame / path.rate + base_s + 3 * LOOK_S
+    assert p95(path.queues_s) < 0.025
+
+
+def test_frames_with_pauses_are_not_held_up_to_measure_the_path() -> None:
+    """Also where round trips are never again as short as the shortest: the pauses empty the queue by themselves."""
+    path = Camera(5e6 / 8, 0.038, 33_000.0)
+    path.run(5)
+    path.base_s += 0.005
+    path.took_s.clear()
+    path.run(3 * BASE_FOR_S)
+    assert max(path.took_s) < statistics.median(path.took_s) + 0.03
+
+
+def test_losses_make_no_path_narrow() -> None:
+    """Of most frames something is lost, so that they come a round trip later; the others do not wait for that."""
+    path = Camera(89e6 / 8, 0.2, 24_000.0, fps=2)
+    path.run(10)
+    path.lost_part = 0.8
+    path.run(20)
+    path.took_s.clear()
+    path.run(40)
+    one_in_ten_s = statistics.quantiles(path.took_s, n=10)[0]
+    assert one_in_ten_s < 24_000 / path.rate + path.base_s + 3 * LOOK_S
+
+
+def test_a_frame_that_does_not_fit_any_more_makes_no_lasting_queue() -> None:
+    """A path of 89 Mbit/s becomes one of 5: within two seconds no more is under way than it holds."""
+    path = Camera(89e6 / 8, 0.03, 24_000.0)
+    path.run(5)
+    path.rate = 5e6 / 8
+    path.run(2)
+    path.run(8)
+    assert p95(path.queues_s) < 0.025
+
+
+def test_a_dead_path_keeps_the_window_bounded() -> None:
+    """Nothing arrives for 5 s: nothing more than the window is under way, and it goes on afterwards."""
+    path = Path(UPLINK, 0.038)
+    path.run(3)
+    path.rate = 1e-9
+    path.run(5)
+    path.rate = UPLINK
+    path.run(2)
+    assert path.run(5) > 0.9
+
+
+def test_begins_with_what_tcp_begins_with() -> None:
+    """Ten segments, before anything is known."""
+    assert Path(UPLINK, 0.038).estimator.window == 10 * SEGMENT

@@ -1,0 +1,365 @@
+"""The frames protocol over real sockets, and what the agent answers in web_video_server's place."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import time
+from collections.abc import AsyncIterator
+from typing import Any
+
+import aiohttp
+import pytest
+from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
+from fake_cloud import eventually
+from frame_header import SIZE, unpacked
+from link import Link, Shape, why_not_here
+from local_network import free_port
+from robotether_agent.clock import robot_time
+from robotether_agent.video import frames_service as service_module
+from robotether_agent.video import receiver as receiver_module
+from robotether_agent.video.frame_header import Header
+from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.sources import SourceSettings
+from robotether_agent.video.video_proxy import LocalService, VideoProxy
+from slow_uplink import SlowUplink
+
+WITHIN_S = 5
+TOPIC = "/camera/image_raw"
+
+
+class FakeReceiver:
+    """The relay's end: gives credit when a test says, or for each frame that comes."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse, *, gives_credit: bool) -> None:
+        self._socket = socket
+        self._gives_credit = gives_credit
+        self.texts: list[dict[str, Any]] = []
+        self.pictures: list[tuple[Header, bytes]] = []
+        self.ages_s: list[float] = []
+        self.closed: int | None = None
+        self._task = asyncio.ensure_future(self._read())
+
+    async def say(self, op: str, **fields: object) -> None:
+        await self._socket.send_json({"op": op, **fields})
+
+    async def leave(self) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        await self._socket.close()
+
+    def statuses(self) -> list[dict[str, Any]]:
+        return [text for text in self.texts if text["op"] == "status"]
+
+    def states(self) -> list[str]:
+        return [status["state"] for status in self.statuses()]
+
+    def told(self) -> str:
+        return f"{len(self.pictures)} pictures, {self.texts[-3:]}, closed {self.closed}"
+
+    async def some(self, count: int) -> None:
+        await eventually(lambda: len(self.pictures) >= count, self.told)
+
+    async def _read(self) -> None:
+        async for message in self._socket:
+            if message.type is aiohttp.WSMsgType.TEXT:
+                self.texts.append(json.loads(message.data))
+            elif message.type is aiohttp.WSMsgType.BINARY:
+                header = unpacked(message.data)
+                self.pictures.append((header, message.data[SIZE:]))
+                self.ages_s.append(robot_time() - header.timestamp_ms / 1000)
+                if self._gives_credit:
+                    await self.say("credit", frames=1, taken=header.sequence)
+        self.closed = self._socket.close_code
+
+
+class World:
+    """A service in front of a camera, and those who receive from it."""
+
+    def __init__(self, camera: FakeVideoServer, http: aiohttp.ClientSession) -> None:
+        self.camera = camera
+        self.http = http
+        self.source_settings = SourceSettings(
+            camera.url, f"ws://127.0.0.1:{free_port()}", "web_video_server"
+        )
+        self.receivers: list[FakeReceiver] = []
+        self.has_video = True
+
+    async def start(self, source_settings: SourceSettings | None = None) -> None:
+        self.service = FramesService(
+            source_settings or self.source_settings, has_video=lambda: self.has_video
+        )
+        self.port = await self.service.start()
+
+    async def receive(
+        self,
+        topic: str = TOPIC,
+        *,
+        gives_credit: bool = True,
+        port: int = 0,
+        **stream_request: object,
+    ) -> FakeReceiver:
+        url = f"http://127.0.0.1:{port or self.port}/robotether/frames"
+        socket = await self.http.ws_connect(url, params={"topic": topic}, max_msg_size=0)
+        self.receivers.append(FakeReceiver(socket, gives_credit=gives_credit))
+        await self.receivers[-1].say("want", **stream_request)
+        if gives_credit:
+            await self.receivers[-1].say("credit", frames=2)
+        return self.receivers[-1]
+
+    async def get(self, path: str, **options: object) -> tuple[int, bytes]:
+        url = f"http://127.0.0.1:{self.port}{path}"
+        async with self.http.get(url, **options) as answer:
+            return answer.status, await answer.read()
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    """A robot with web_video_server, and its service running."""
+    async with FakeVideoServer() as camera, aiohttp.ClientSession() as http:
+        made = World(camera, http)
+        await made.start()
+        yield made
+        for receiver in made.receivers:
+            await receiver.leave()
+        await made.service.close()
+
+
+async def test_frames_come_with_their_timestamp_and_sequence(world):
+    """The newest first, each newer than the last, at the wanted rate."""
+    world.camera.stamp = lambda: time.time() - 0.1
+    receiver = await world.receive(fps=15, quality_max=70)
+    await receiver.some(30)
+    headers = [header for header, _ in receiver.pictures]
+    assert [unpacked(h.packed()) for h in headers] == headers
+    numbers = [header.sequence for header in headers]
+    assert numbers == sorted(set(numbers))
+    # The camera has 30 a second, of which each second one is skipped, but for the first ones.
+    settled = numbers[8:]
+    assert 1.5 < (settled[-1] - settled[0]) / (len(settled) - 1) < 2.5
+    assert {(header.quality, header.is_stamped) for header in headers} == {(70, True)}
+    assert all(0.1 <= age_s < 1 for age_s in receiver.ages_s)
+    shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
+    assert shown == sorted(set(shown))
+
+
+async def test_without_credit_nothing_comes_and_two_are_the_most(world):
+    receiver = await world.receive(gives_credit=False)
+    await eventually(lambda: world.camera.open == 1, lambda: "the camera is open")
+    await eventually(lambda: "live" in receiver.states(), receiver.told)
+    assert receiver.pictures == []
+    await receiver.say("credit", frames=99)
+    await receiver.some(2)
+    made = world.camera.number
+    await eventually(lambda: world.camera.number > made + 30, lambda: "thirty more are made")
+    assert len(receiver.pictures) == 2
+    await receiver.say("credit", frames=1, taken=receiver.pictures[-1][0].sequence)
+    await receiver.some(3)
+    # The newest, not the next in line.
+    assert number_of(receiver.pictures[2][1]) >= made + 10
+
+
+async def test_a_receiver_that_takes_nothing_costs_nothing(world, monkeypatch):
+    """Its source is closed after a while, and open again with its next credit."""
+    monkeypatch.setattr(receiver_module, "IDLE_S", 0.3)
+    receiver = await world.receive(gives_credit=False)
+    await eventually(lambda: world.camera.open == 1, lambda: "the camera is open")
+    await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
+    await receiver.say("credit")
+    await receiver.some(1)
+    assert receiver.ages_s[0] < 1
+
+
+async def test_no_receiver_no_source(world):
+    """One without a `stream_request` opens nothing, and the last one to leave closes the source."""
+    url = f"http://127.0.0.1:{world.port}/robotether/frames"
+    async with world.http.ws_connect(url, params={"topic": TOPIC}) as silent:
+        await silent.send_json({"op": "beat", "t_ms": 1})
+        await silent.receive_json(timeout=WITHIN_S)
+        assert world.camera.asked == []
+    both = [await world.receive(), await world.receive()]
+    for receiver in both:
+        await receiver.some(3)
+    assert (len(world.camera.asked), world.camera.open_most) == (1, 1)
+    await both[0].leave()
+    await both[1].some(len(both[1].pictures) + 3)
+    await both[1].leave()
+    await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
+
+
+async def test_a_beat_is_answered_with_the_robots_clock(world):
+    receiver = await world.receive()
+    before = robot_time() * 1000
+    await receiver.say("beat", t_ms=81.25)
+    await eventually(lambda: any(text["op"] == "beat" for text in receiver.texts), receiver.told)
+    answer = next(text for text in receiver.texts if text["op"] == "beat")
+    assert answer["t_ms"] == 81.25
+    assert before <= answer["sender_ms"] <= robot_time() * 1000
+
+
+async def test_the_status_tells_of_a_source_that_ends_and_comes_back(world):
+    """Live, down with the reason, live again by itself."""
+    receiver = await world.receive()
+    await eventually(lambda: "live" in receiver.states(), receiver.told)
+    await world.camera.stop()
+    await eventually(lambda: "down" in receiver.states(), receiver.told)
+    down = next(status for status in receiver.statuses() if status["state"] == "down")
+    assert "web_video_server at" in down["detail"]
+    assert (down["source"], down["width"], down["height"]) == ("web_video_server", None, None)
+    await world.camera.start()
+    await eventually(lambda: receiver.states()[-1] == "live", receiver.told)
+    assert receiver.closed is None
+
+
+async def test_a_stalled_source_is_waited_for(world):
+    world.camera.mode = "silent"
+    receiver = await world.receive()
+    await eventually(lambda: receiver.states() == ["waiting"], receiver.told)
+
+
+async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
+    """Late frames bring the quality down; the new stream is open before the old one ends, none comes twice."""
+    receiver = await world.receive(gives_credit=False, latency_ms=50)
+    await receiver.say("credit")
+    while not {70, 60, 50} & {header.quality for header, _ in receiver.pictures}:
+        count = len(receiver.pictures)
+        await receiver.some(count + 1 if count else 1)
+        # What a slow link is: the frame is taken late.
+        await asyncio.sleep(0.12)
+        await receiver.say("credit", taken=receiver.pictures[-1][0].sequence)
+        assert count < 40, receiver.told()
+    assert world.camera.open_most == 2
+    await eventually(lambda: world.camera.open == 1, lambda: f"{world.camera.open} are open")
+    shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
+    assert shown == sorted(set(shown))
+    moments = [header.timestamp_ms for header, _ in receiver.pictures]
+    assert moments == sorted(set(moments))
+
+
+async def test_another_want_counts_from_now_on(world):
+    receiver = await world.receive(quality_max=70)
+    await receiver.some(3)
+    await receiver.say("want", quality_max=40, width=320, height=240)
+    await eventually(lambda: receiver.pictures[-1][0].quality == 40, receiver.told)
+    assert world.camera.asked[-1]["quality"] == "40"
+    assert (world.camera.asked[-1]["width"], world.camera.asked[-1]["height"]) == ("320", "240")
+
+
+async def test_what_breaks_the_protocol_ends_the_receiver(world):
+    good, bad = await world.receive(), await world.receive()
+    await bad.say("want", fps=0)
+    await eventually(lambda: bad.closed == 1002, bad.told)
+    await good.some(len(good.pictures) + 3)
+
+
+async def test_too_long_a_text_ends_the_receiver(world):
+    """4 KiB are enough for every request."""
+    receiver = await world.receive()
+    await receiver.say("x" * 5000)
+    await eventually(lambda: receiver.closed == 1009, receiver.told)
+
+
+async def test_what_is_no_receiver_is_told_so(world):
+    """404 without an upgrade, by which the relay knows an agent from before; 400 without a camera."""
+    assert (await world.get(f"/robotether/frames?topic={TOPIC}"))[0] == 404
+    assert (await world.get("/robotether/frames"))[0] == 400
+    assert (await world.get("/robotether/frames?topic=" + "x" * 300))[0] == 400
+    assert (await world.get("/robotether/other"))[0] == 404
+
+
+async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
+    """503 beyond; a place that was left is free again."""
+    monkeypatch.setattr(service_module, "MAX_FEEDS", 2)
+    monkeypatch.setattr(service_module, "MAX_RECEIVERS", 3)
+    first = await world.receive("/a")
+    await world.receive("/b")
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await world.receive("/c")
+    assert refused.value.status == 503
+    await world.receive("/a")
+    with pytest.raises(aiohttp.WSServerHandshakeError):
+        await world.receive("/a")
+    await first.leave()
+    await world.receive("/b")
+
+
+async def test_a_still_of_any_camera(world):
+    """At the wanted quality; a camera without frames is an error."""
+    status, body = await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=100")
+    assert (status, body[:2], world.camera.asked[0]["quality"]) == (200, b"\xff\xd8", "100")
+    await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
+    assert (await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=high"))[0] == 400
+
+
+async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
+    monkeypatch.setattr(service_module, "STILL_WITHIN_S", 0.3)
+    world.camera.mode = "refuses"
+    status, body = await world.get(f"/snapshot?topic={TOPIC}")
+    assert (status, b"HTTP status 500" in body) == (503, True)
+    assert (await world.get(f"/stream?topic={TOPIC}"))[0] == 503
+
+
+async def test_a_stream_of_rosbridges_frames(world):
+    """As web_video_server would give it, for whoever asks for that."""
+    async with TopicRosbridge({f"{TOPIC}/compressed": "sensor_msgs/CompressedImage"}) as rosbridge:
+        await world.service.close()
+        await world.start(SourceSettings(world.camera.url, rosbridge.url, "rosbridge"))
+        url = f"http://127.0.0.1:{world.port}/stream?topic={TOPIC}"
+        asking = asyncio.ensure_future(world.http.get(url))
+        await eventually(
+            lambda: bool(rosbridge.subscribed(f"{TOPIC}/compressed")), lambda: str(rosbridge.got)
+        )
+        data = base64.b64encode(fake_jpeg(5)).decode()
+        await rosbridge.publish(f"{TOPIC}/compressed", {"format": "jpeg", "data": data})
+        async with await asyncio.wait_for(asking, WITHIN_S) as answer:
+            assert answer.headers["Content-Type"].startswith("multipart/x-mixed-replace")
+            part = await asyncio.wait_for(answer.content.readuntil(b"\xff\xd9"), WITHIN_S)
+        assert part.endswith(fake_jpeg(5))
+        await eventually(lambda: rosbridge.open == 0, lambda: f"{rosbridge.open} are open")
+
+
+async def test_whoever_looks_whether_video_works_is_told(world):
+    """A list; without any video as if nothing listened, which is what the server asks."""
+    assert (await world.get("/"))[0] == 200
+    world.has_video = False
+    with pytest.raises(aiohttp.ClientError):
+        await world.get("/")
+
+
+async def age_of_plain_mjpeg(http: aiohttp.ClientSession, port: int, for_s: float) -> list[float]:
+    """The ages of the frames of web_video_server's own stream, as they come."""
+    ages = []
+    until = time.monotonic() + for_s
+    async with http.get(f"http://127.0.0.1:{port}/stream?topic={TOPIC}&quality=80") as answer:
+        while time.monotonic() < until:
+            line = await answer.content.readline()
+            if line.startswith(b"X-Timestamp:"):
+                ages.append(time.time() - float(line.split()[1]))
+    return ages
+
+
+@pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
+async def test_over_a_slow_link_frames_stay_new_while_plain_mjpeg_gets_old(world):
+    """1 Mbit/s up for a camera of 7 Mbit/s: what comes is new, in a quality that fits."""
+    world.camera.fps = 15
+    with Link(up=Shape(rate_bit_s=1e6, delay_s=0.03), down=Shape(delay_s=0.03)) as link:
+        door = VideoProxy(world.camera.url, LocalService(world.port))
+        port = await door.start()
+        async with SlowUplink(link, port) as uplink:
+            door.use(uplink.tunnel)
+            receiver = await world.receive(port=uplink.port, latency_ms=400)
+            # So many that a moment in which the machine stands still makes less than 5 % of them late.
+            await eventually(lambda: len(receiver.pictures) > 160, receiver.told, 60)
+            await receiver.leave()
+        async with SlowUplink(link, port) as uplink:
+            door.use(uplink.tunnel)
+            plain = await age_of_plain_mjpeg(world.http, uplink.port, 6)
+        await door.close()
+    settled = sorted(receiver.ages_s[20:])
+    p95, worst = settled[int(len(settled) * 0.95)], max(receiver.ages_s)
+    assert p95 < 0.6, receiver.ages_s
+    # The first ones are of the best quality; two of them may be under way.
+    assert worst < 2, receiver.ages_s
+    assert min(header.quality for header, _ in receiver.pictures) < 80
+    assert max(plain) > 3 * p95, plain

@@ -1,0 +1,213 @@
+"""How streams share what may be under way."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Iterator
+
+import pytest
+from fake_cloud import eventually
+from robotether_agent.video.connection_state import Reading
+from robotether_agent.video.pacer import ARRIVES_WITHIN_S, MAX_TURN_BYTES, Pacer
+from robotether_agent.video.token_bucket import STUCK_AFTER_S
+
+SEGMENT = 1448
+FIRST_WINDOW = 10 * SEGMENT
+# Shorter than any test lets bytes be under way.
+RTT_S = 0.001
+
+
+class Connection:
+    """A media connection whose ssh writes what it is handed, and whose path delivers when it is told to."""
+
+    def __init__(self) -> None:
+        self.written = 5000
+        self.arrived = 5000
+        self.known = True
+        self.looks = 0
+
+    def read_state(self, _: socket.socket, now_s: float) -> Reading | None:
+        self.looks += 1
+        if not self.known:
+            return None
+        return Reading(now_s, self.written, self.arrived, RTT_S, RTT_S, SEGMENT)
+
+
+@pytest.fixture
+def connection() -> Connection:
+    return Connection()
+
+
+@pytest.fixture
+def pacer(connection: Connection) -> Iterator[Pacer]:
+    """A pacer that looks at `connection`."""
+    made = Pacer(connection.read_state)
+    with socket.socket() as handle:
+        made._connection = handle
+        yield made
+        made.hold()
+
+
+class Taker:
+    """A stream that wants all it can get."""
+
+    def __init__(self, pacer: Pacer, connection: Connection | None = None) -> None:
+        self.got = 0
+        self._pacer = pacer
+        self._connection = connection
+        self.task = asyncio.ensure_future(self._run())
+
+    async def _run(self) -> None:
+        while True:
+            granted = await self._pacer.acquire(MAX_TURN_BYTES)
+            self.got += granted
+            if self._connection is not None:
+                self._connection.written += granted
+            await asyncio.sleep(0)
+
+    async def end(self) -> None:
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+
+
+async def test_no_more_than_the_window_gets_in_flight(pacer: Pacer, connection: Connection) -> None:
+    taker = Taker(pacer, connection)
+    await eventually(lambda: taker.got >= FIRST_WINDOW - 2048, lambda: f"got {taker.got}")
+    await asyncio.sleep(0.02)
+    assert taker.got <= FIRST_WINDOW
+    connection.arrived = connection.written
+    await eventually(lambda: taker.got > FIRST_WINDOW, lambda: f"got {taker.got}")
+    await taker.end()
+
+
+async def test_what_ssh_still_has_counts(pacer: Pacer, connection: Connection) -> None:
+    """Between the hand-over and ssh's write nobody gets the same room again."""
+    first = await pacer.acquire(MAX_TURN_BYTES)
+    assert first == FIRST_WINDOW
+    waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    await asyncio.sleep(0.02)
+    assert not waits.done()
+    connection.written += first
+    connection.arrived += first
+    assert await waits > 0
+
+
+async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(
+    pacer: Pacer, connection: Connection
+) -> None:
+    """What ssh cannot write is forgotten after a while."""
+    assert await pacer.acquire(MAX_TURN_BYTES) == FIRST_WINDOW
+    assert await asyncio.wait_for(pacer.acquire(MAX_TURN_BYTES), STUCK_AFTER_S * 8) > 0
+
+
+async def _looks_in(connection: Connection, lasts_s: float) -> int:
+    before = connection.looks
+    await asyncio.sleep(lasts_s)
+    return connection.looks - before
+
+
+async def test_a_frame_is_followed_until_it_has_arrived(
+    pacer: Pacer, connection: Connection
+) -> None:
+    """Though nobody waits: how fast it went is seen then; afterwards nothing is looked at."""
+    connection.written += await pacer.acquire(MAX_TURN_BYTES)
+    before = connection.looks
+    await eventually(lambda: connection.looks > before + 5, lambda: "it is not looked at")
+    connection.arrived = connection.written
+    await asyncio.sleep(0.05)
+    assert await _looks_in(connection, 0.1) == 0
+
+
+async def test_a_frame_that_never_arrives_is_not_followed_for_ever(
+    pacer: Pacer, connection: Connection
+) -> None:
+    """A dead path costs no looks."""
+    connection.written += await pacer.acquire(MAX_TURN_BYTES)
+    await asyncio.sleep(ARRIVES_WITHIN_S + 0.05)
+    assert await _looks_in(connection, 0.1) == 0
+
+
+async def test_a_connection_that_goes_while_a_frame_is_followed_is_no_word_in_the_log(
+    pacer: Pacer, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody waits, so that nothing is passed on unpaced."""
+    await pacer.acquire(MAX_TURN_BYTES)
+    pacer.use(None)
+    await asyncio.sleep(0.02)
+    assert not caplog.records
+
+
+async def test_streams_share_fairly(pacer: Pacer, connection: Connection) -> None:
+    """Three who want all get a third each of what the path takes."""
+    takers = [Taker(pacer, connection) for _ in range(3)]
+
+    def all_got(amount: int) -> bool:
+        connection.arrived = min(connection.written, connection.arrived + 20_000)
+        return sum(taker.got for taker in takers) > amount
+
+    await eventually(lambda: all_got(300_000), lambda: f"got {[t.got for t in takers]}")
+    for taker in takers:
+        await taker.end()
+    got = [taker.got for taker in takers]
+    assert max(got) - min(got) <= 3 * MAX_TURN_BYTES
+
+
+async def test_one_who_leaves_while_it_waits_is_forgotten(
+    pacer: Pacer, connection: Connection
+) -> None:
+    await pacer.acquire(MAX_TURN_BYTES)
+    leaves = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    stays = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    await asyncio.sleep(0)
+    leaves.cancel()
+    connection.written += FIRST_WINDOW
+    connection.arrived = connection.written
+    assert await stays > 0
+    assert leaves.cancelled()
+
+
+async def test_without_a_connection_everybody_gets_all(caplog: pytest.LogCaptureFixture) -> None:
+    """As plain forwarding, and the log says so once."""
+    pacer = Pacer()
+    with caplog.at_level(logging.WARNING):
+        assert [await pacer.acquire(100_000) for _ in range(3)] == [100_000] * 3
+    assert len(caplog.records) == 1
+    assert "as fast as it comes" in caplog.text
+
+
+async def test_a_kernel_that_tells_nothing_lets_everybody_pass(
+    pacer: Pacer, connection: Connection, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also those who waited already when it became so."""
+    await pacer.acquire(MAX_TURN_BYTES)
+    waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    await asyncio.sleep(0)
+    connection.known = False
+    assert await waits == MAX_TURN_BYTES
+    assert "tells too little" in caplog.text
+
+
+async def test_another_connection_begins_anew(pacer: Pacer, connection: Connection) -> None:
+    """Those who waited for the old one go on with the new one."""
+    await pacer.acquire(MAX_TURN_BYTES)
+    waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    await asyncio.sleep(0)
+    with socket.socket() as handle:
+        pacer.use(handle)
+        assert await waits == FIRST_WINDOW
+
+
+async def test_while_it_is_held_everybody_waits(
+    pacer: Pacer, connection: Connection, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A connection that ends takes nothing any more, and that is no reason for a word in the log."""
+    pacer.hold()
+    waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
+    await asyncio.sleep(0.02)
+    assert not waits.done()
+    with socket.socket() as handle:
+        pacer.use(handle)
+        assert await waits == FIRST_WINDOW
+    assert not caplog.records

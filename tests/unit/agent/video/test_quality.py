@@ -1,0 +1,141 @@
+"""Steps of quality over simulated links."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import pytest
+from robotether_agent.video.quality import MAX_UP_AFTER_S, SCALES, Level, Steps, ladder
+
+LEVELS = ladder(20, 80, scales=True)
+LATENCY_S = 0.3
+FPS = 15
+
+
+@dataclass
+class FakeLink:
+    """Takes one frame after the other: its round trip, and its bytes at so many a second."""
+
+    bytes_s: float
+    round_trip_s: float = 0.04
+    # What a frame of quality 100 at its whole size has.
+    whole: int = 60_000
+    sizes: list[int] = field(default_factory=list)
+
+    def took_s(self, level: Level) -> float:
+        self.sizes.append(int(self.whole * level.quality / 100 * level.scale**2))
+        return self.round_trip_s + self.sizes[-1] / self.bytes_s
+
+
+def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[tuple[float, Level]]:
+    """One frame on its way at a time, of a camera of 15 a second; return the changes."""
+    changes = []
+    now_s, looked_s, sent = from_s, from_s, 0
+    while now_s < from_s + seconds:
+        level = steps.level
+        took_s = link.took_s(level)
+        now_s += max(took_s, 1 / FPS)
+        sent += 1
+        steps.on_taken(now_s, took_s)
+        if now_s - looked_s >= 1:
+            steps.on_rates(now_s, FPS, sent / (now_s - looked_s))
+            looked_s, sent = now_s, 0
+        if steps.level != level:
+            changes.append((now_s, steps.level))
+    return changes
+
+
+def test_the_ladder_goes_through_quality_and_then_size():
+    assert [level.quality for level in ladder(25, 50, scales=False)] == [50, 40, 30, 25]
+    assert LEVELS[-len(SCALES) :] == tuple(Level(20, scale) for scale in SCALES)
+    assert ladder(50, 50, scales=False) == (Level(50),)
+
+
+def test_a_good_link_keeps_the_best():
+    """100 Mbit/s: no step in a minute."""
+    assert drive(Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6), 0, 60) == []
+
+
+def test_a_slow_link_gets_what_it_carries_within_seconds():
+    """The paper's 4.97 Mbit/s with frames of 200 KB: soon within the wanted time, and it stays there."""
+    steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(0.62e6, whole=400_000)
+    changes = drive(steps, link, 0, 120)
+    assert changes[0][0] < 3
+    assert link.round_trip_s + link.sizes[-1] / link.bytes_s <= LATENCY_S
+    # Ways up that led down again come ever later.
+    assert len([at for at, _ in changes if at > 60]) <= 4
+
+
+def test_the_size_goes_only_when_the_quality_is_at_its_least():
+    """A link that carries nearly nothing ends at the smallest, step by step."""
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    seen = [level for _, level in drive(steps, FakeLink(20_000), 0, 120)]
+    assert seen[-1] == LEVELS[-1]
+    assert all(level.quality == 20 for level in seen if level.scale < 1)
+
+
+def test_a_link_that_gets_better_gets_the_best_again():
+    """Up step by step, each after seconds in which all was well."""
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    drive(steps, FakeLink(100_000), 0, 20)
+    assert steps.level.quality < 50
+    changes = drive(steps, FakeLink(12e6), 20, 200)
+    assert steps.level == LEVELS[0]
+    gaps = [after[0] - before[0] for before, after in itertools.pairwise(changes)]
+    assert min(gaps) >= 4
+
+
+def test_one_late_frame_changes_nothing():
+    """A hiccup of the network is no slow link."""
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    for n in range(100):
+        assert not steps.on_taken(n / FPS, 0.4 if n % 10 == 0 else 0.1)
+
+
+def test_very_late_frames_are_left_soon():
+    """Two of them are enough, and they go down two steps."""
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    assert not steps.on_taken(1.0, 1.0)
+    assert steps.on_taken(2.0, 1.0)
+    assert steps.level == LEVELS[2]
+
+
+def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
+    """0.2 s there and back, and bytes enough: smaller frames would come no more often, so it goes back up."""
+    steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6, round_trip_s=0.2)
+    changes = drive(steps, link, 0, 25)
+    assert [level for _, level in changes] == [LEVELS[1], LEVELS[0]]
+
+
+def test_a_rate_that_bytes_limit_steps_down():
+    """Each frame within the wanted time, but fewer than the camera gives."""
+    steps, link = Steps(LEVELS, 1.0, 0), FakeLink(0.3e6, round_trip_s=0.01)
+    drive(steps, link, 0, 40)
+    assert steps.level.quality < 60
+
+
+def test_the_way_up_comes_later_each_time_it_led_down():
+    """A link between two levels is not torn between them for ever."""
+    steps, now_s, ups = Steps(LEVELS, LATENCY_S, 0), 0.0, []
+    for _ in range(6000):
+        now_s += 1 / FPS
+        before = steps.level
+        steps.on_taken(now_s, 0.1 if steps.level.quality <= 50 else 0.35)
+        if steps.level.quality > before.quality:
+            ups.append(now_s)
+    gaps = [after - before for before, after in itertools.pairwise(ups)]
+    assert gaps[0] < 10
+    assert max(gaps) >= MAX_UP_AFTER_S
+    assert all(after >= before * 0.9 for before, after in itertools.pairwise(gaps))
+
+
+@pytest.mark.parametrize(("low", "high", "at"), [(20, 40, 40), (20, 90, 60), (70, 90, 70)])
+def test_another_range_goes_on_near_where_it_was(low, high, at):
+    """No better than before, and within the new range."""
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    steps.on_taken(1.0, 1.0)
+    steps.on_taken(2.0, 1.0)
+    assert steps.level.quality == 60
+    steps.use(ladder(low, high, scales=False), LATENCY_S, 3.0)
+    assert steps.level.quality == at

@@ -1,0 +1,204 @@
+"""One receiver, by itself: credit, newest, numbers, and which sizes it asks for; sockets are in test_frames_service."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import AsyncIterator
+
+import pytest
+from aiohttp import WSMsgType
+from fake_cameras import fake_jpeg, number_of
+from fake_cloud import eventually
+from frame_header import SIZE, unpacked
+from robotether_agent.fields import FieldError
+from robotether_agent.video import receiver as receiver_module
+from robotether_agent.video.feeds import Feeds
+from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.receiver import Receiver
+
+
+class FakeMessage:
+    def __init__(self, data: str) -> None:
+        self.type = WSMsgType.TEXT
+        self.data = data
+
+
+class FakeSocket:
+    """What a receiver reads from and writes to; `stuck` is a link that takes nothing."""
+
+    def __init__(self) -> None:
+        self.texts: list[dict] = []
+        self.pictures: list[bytes] = []
+        self.stuck = False
+        self._asked: deque[str] = deque()
+        self._more = asyncio.Event()
+
+    def ask(self, op: str, **fields: object) -> None:
+        self._asked.append(json.dumps({"op": op, **fields}))
+        self._more.set()
+
+    def __aiter__(self):
+        return self
+
+    async def __anext__(self) -> FakeMessage:
+        while not self._asked:
+            self._more.clear()
+            await self._more.wait()
+        return FakeMessage(self._asked.popleft())
+
+    async def send_str(self, text: str) -> None:
+        self.texts.append(json.loads(text))
+
+    async def send_bytes(self, data: bytes) -> None:
+        self.pictures.append(data)
+        if self.stuck:
+            await asyncio.Event().wait()
+
+
+class World:
+    """A receiver, its socket, its source, and the clock of all."""
+
+    def __init__(self, *, steps_quality: bool = True) -> None:
+        self.now_s = 100.0
+        self.socket = FakeSocket()
+        self.open: dict[SourceRequest, object] = {}
+        self.feeds = Feeds(self._run, lambda: self.now_s)
+        self.receiver = Receiver(
+            self.socket,
+            "/camera",
+            self.feeds,
+            steps_quality=steps_quality,
+            clock=lambda: self.now_s,
+        )
+        self.task = asyncio.ensure_future(self.receiver.run())
+
+    async def _run(self, source_request, take, tell) -> None:
+        tell("web_video_server")
+        self.open[source_request] = take
+        try:
+            await asyncio.Event().wait()
+        finally:
+            del self.open[source_request]
+
+    async def end(self) -> None:
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+        await self.feeds.close()
+
+    async def until_open(self) -> SourceRequest:
+        await eventually(lambda: bool(self.open), lambda: "a source is open")
+        return list(self.open)[-1]
+
+    def give(self, number: int, after_s: float = 0.1) -> None:
+        self.now_s += after_s
+        for take in tuple(self.open.values()):
+            take(Frame(fake_jpeg(number), self.now_s, self.now_s))
+
+    async def got(self, count: int) -> list[int]:
+        await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))
+        return [number_of(data[SIZE:]) for data in self.socket.pictures]
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    """A receiver that runs."""
+    made = World()
+    yield made
+    await made.end()
+
+
+async def test_the_newest_goes_out_when_credit_comes(world):
+    """What came before it is skipped, and the number tells."""
+    world.socket.ask("want")
+    await world.until_open()
+    for number in (1, 2, 3):
+        world.give(number)
+    world.socket.ask("credit")
+    assert await world.got(1) == [3]
+    assert unpacked(world.socket.pictures[0]).sequence == 3
+
+
+async def test_a_frame_goes_out_once(world):
+    """Credit without a new frame waits for one."""
+    world.socket.ask("want")
+    world.socket.ask("credit", frames=2)
+    await world.until_open()
+    world.give(1)
+    assert await world.got(1) == [1]
+    world.give(2)
+    assert await world.got(2) == [1, 2]
+
+
+async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
+    """Nothing is chosen before the link takes it, and requests are still heard."""
+    world.socket.stuck = True
+    world.socket.ask("want")
+    world.socket.ask("credit", frames=2)
+    await world.until_open()
+    world.give(1)
+    await world.got(1)
+    for number in (2, 3):
+        world.give(number)
+    world.socket.ask("beat", t_ms=1.0)
+    await eventually(lambda: len(world.receiver._texts) > 0, lambda: "the beat waits")
+    assert len(world.socket.pictures) == 1
+
+
+async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
+    """By parts of the camera's own size, which its frame tells; both sides even."""
+    world.socket.ask("want", quality_min=50, quality_max=50, latency_ms=100)
+    world.socket.ask("credit")
+    assert await world.until_open() == SourceRequest("/camera", 50, None, None, 15.0)
+    for number in range(1, 4):
+        world.give(number)
+        await world.got(number)
+        world.now_s += 0.15
+        world.socket.ask("credit", taken=number)
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    await eventually(lambda: len(world.open) == 2, lambda: str(list(world.open)))
+    assert list(world.open)[-1] == SourceRequest("/camera", 50, 480, 360, 15.0)
+
+
+async def test_a_camera_that_takes_no_requests_is_asked_for_none():
+    """Its quality is unknown, and it is not opened anew for a step."""
+    world = World(steps_quality=False)
+    try:
+        world.socket.ask("want", latency_ms=50)
+        world.socket.ask("credit")
+        assert await world.until_open() == SourceRequest("/camera", 0, None, None, 15.0)
+        for number in range(1, 8):
+            world.give(number)
+            await world.got(number)
+            world.now_s += 1
+            world.socket.ask("credit", taken=number)
+        assert len(world.open) == 1
+        assert {unpacked(data).quality for data in world.socket.pictures} == {0}
+    finally:
+        await world.end()
+
+
+async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
+    """At once with the first `stream_request`, and then when something is another."""
+    monkeypatch.setattr(receiver_module, "CHECK_EVERY_S", 0.01)
+    world.socket.ask("want")
+    await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
+    assert world.socket.texts[0]["state"] == "waiting"
+    await world.until_open()
+    world.give(1, after_s=0.1)
+    await asyncio.sleep(0.1)
+    assert len(world.socket.texts) == 1
+    world.socket.ask("credit")
+    world.now_s += 1
+    await eventually(lambda: len(world.socket.texts) == 2, lambda: str(world.socket.texts))
+    assert world.socket.texts[1]["state"] == "live"
+
+
+async def test_a_text_that_breaks_the_protocol_ends_it(world):
+    world.socket.ask("want")
+    await world.until_open()
+    world.socket.ask("credit", frames="many")
+    with pytest.raises(FieldError, match="frames"):
+        await asyncio.wait_for(world.task, 5)
+    await eventually(lambda: not world.open, lambda: str(world.open))

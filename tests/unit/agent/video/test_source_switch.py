@@ -1,0 +1,141 @@
+"""Going over from one source to the next: no gap, no frame twice, none out of order."""
+
+from __future__ import annotations
+
+import pytest
+from fake_cameras import fake_jpeg
+from robotether_agent.video.feeds import Condition, Feed
+from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.source_switch import GIVE_UP_S, SourceSwitch
+
+HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
+
+
+class FakeFeed:
+    """A feed without a source."""
+
+    def __init__(self, source_request: SourceRequest) -> None:
+        self.source_request = source_request
+        self.followers = {}
+        self.state = "live"
+
+    def condition(self) -> Condition:
+        return Condition(self.state)
+
+
+class FakeFeeds:
+    """Who follows what; a clock too."""
+
+    def __init__(self) -> None:
+        self.open: dict[SourceRequest, FakeFeed] = {}
+        self.now_s = 10.0
+
+    def follow(self, source_request, who, take):
+        feed = self.open.setdefault(source_request, FakeFeed(source_request))
+        feed.followers[who] = take
+        return feed
+
+    def leave(self, feed: Feed, who: object) -> None:
+        feed.followers.pop(who, None)
+        if not feed.followers:
+            self.open.pop(feed.source_request, None)
+
+    def give(self, source_request: SourceRequest, timestamp_s: float) -> None:
+        frame = Frame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
+        for take in tuple(self.open[source_request].followers.values()):
+            take(frame)
+
+
+@pytest.fixture
+def feeds() -> FakeFeeds:
+    """No real source is needed for the order of frames."""
+    return FakeFeeds()
+
+
+@pytest.fixture
+def got() -> list[tuple[float, int]]:
+    """Moment and quality of what went on."""
+    return []
+
+
+@pytest.fixture
+def switch(feeds, got) -> SourceSwitch:
+    """What follows them."""
+    return SourceSwitch(
+        feeds, lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)), lambda: feeds.now_s
+    )
+
+
+def test_the_new_source_is_open_before_the_old_one_ends(feeds, switch, got):
+    """Frames go on from the old one until the new one has a newer one."""
+    switch.follow(HIGH)
+    for n in range(10):
+        feeds.give(HIGH, n * 0.066)
+    switch.follow(LOW)
+    assert set(feeds.open) == {HIGH, LOW}
+    feeds.give(HIGH, 0.66)
+    # The same frame at another quality, some ms later as the server's own stamp tells.
+    feeds.give(LOW, 0.668)
+    assert (switch.source_request, set(feeds.open)) == (LOW, {LOW})
+    feeds.give(LOW, 0.726)
+    assert [quality for _, quality in got] == [80] * 11 + [40]
+    moments = [moment for moment, _ in got]
+    assert moments == sorted(set(moments))
+
+
+def test_a_new_source_that_is_first_with_a_frame(feeds, switch, got):
+    switch.follow(HIGH)
+    feeds.give(HIGH, 1.0)
+    switch.follow(LOW)
+    feeds.give(LOW, 1.066)
+    assert got == [(1.0, 80), (1.066, 40)]
+    assert set(feeds.open) == {LOW}
+
+
+def test_an_older_frame_does_not_go_on(feeds, switch, got):
+    switch.follow(HIGH)
+    feeds.give(HIGH, 5.0)
+    feeds.give(HIGH, 4.9)
+    assert got == [(5.0, 80)]
+
+
+def test_a_request_that_changes_meanwhile(feeds, switch):
+    """The newest counts, and going back opens nothing."""
+    other = SourceRequest("/camera", 20, None, None, 15.0)
+    switch.follow(HIGH)
+    feeds.give(HIGH, 1.0)
+    switch.follow(LOW)
+    switch.follow(other)
+    assert set(feeds.open) == {HIGH, other}
+    switch.follow(HIGH)
+    assert set(feeds.open) == {HIGH}
+
+
+def test_a_new_source_that_gives_nothing_is_let_go(feeds, switch):
+    switch.follow(HIGH)
+    feeds.give(HIGH, 1.0)
+    switch.follow(LOW)
+    assert not switch.give_up_late()
+    feeds.now_s += GIVE_UP_S
+    assert switch.give_up_late()
+    assert (switch.source_request, set(feeds.open)) == (HIGH, {HIGH})
+
+
+def test_when_neither_gives_anything_the_newer_request_counts(feeds, switch):
+    """So that what is wanted is asked for when the camera comes back."""
+    switch.follow(HIGH)
+    feeds.open[HIGH].state = "down"
+    switch.follow(LOW)
+    feeds.now_s += GIVE_UP_S
+    assert not switch.give_up_late()
+    assert (switch.source_request, set(feeds.open)) == (LOW, {LOW})
+
+
+def test_leaving_closes_both(feeds, switch):
+    """Also in the middle of a change; following begins anew."""
+    switch.follow(HIGH)
+    switch.follow(LOW)
+    switch.leave()
+    assert (feeds.open, switch.source_request, switch.condition()) == ({}, None, Condition())
+    switch.follow(LOW)
+    assert switch.source_request == LOW

@@ -1,0 +1,265 @@
+"""Frames from real sockets: web_video_server, cameras by URL, rosbridge, and which of them is asked."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import aiohttp
+import pytest
+from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
+from fake_cloud import eventually
+from local_network import free_port
+from robotether_agent.clock import robot_time
+from robotether_agent.video import sources as sources_module
+from robotether_agent.video.frame import Frame, SourceDownError, SourceRequest
+from robotether_agent.video.sources import Sources, SourceSettings, stamp_of, stream_url
+from sim_robot.settings import Settings as SimSettings
+from sim_robot.simulator import Simulator
+
+WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
+IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
+
+
+@dataclass
+class Taken:
+    """What a source gave, and what it said it was."""
+
+    pictures: list[Frame] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
+
+    def some(self, count: int = 3) -> Callable[[], bool]:
+        return lambda: len(self.pictures) >= count
+
+    def told(self) -> str:
+        return f"{len(self.pictures)} pictures, {self.kinds}"
+
+
+@pytest.fixture
+async def run() -> AsyncIterator[Callable[..., tuple[asyncio.Future[None], Taken]]]:
+    """Runs sources, and ends them."""
+    tasks: list[asyncio.Future[None]] = []
+    async with aiohttp.ClientSession() as http:
+
+        def start(
+            source_settings: SourceSettings, source_request: SourceRequest = WISH
+        ) -> tuple[asyncio.Future[None], Taken]:
+            taken = Taken()
+            running = Sources(http, source_settings).run(
+                source_request, taken.pictures.append, taken.kinds.append
+            )
+            tasks.append(asyncio.ensure_future(running))
+            return tasks[-1], taken
+
+        yield start
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def source_settings(
+    video: str = "", rosbridge: str = "", source: str = "auto", **cameras: str
+) -> SourceSettings:
+    nothing = f"127.0.0.1:{free_port()}"
+    return SourceSettings(
+        video or f"http://{nothing}", rosbridge or f"ws://{nothing}", source, cameras
+    )
+
+
+def image(number: int, **more: object) -> dict[str, object]:
+    data = base64.b64encode(fake_jpeg(number)).decode()
+    return {"header": {"stamp": {"sec": 0, "nanosec": 0}}, "format": "jpeg", "data": data, **more}
+
+
+@pytest.mark.parametrize("names_length", [True, False])
+async def test_frames_of_web_video_server(run, names_length):
+    """Each as it is, in order, with the camera's own moment."""
+    async with FakeVideoServer() as server:
+        server.names_length = names_length
+        server.stamp = lambda: time.time() - 0.5
+        _, taken = run(source_settings(server.url))
+        await eventually(taken.some(), taken.told)
+        numbers = [number_of(frame.jpeg) for frame in taken.pictures]
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        newest = taken.pictures[-1]
+        assert newest.is_stamped
+        assert newest.arrived_s - newest.timestamp_s == pytest.approx(0.5, abs=0.1)
+        assert newest.arrived_s <= robot_time()
+        assert (taken.kinds, server.asked[0]["quality"]) == (["web_video_server"], "70")
+
+
+async def test_a_stamp_of_another_clock_is_the_arrival(run):
+    async with FakeVideoServer() as server:
+        server.stamp = lambda: 12.5
+        _, taken = run(source_settings(server.url))
+        await eventually(taken.some(1), taken.told)
+        assert taken.pictures[0].timestamp_s == taken.pictures[0].arrived_s
+        assert not taken.pictures[0].is_stamped
+
+
+def test_quality_and_size_stand_in_the_url():
+    """The camera's own size is asked for by none; a topic's signs are encoded."""
+    assert stream_url("http://h:1", WISH) == (
+        "http://h:1/stream?topic=/camera/image_raw&type=mjpeg&quality=70"
+    )
+    assert stream_url("http://h:1", SourceRequest("/a&b", 20, 320, 240, 1)).endswith(
+        "topic=/a%26b&type=mjpeg&quality=20&width=320&height=240"
+    )
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        ("ends", "ended the stream; is there such a camera"),
+        ("refuses", "HTTP status 500"),
+        ("lists", "cannot be shown: it sends text/html"),
+        ("silent", "no picture for"),
+    ],
+)
+async def test_a_server_without_frames_tells_why(run, monkeypatch, mode, why):
+    """Each in words for people, and never silently."""
+    monkeypatch.setattr(sources_module, "STALL_S", 0.2)
+    async with FakeVideoServer(mode) as server:
+        running, _ = run(source_settings(server.url))
+        with pytest.raises(SourceDownError, match=why):
+            await asyncio.wait_for(running, 5)
+
+
+async def test_a_camera_of_the_settings(run):
+    """Its URL is asked as it stands, and no web_video_server."""
+    async with FakeVideoServer() as camera:
+        url = f"{camera.url}/stream?user=a%2Fb"
+        given = source_settings(rear=url)
+        _, taken = run(given, SourceRequest("rear", 0, None, None, 15))
+        await eventually(taken.some(), taken.told)
+        assert (taken.kinds, camera.asked) == (["mjpeg"], [{"user": "a/b"}])
+
+
+async def test_an_error_tells_no_password(run):
+    """A camera's login stays in the settings."""
+    given = source_settings(rear=f"http://ann:secret@127.0.0.1:{free_port()}/")
+    running, _ = run(given, SourceRequest("rear", 0, None, None, 15))
+    with pytest.raises(SourceDownError) as caught:
+        await asyncio.wait_for(running, 5)
+    assert "secret" not in str(caught.value) + repr(given)
+
+
+async def test_frames_of_rosbridge(run):
+    """The compressed topic of a camera, the newest message only, with its stamp as ROS writes it."""
+    async with TopicRosbridge(IMAGES) as rosbridge:
+        _, taken = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
+        topic = "/camera/image_raw/compressed"
+        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
+        source_request = rosbridge.subscribed(topic)[0]
+        assert (
+            source_request["queue_length"],
+            0 < source_request["throttle_rate"] < 1000 / 15,
+        ) == (1, True)
+        sent_s = time.time() - 0.25
+        stamp = {"sec": int(sent_s), "nanosec": int(sent_s % 1 * 1e9)}
+        await rosbridge.publish(topic, image(7, header={"stamp": stamp}))
+        await eventually(taken.some(1), taken.told)
+        assert number_of(taken.pictures[0].jpeg) == 7
+        assert taken.pictures[0].is_stamped
+        assert robot_time() - taken.pictures[0].timestamp_s == pytest.approx(0.25, abs=0.2)
+
+
+async def test_frames_of_the_simulated_robots_rosbridge(run):
+    """The whole way of a real message, base64 and all."""
+    settings = SimSettings(name="x", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
+    async with Simulator(settings) as robot:
+        url = f"ws://127.0.0.1:{robot.rosbridge.listener.port}"
+        _, taken = run(source_settings(rosbridge=url, source="rosbridge"))
+        await eventually(taken.some(), taken.told)
+        newest = taken.pictures[-1]
+        assert newest.is_stamped
+        assert 0 <= newest.arrived_s - newest.timestamp_s < 1
+
+
+@pytest.mark.parametrize(
+    ("topics", "asked", "follows"),
+    [
+        (IMAGES, "camera/image_raw", "/camera/image_raw/compressed"),
+        ({"/c": "sensor_msgs/CompressedImage"}, "/c", "/c"),
+        (None, "/c", "/c/compressed"),
+        (None, "/c/compressed", "/c/compressed"),
+    ],
+)
+async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, asked, follows):
+    """By name or with /compressed, as rosapi says, and as image_transport does where there is no rosapi."""
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
+    async with TopicRosbridge(topics) as rosbridge:
+        run(
+            source_settings(rosbridge=rosbridge.url, source="rosbridge"),
+            SourceRequest(asked, 0, None, None, 15),
+        )
+        await eventually(lambda: bool(rosbridge.subscribed(follows)), lambda: str(rosbridge.got))
+
+
+async def test_a_rosbridge_without_such_frames_tells_why(run):
+    async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
+        running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
+        with pytest.raises(SourceDownError, match="no compressed pictures of /camera/image_raw"):
+            await asyncio.wait_for(running, 5)
+        rosbridge.topics = IMAGES
+        running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
+        topic = "/camera/image_raw/compressed"
+        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
+        png = base64.b64encode(b"\x89PNG").decode()
+        await rosbridge.publish(topic, image(1, data=png, format="png"))
+        with pytest.raises(SourceDownError, match="format 'png', not JPEG"):
+            await asyncio.wait_for(running, 5)
+
+
+async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monkeypatch):
+    """What `auto` means: the better source as soon as it is there."""
+    monkeypatch.setattr(sources_module, "RECHECK_S", 0.1)
+    async with TopicRosbridge(IMAGES) as rosbridge, FakeVideoServer() as server:
+        await server.stop()
+        given = source_settings(server.url, rosbridge.url)
+        running, taken = run(given)
+        topic = "/camera/image_raw/compressed"
+        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
+        await rosbridge.publish(topic, image(1))
+        await eventually(taken.some(1), taken.told)
+        assert taken.kinds == ["web_video_server", "rosbridge"]
+        await server.start()
+        with pytest.raises(SourceDownError, match="answers again"):
+            await asyncio.wait_for(running, 5)
+        await eventually(lambda: not rosbridge.open, lambda: f"{rosbridge.open} are open")
+
+
+async def test_neither_source_is_told_with_both_reasons(run):
+    running, _ = run(source_settings())
+    with pytest.raises(SourceDownError, match=r"web_video_server at .*; rosbridge at "):
+        await asyncio.wait_for(running, 5)
+
+
+async def test_a_server_that_answers_badly_is_not_left_for_rosbridge(run):
+    async with FakeVideoServer("refuses") as server, TopicRosbridge(IMAGES) as rosbridge:
+        running, _ = run(source_settings(server.url, rosbridge.url))
+        with pytest.raises(SourceDownError, match="HTTP status 500"):
+            await asyncio.wait_for(running, 5)
+        assert rosbridge.got == []
+
+
+async def test_a_source_that_is_left_is_closed(run):
+    async with FakeVideoServer() as server:
+        running, taken = run(source_settings(server.url))
+        await eventually(taken.some(1), taken.told)
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+        await eventually(lambda: server.open == 0, lambda: f"{server.open} streams are open")
+
+
+def test_stamps_as_both_ros_write_them():
+    """Seconds and nanoseconds; what is empty or broken is none."""
+    for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
+        assert stamp_of({"header": {"stamp": {whole: 5, part: 500_000_000}}}) == 5.5
+    for message in ({}, {"header": 1}, {"header": {"stamp": {"sec": 0, "nanosec": 0}}}):
+        assert stamp_of(message) is None
