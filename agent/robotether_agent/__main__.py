@@ -2,7 +2,7 @@
 
 import sys
 
-from robotether_agent.cli.main import main
+from robotether_agent.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

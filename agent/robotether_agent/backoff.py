@@ -1,12 +1,15 @@
-"""When to try again: the delays, and the one decision between retry and giving up.
+"""When to try again: the delays, the one decision between retry and giving up, and the loop that goes by them.
 
-Used by the supervisor for each connection, and by `run` when the agent itself fails. Never sleeps and never reads
-a clock; it only answers.
+`keep_going` is run by the daemon, once for each kind of connection. Only a problem that no retry mends gets through.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
 from robotether_agent.problems import Problem, Retry, ServerSilent
@@ -24,6 +27,8 @@ SLOWLY_S = (15.0, 30.0)
 FAILED_START_S = (5.0, 15.0)
 # A connection that stood this long was a good one: what follows is a new trouble, not the old one.
 STABLE_S = 10.0
+
+log = logging.getLogger(__name__)
 
 
 def delays(rng: Random) -> Iterator[float]:
@@ -72,3 +77,71 @@ class Backoff:
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
                 return self._rng.uniform(*AFTER_SILENCE_S)
         return retry_or_give_up(problem, self._soon, self._rng)
+
+
+class Uptime:
+    """How long the present attempt has stood."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._since: float | None = None
+
+    def is_up(self) -> None:
+        """Note that the connection stands."""
+        if self._since is None:
+            self._since = self._clock()
+
+    @property
+    def uptime_s(self) -> float:
+        """Seconds since the connection stood, 0 if it never did."""
+        return 0.0 if self._since is None else self._clock() - self._since
+
+
+class Repeats:
+    """Lets the 1st, 2nd, 4th, 8th ... of the same problem into the log, until it is forgotten.
+
+    A server that is down for days then leaves some lines a day and not one every second, also when two
+    problems take turns.
+    """
+
+    def __init__(self) -> None:
+        self._times: Counter[str] = Counter()
+
+    def log_problem(self, what: str, problem: Problem, wait_s: float | None = None) -> None:
+        """Log `problem` of `what`, which is tried again after `wait_s`, if that is known."""
+        self._times[problem.code] += 1
+        times = self._times[problem.code]
+        loud = times & (times - 1) == 0
+        quiet = problem.retry is Retry.ASK_AGAIN
+        level = (logging.INFO if quiet else logging.WARNING) if loud else logging.DEBUG
+        again = "" if wait_s is None else f"; next try in {wait_s:.1f} s"
+        often = "" if times == 1 else f" (for the {times}. time)"
+        log.log(level, "%s: %s%s%s", what, problem, again, often)
+
+    def forget(self) -> None:
+        """Start counting anew, after a success."""
+        self._times.clear()
+
+
+async def keep_going(
+    what: str,
+    attempt: Callable[[Uptime], Awaitable[None]],
+    backoff: Backoff,
+    on_problem: Callable[[Problem], None],
+    pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
+) -> None:
+    """Run `attempt` again and again; `on_problem` gets each problem before the pause."""
+    repeats = Repeats()
+    while True:
+        uptime = Uptime()
+        try:
+            await attempt(uptime)
+        except Problem as problem:
+            if uptime.uptime_s:
+                repeats.forget()
+            wait_s = backoff.after(problem, uptime_s=uptime.uptime_s)
+            if wait_s is None:
+                raise
+            on_problem(problem)
+            repeats.log_problem(what, problem, wait_s)
+            await pause(wait_s)

@@ -16,14 +16,13 @@ from random import Random
 from typing import Any, Literal
 
 from robotether_agent import __version__
-from robotether_agent.backoff import Backoff
+from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.child_process import guard_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import Target
-from robotether_agent.notify import Notifier
 from robotether_agent.problems import (
     KeyRefused,
     Problem,
@@ -35,13 +34,11 @@ from robotether_agent.problems import (
 from robotether_agent.setting_values import camera_urls
 from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, StatusWriter
-from robotether_agent.supervisor import Uptime, keep_going
+from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of, within
-from robotether_agent.tunnel.connection import Report, Role
-from robotether_agent.tunnel.connector import Connector
-from robotether_agent.tunnel.requested_features import RequestedFeatures
-from robotether_agent.tunnel.session import Checked, Session, SessionConfig
-from robotether_agent.tunnel.ssh_command import Forward, forward_to
+from robotether_agent.tunnel.connection import Connector, Report, Role
+from robotether_agent.tunnel.openssh import Forward, forward_to
+from robotether_agent.tunnel.session import Checked, RequestedFeatures, Session, SessionConfig
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy

@@ -1,14 +1,76 @@
-"""Asks systemd about the boot service and restarts it, by systemctl; for `switch` and `doctor`."""
+"""Talks to systemd: reports how the agent is (sd_notify), asks about the boot service and restarts it (systemctl).
+
+Without systemd it does nothing; a message that cannot be sent never stops the agent.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import logging
+import os
+import socket
 import subprocess
+from collections.abc import Mapping
 
 from robotether_agent.problems import UpgradeFailed
 
 SERVICE = "robotether-agent.service"
 # Until it gives up on a service that does not end: TimeoutStopSec, then TimeoutStartSec.
 TIMEOUT_S = 120.0
+
+log = logging.getLogger(__name__)
+
+
+class Notifier:
+    """The socket that systemd named, if any."""
+
+    def __init__(self, address: str | None, watchdog_s: float | None = None) -> None:
+        # A leading @ stands for the abstract namespace.
+        self._address = "\0" + address[1:] if address and address.startswith("@") else address
+        self._watchdog_s = watchdog_s
+
+    @classmethod
+    def from_environ(cls, environ: Mapping[str, str]) -> Notifier:
+        """Return the notifier that systemd asked for in `environ`."""
+        usec = environ.get("WATCHDOG_USEC", "")
+        for_us = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        watchdog_s = int(usec) / 1e6 if for_us and usec.isdecimal() and int(usec) else None
+        return cls(environ.get("NOTIFY_SOCKET") or None, watchdog_s)
+
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd started this process, and does so again when it ends."""
+        return self._address is not None
+
+    def ready(self) -> None:
+        """Say that the service has started."""
+        self._send("READY=1")
+
+    def stopping(self) -> None:
+        """Say that the service is about to end."""
+        self._send("STOPPING=1")
+
+    def status(self, text: str) -> None:
+        """Set the line that `systemctl status` shows."""
+        self._send(f"STATUS={text}")
+
+    async def keep_watchdog(self) -> None:
+        """Send a sign of life at half the watchdog's time, for as long as the event loop turns."""
+        while self._watchdog_s is not None:
+            self._send("WATCHDOG=1")
+            await asyncio.sleep(self._watchdog_s / 2)
+        await asyncio.Event().wait()
+
+    def _send(self, message: str) -> None:
+        if self._address is None:
+            return
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+                # A full queue of systemd must not stop the event loop.
+                sender.setblocking(False)
+                sender.sendto(message.encode(), self._address)
+        except OSError as error:
+            log.debug("cannot tell systemd %s: %s", message, error)
 
 
 def state() -> str | None:

@@ -7,17 +7,42 @@ ended is done again at the next boot, by `robotether-agent finish-switch` of the
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from robotether_agent import systemd
-from robotether_agent.files import only_one, read_text
-from robotether_agent.pending_upgrade import SILENT, PendingUpgrade
-from robotether_agent.problems import Problem, UpgradeFailed
-from robotether_agent.status import CONNECTED, Status, has_problem, is_alive, read_status
-from robotether_agent.versions import Layout, Report
+from robotether_agent.files import only_one, read_text, write_atomic
+from robotether_agent.problems import Problem, StateUnusable, UpgradeFailed
+from robotether_agent.status import CONNECTED, MEANINGS, Status, has_problem, is_alive, read_status
 
+UNIT = Path("/etc/systemd/system/robotether-agent.service")
+COMMAND = "bin/robotether-agent"
+NEW_UNIT = "share/robotether-agent/robotether-agent.service"
+PENDING_NAME = "robotether-agent-unfinished-switch.service"
+# What stands in the place of the state of an agent that says nothing, or nothing known.
+SILENT = "silent"
+# The agent's own word becomes a word of a command that root runs.
+STATES = frozenset({*MEANINGS, SILENT})
+BOOT = "multi-user.target.wants"
+PENDING_ADVICE = "run this with sudo, and see that the disk is neither full nor read-only"
+PENDING_UNIT = """\
+# There only while a change of version lasts; `robotether-agent switch` removes it.
+[Unit]
+Description=Robotether agent: finish a change of version that was cut short
+# The verdict is whether the robot connects.
+Wants=network-online.target
+After=network-online.target robotether-agent.service
+
+[Service]
+# Not oneshot: the boot must not wait for a server that is down.
+Type=exec
+ExecStart={was}/bin/robotether-agent finish-switch --wait {wait_s:g} {was} {target} {state}
+"""
 # A version that crashes and is started again shows a good state for a moment, too.
 STABLE_S = 2.0
 POLL_S = 0.2
@@ -32,6 +57,111 @@ NOT_WORSE = {
     CONNECTED: frozenset({CONNECTED}),
     "pending": frozenset({CONNECTED, "pending"}),
 }
+
+
+@dataclass(frozen=True)
+class Report:
+    """How a change went: `result` is running, done or rolled_back; `at` seconds since 1970."""
+
+    result: str
+    was: str
+    wanted: str
+    detail: str
+    at: float
+    took_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The folder of all versions, and the unit file that systemd reads."""
+
+    base: Path
+    unit: Path = UNIT
+
+    @property
+    def lock(self) -> Path:
+        """Held while a change is under way."""
+        return self.base / ".switch.lock"
+
+    def in_use(self) -> Path:
+        """Return the version that `current` leads to."""
+        try:
+            return self.base / (self.base / "current").readlink()
+        except OSError as error:
+            raise UpgradeFailed(
+                f"cannot switch: {self.base}/current leads to no version: {error.strerror}",
+                advice=f"name a folder in versions/ of an installed agent, such as {self.base}/versions/NAME",
+            ) from error
+
+    def check(self, version: Path) -> None:
+        """Raise SwitchFailed unless `version` is one of this folder's, whole and startable."""
+        command = version / COMMAND
+        if version.parent != self.base / "versions" or not os.access(command, os.X_OK):
+            raise UpgradeFailed(
+                f"cannot switch to {version}: there is no {command} that can be run",
+                advice="name a folder in versions/ that holds an installed agent",
+            )
+
+    def use(self, version: Path) -> bool:
+        """Let `current` lead to `version` and install its unit file; tell whether that is another one."""
+        link = self.base / ".current.new"
+        try:
+            link.unlink(missing_ok=True)
+            link.symlink_to(Path("versions") / version.name)
+            link.replace(self.base / "current")
+        except OSError as error:
+            raise StateUnusable(
+                f"cannot change {self.base}/current: {error.strerror}",
+                advice="run this with sudo, and see that the disk is neither full nor read-only",
+            ) from error
+        unit = read_text(version / NEW_UNIT)
+        if unit is None or unit == read_text(self.unit):
+            return False
+        write_atomic(self.unit, unit, 0o644)
+        return True
+
+    def keep_only(self, *versions: Path) -> None:
+        """Remove all other versions; one that cannot be removed is left."""
+        for path in (self.base / "versions").iterdir():
+            if path not in versions:
+                shutil.rmtree(path, ignore_errors=True)
+
+    def write(self, report: Report) -> None:
+        """Write last-switch.json."""
+        text = json.dumps(asdict(report), indent=1) + "\n"
+        write_atomic(self.base / "last-switch.json", text, 0o644)
+
+
+@dataclass(frozen=True)
+class PendingUpgrade:
+    """The unit in `units`, the folder that systemd reads at boot."""
+
+    units: Path
+
+    def note(self, was: Path, target: Path, state: str, wait_s: float) -> None:
+        """Let the next boot change from `was` to `target`, which must end in a state as good as `state`."""
+        state = state if state in STATES else SILENT
+        text = PENDING_UNIT.format(was=was, target=target, state=state, wait_s=wait_s)
+        write_atomic(self.units / PENDING_NAME, text, 0o644)
+        link = self.units / BOOT / PENDING_NAME
+        try:
+            link.parent.mkdir(exist_ok=True)
+            link.unlink(missing_ok=True)
+            link.symlink_to(Path("..") / PENDING_NAME)
+        except OSError as error:
+            raise StateUnusable(
+                f"cannot make {link}: {error.strerror}", advice=PENDING_ADVICE
+            ) from error
+
+    def clear(self) -> None:
+        """Leave the next boot alone."""
+        link, unit = self.units / BOOT / PENDING_NAME, self.units / PENDING_NAME
+        try:
+            link.unlink(missing_ok=True)
+            unit.unlink(missing_ok=True)
+        except OSError as error:
+            why = f"cannot remove {link}, which the next boot would start: {error.strerror}"
+            raise StateUnusable(why, advice=PENDING_ADVICE) from error
 
 
 class Upgrade:

@@ -27,7 +27,7 @@ def _other_version(folder: Path, version: str, appended_to_run: str = "") -> Pat
     (sources / "robotether_agent" / "__init__.py").write_text(
         f'"""A version for a test."""\n\n__version__ = "{version}"\n'
     )
-    run = sources / "robotether_agent" / "cli" / "run.py"
+    run = sources / "robotether_agent" / "cli.py"
     run.write_text(run.read_text() + appended_to_run)
     return build_wheel(sources, folder)
 

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from robotether_agent.net.server_dialer import Target
-from robotether_agent.tunnel.ssh_command import Forward, Kind, SshFiles
+from robotether_agent.tunnel.openssh import Forward, Kind, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 from robotether_agent.video.video_proxy import VideoProxy
 from video_robot import ROS_PORT, VIDEO_PORT

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agent"))
 
 with atheris.instrument_imports(include=["robotether_agent.guard"]):
     from robotether_agent.guard import commands, drive_messages
-    from robotether_agent.guard.names import DriveTopics
+    from robotether_agent.guard.drive_messages import DriveTopics
     from robotether_agent.guard.refused import Refused
 
 TOPICS = DriveTopics(["/cmd_vel", "*/cmd_vel", "/base/vel*"])

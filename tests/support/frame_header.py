@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from robotether_agent.video.frame_header import STAMPED, Header
+from robotether_agent.video.frames_protocol import STAMPED, Header
 
 HEADER = struct.Struct("!BBHId")
 SIZE = HEADER.size

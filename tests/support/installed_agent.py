@@ -10,7 +10,7 @@ from pathlib import Path
 from fake_cloud import FakeCloud, agent_environ
 from openssh_server import is_alive, kill, wait_until
 from robotether_agent.status import Status, read_status
-from robotether_agent.versions import Layout
+from robotether_agent.upgrade import Layout
 
 SYSTEMCTL = Path(__file__).with_name("fake_systemctl")
 # What a version's command does, by its name; the broken ones are doubles of bad releases.

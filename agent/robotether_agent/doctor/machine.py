@@ -20,7 +20,7 @@ from robotether_agent.fields import printable
 from robotether_agent.problems import Problem
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
-from robotether_agent.tunnel.ssh_command import forward_to
+from robotether_agent.tunnel.openssh import forward_to
 
 TIMEOUT_S = 4.0
 ENOUGH_MB = 20

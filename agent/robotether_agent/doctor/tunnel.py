@@ -23,8 +23,12 @@ from robotether_agent.problems import (
 from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, Status, has_problem
 from robotether_agent.tasks import within
-from robotether_agent.tunnel.ssh_command import SshFiles, child_environment, host_key_command
-from robotether_agent.tunnel.ssh_errors import why_not_connected
+from robotether_agent.tunnel.openssh import (
+    SshFiles,
+    child_environment,
+    host_key_command,
+    why_not_connected,
+)
 
 # A little more than the client's own ConnectTimeout.
 TIMEOUT_S = 13.0

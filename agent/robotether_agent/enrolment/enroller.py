@@ -10,18 +10,21 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
 from robotether_agent import __version__
-from robotether_agent.enrolment import keys
+from robotether_agent.backoff import Repeats
+from robotether_agent.enrolment import enrolment_store, identity_store, keys, known_hosts
 from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.identity_store import Identity, IdentityStore
 from robotether_agent.enrolment.join import Joined, JoinRequest, PreviousKey, join
 from robotether_agent.enrolment.keys import KeyPair
-from robotether_agent.files import ensure_directory
+from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
+    AlreadyRunning,
     AnswerInvalid,
     JoinRefused,
     Problem,
@@ -31,7 +34,6 @@ from robotether_agent.problems import (
     TlsUntrusted,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.supervisor import Repeats
 from robotether_agent.tasks import within
 
 # Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
@@ -53,6 +55,16 @@ HARMLESS_ONCE_ENROLLED = (
 ASK_ADDRESS_EVERY_S = 60.0
 # An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
 QUICK_ANSWER_S = 4.0
+# The private keys first: whatever stops this half-way, the machine has then ceased to be that robot.
+FILES = (
+    keys.NAME,
+    keys.NEXT,
+    f"{keys.NAME}.pub",
+    f"{keys.NEXT}.pub",
+    enrolment_store.FILE,
+    known_hosts.FILE,
+    identity_store.FILE,
+)
 
 log = logging.getLogger(__name__)
 
@@ -214,3 +226,28 @@ class Enroller:
             # Both keys are shown to the server until the disk takes the change.
             log.warning("%s", problem)
         return answer
+
+
+def enrolment_files(state_dir: Path) -> list[Path]:
+    """Return what there is to forget."""
+    return [path for path in (state_dir / name for name in FILES) if path.exists()]
+
+
+def unenrol(settings: Settings) -> None:
+    """Remove all of it; raise AlreadyRunning while an agent holds the run directory's lock."""
+    lock = settings.run_dir / LOCK
+    try:
+        # Without the lock file nothing runs: systemd removes the directory with the service.
+        with only_one(lock) if lock.exists() else nullcontext():
+            for path in enrolment_files(settings.state_dir):
+                path.unlink()
+    except AlreadyRunning as problem:
+        raise AlreadyRunning(
+            "cannot forget this robot: its agent runs",
+            advice="stop it first: sudo systemctl stop robotether-agent",
+        ) from problem
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot forget this robot: {error.filename}: {error.strerror}",
+            advice="run this with sudo, and see that the disk is not read-only",
+        ) from error

@@ -8,12 +8,14 @@ nobody has driven through it.
     operator -> server -> client_proxy -> drive_messages -> drive_controller -> cmd_vel_publisher -> rosbridge
                                `---- everything else, unchanged ----> rosbridge
 
-    process            the parts put together; reads the agent (`agent_messages`), answers it (`reports`), ends stopped
+    process            the parts put together; reads and answers the agent (`agent_messages`), ends stopped
     server             lets operators in by `authorization`: key, lease, stop, session, the agent's life
     client_proxy       an operator's WebSocket and its rosbridge connection; `sockets` are their ends
-    drive_messages     finds what concerns drive topics (`names`) and reads it field by field (`commands`)
-    drive_controller   checks, limits (`limits`) and sends commands, and the zeros that `deadman` says are due;
-                       `topics` is what it knows of each, `refused` why it does not take one
+    drive_messages     finds what concerns drive topics; `commands` reads it field by field and limits it
+    drive_controller   checks and sends commands, and the zeros that `deadman` says are due; `topics` is what it
+                       knows of each, `refused` why it does not take one
     cmd_vel_publisher  the one connection on which commands and zeros go to rosbridge
-    latch              the stop; `motion_state` and `motion_tracker` are what outlives the guard on the disk
+    latch              the stop; `motion_state` is what tells the next guard that the robot moves
+
+In the agent's own process `supervisor` keeps a guard running, and `child_process` is one of them.
 """

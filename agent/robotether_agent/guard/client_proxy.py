@@ -16,8 +16,7 @@ from aiohttp import WSMsgType
 
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.drive_messages import MessageId, Unclear, drive_message
-from robotether_agent.guard.names import DriveTopics
+from robotether_agent.guard.drive_messages import DriveTopics, MessageId, Unclear, drive_message
 from robotether_agent.guard.refused import Kind
 from robotether_agent.guard.sockets import ClientSocket, RosbridgeSocket
 from robotether_agent.tasks import first_of

@@ -16,12 +16,10 @@ from typing import Protocol
 from robotether_agent.guard import commands
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.commands import SHAPES, Command, Shape
+from robotether_agent.guard.commands import SHAPES, Command, Shape, limited
 from robotether_agent.guard.deadman import Deadman
 from robotether_agent.guard.drive_messages import DriveMessage, MessageId, message_id
-from robotether_agent.guard.limits import limited
-from robotether_agent.guard.motion_state import Driven, MotionFile
-from robotether_agent.guard.motion_tracker import MotionTracker
+from robotether_agent.guard.motion_state import Driven, MotionFile, MotionTracker
 from robotether_agent.guard.refused import KINDS, Kind, Refused
 from robotether_agent.guard.topics import Source, Topic, Topics, Waiting
 

@@ -9,17 +9,52 @@ messages wait, the newest stop always among them.
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from robotether_agent.guard.agent_messages import Release, Stop
-from robotether_agent.guard.motion_state import StopFile
+from robotether_agent.fields import FieldError, get_text, parse_object
+from robotether_agent.files import read_text, write_atomic
+from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, Release, Stop
 from robotether_agent.problems import StateUnusable
 
+STOP_FILE = "stop.json"
 MAX_WAITING = 100
 
 log = logging.getLogger(__name__)
+
+
+class StopFile:
+    """The latch on the disk."""
+
+    def __init__(self, state_dir: Path) -> None:
+        self._path = state_dir / STOP_FILE
+
+    def read(self) -> str | None:
+        """Return who stopped the robot, or None when it is not stopped."""
+        try:
+            text = read_text(self._path)
+            return (
+                None
+                if text is None
+                else get_text(parse_object(text, STOP_FILE), "by", limit=MAX_BY_LENGTH)
+            )
+        except (StateUnusable, FieldError) as error:
+            log.error("%s cannot be read, so the robot is stopped: %s", self._path, error)  # noqa: TRY400 - no defect
+            return ""
+
+    def write(self, by: str) -> None:
+        """Keep the stop; StateUnusable when that fails."""
+        write_atomic(self._path, json.dumps({"by": by}) + "\n", 0o600)
+
+    def remove(self) -> None:
+        """Let the stop end; StateUnusable when that fails."""
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StateUnusable(f"cannot remove {self._path}: {error.strerror}") from error
 
 
 @dataclass

@@ -1,14 +1,14 @@
-"""The guard's two files, which outlive it: the stop (stop.json) and that the robot is in motion (motion.json).
+"""That the robot is in motion (motion.json): on the disk before a topic moves, away when it has stood for a while.
 
-The stop is in the state directory and outlives power; the motion is in the run directory and outlives a crash, so
-that the next guard zeroes what this one left. A stop that cannot be read counts as a stop.
+Used by the drive controller alone. The file is in the run directory and outlives a crash, so that the next guard zeroes
+what this one left: what it says of a topic must be what the next guard needs for that.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import cast
@@ -21,14 +21,14 @@ from robotether_agent.fields import (
     get_text,
     parse_object,
 )
-from robotether_agent.files import read_text, write_atomic
+from robotether_agent.files import read_text
 from robotether_agent.guard.commands import MAX_FRAME_ID_LENGTH, SHAPES, Shape
-from robotether_agent.guard.names import NAME, full_name
+from robotether_agent.guard.drive_messages import NAME, full_name
 from robotether_agent.problems import StateUnusable
 
-STOP_FILE = "stop.json"
 MOTION_FILE = "motion.json"
-MAX_BY_LENGTH = 100
+# A driver's clean stop is often followed by the next motion; the mark need not be written for each.
+REMOVED_AFTER_S = 1.0
 
 log = logging.getLogger(__name__)
 
@@ -41,34 +41,6 @@ class Driven:
     shape: Shape
     type: str = ""
     frame_id: str = ""
-
-
-class StopFile:
-    """The latch on the disk."""
-
-    def __init__(self, state_dir: Path) -> None:
-        self._path = state_dir / STOP_FILE
-
-    def read(self) -> str | None:
-        """Return who stopped the robot, or None when it is not stopped."""
-        try:
-            text = read_text(self._path)
-            return (
-                None
-                if text is None
-                else get_text(parse_object(text, STOP_FILE), "by", limit=MAX_BY_LENGTH)
-            )
-        except (StateUnusable, FieldError) as error:
-            log.error("%s cannot be read, so the robot is stopped: %s", self._path, error)  # noqa: TRY400 - no defect
-            return ""
-
-    def write(self, by: str) -> None:
-        """Keep the stop; StateUnusable when that fails."""
-        write_atomic(self._path, json.dumps({"by": by}) + "\n", 0o600)
-
-    def remove(self) -> None:
-        """Let the stop end; StateUnusable when that fails."""
-        _remove(self._path)
 
 
 class MotionFile:
@@ -99,7 +71,10 @@ class MotionFile:
 
     def remove(self) -> None:
         """Take the mark away; StateUnusable when that fails."""
-        _remove(self._path)
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StateUnusable(f"cannot remove {self._path}: {error.strerror}") from error
 
 
 def _driven(file: JsonObject) -> list[Driven]:
@@ -120,8 +95,56 @@ def _topic(fields: JsonObject) -> Driven:
     return Driven(name, cast("Shape", shape), type_name, frame_id)
 
 
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise StateUnusable(f"cannot remove {path}: {error.strerror}") from error
+class MotionTracker:
+    """The mark of one drive controller."""
+
+    def __init__(self, file: MotionFile) -> None:
+        self._file = file
+        # What stands in the file.
+        self._recorded: dict[str, Driven] = {}
+        self._remove_at = 0.0
+
+    @property
+    def ends_at(self) -> float | None:
+        """When the mark of a robot that stands is taken away; None: there is none."""
+        return self._remove_at if self._recorded else None
+
+    def left(self) -> list[Driven] | None:
+        """Return what the last guard left: None nothing, an empty list something unknown."""
+        return self._file.read()
+
+    def adopt(self, driven: Iterable[Driven]) -> None:
+        """Keep what the last guard left as this one's own."""
+        self._recorded = {one.topic: one for one in driven}
+
+    def ensure(self, moving: Driven, known: Container[str]) -> bool:
+        """Write that a topic moves, before it does; False: it cannot. Others that are not `known` are left out."""
+        if self._recorded.get(moving.topic) == moving:
+            return True
+        kept = {name: one for name, one in self._recorded.items() if name in known}
+        recorded = {**kept, moving.topic: moving}
+        try:
+            self._file.write(list(recorded.values()))
+        except StateUnusable as problem:
+            log.error("%s", problem)  # noqa: TRY400 - no defect
+            return False
+        self._recorded = recorded
+        return True
+
+    def tend(self, now: float, *, moves: bool) -> None:
+        """Take the mark away when the robot has stood for a while."""
+        if moves or not self._recorded:
+            self._remove_at = now + REMOVED_AFTER_S
+        elif now >= self._remove_at:
+            self.end(now)
+
+    def end(self, now: float) -> None:
+        """Take the mark away: the robot stands. Another guard's mark, which this one never took over, stays."""
+        if not self._recorded:
+            return
+        try:
+            self._file.remove()
+            self._recorded = {}
+        except StateUnusable as problem:
+            log.warning("%s", problem)
+            self._remove_at = now + REMOVED_AFTER_S

@@ -23,16 +23,17 @@ from robotether_agent.guard.agent_messages import (
     GuardConfig,
     Lease,
     Release,
+    Reports,
     SessionIs,
+    State,
     Stop,
     parse,
 )
 from robotether_agent.guard.authorization import Authorizer
 from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.latch import Latch
-from robotether_agent.guard.motion_state import MotionFile, StopFile
-from robotether_agent.guard.reports import Reports, State
+from robotether_agent.guard.latch import Latch, StopFile
+from robotether_agent.guard.motion_state import MotionFile
 from robotether_agent.guard.server import Server
 from robotether_agent.guard.sockets import new_http
 from robotether_agent.tasks import first_of, within

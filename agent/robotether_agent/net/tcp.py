@@ -1,27 +1,170 @@
 """TCP connections to one of a host's addresses, and a look at what comes first on them.
 
-Used by the way. A connection is returned or closed; nothing is read from it that somebody else may have to read.
+Names are resolved without waiting for a name service that does not answer. A connection is returned or closed; nothing
+is read from it that somebody else may have to read. An option that this kernel, container or user may not set is left
+out: a connection without it is slower, not worse.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
-from collections.abc import Callable
+import struct
+import threading
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import chain, zip_longest
+from typing import Any
 
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
-from robotether_agent.net.resolver import Address, Resolver
-from robotether_agent.net.socket_options import prepare
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from robotether_agent.tasks import within
 
+# A path that takes nothing for so long is given up, also by a client whose agent is gone.
+USER_TIMEOUT_MS = 8000
+# What the kernel holds beside what is on its way: more would only be older video when it leaves.
+MEDIA_UNSENT_BYTES = 16 * 1024
+# Numbers of linux/tcp.h, of which not every Python has the names.
+TCP_INFO = 11
+TCP_CONGESTION = 13
+TCP_USER_TIMEOUT = 18
+TCP_NOTSENT_LOWAT = 25
+# struct tcp_info begins with bytes: the state, and third the time-outs since the last acknowledgement.
+TCP_INFO_START = struct.Struct("=BxB")
+ESTABLISHED = 1
+# A name service that is there answers in less.
+CACHED_TIMEOUT_S = 0.3
+# Without a known address there is nothing else to do than to wait for the name service.
+TIMEOUT_S = 3.0
+THREADS = 4
+
+Address = tuple[socket.AddressFamily, Any]
+Resolve = Callable[[str, int], Sequence[Address]]
 # A first packet that is lost is sent again after 1 s; a second loss is left to the next attempt.
 CONNECT_TIMEOUT_S = 3.0
 # RFC 8305 recommends it for the pause between two addresses.
 STAGGER_S = 0.25
 CHECK_NETWORK = "check this robot's network, and that the server lets this port in"
+
+log = logging.getLogger(__name__)
+
+
+def prepare(connection: socket.socket) -> None:
+    """Set what holds for every connection, best before it connects."""
+    _set(connection, socket.TCP_NODELAY, 1)
+    _set(connection, TCP_USER_TIMEOUT, USER_TIMEOUT_MS)
+
+
+def prepare_for_video(connection: socket.socket) -> None:
+    """Keep little unsent, and do not fill the path's queue."""
+    _set(connection, TCP_NOTSENT_LOWAT, MEDIA_UNSENT_BYTES)
+    _set(connection, TCP_CONGESTION, b"bbr")
+
+
+def is_stuck(connection: socket.socket) -> bool:
+    """Tell whether what was sent waits for an acknowledgement for longer than the path ever took."""
+    _, timeouts = _info(connection)
+    return timeouts > 0
+
+
+def is_established(connection: socket.socket) -> bool:
+    """Tell whether neither side has ended the connection."""
+    state, _ = _info(connection)
+    return state == ESTABLISHED
+
+
+def _info(connection: socket.socket) -> tuple[int, int]:
+    try:
+        start = connection.getsockopt(socket.IPPROTO_TCP, TCP_INFO, TCP_INFO_START.size)
+        state, timeouts = TCP_INFO_START.unpack(start)
+    except (OSError, struct.error):
+        return 0, 0
+    return state, timeouts
+
+
+def _set(connection: socket.socket, option: int, value: int | bytes) -> None:
+    try:
+        connection.setsockopt(socket.IPPROTO_TCP, option, value)
+    except OSError as error:
+        log.debug("TCP option %d is not set: %s", option, error)
+
+
+def resolve(host: str, port: int) -> list[Address]:
+    """Ask the system's resolver; raises OSError."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return [(family, address) for family, _, _, _, address in found]
+
+
+def interleaved(addresses: Sequence[Address]) -> list[Address]:
+    """Return the addresses so that families take turns, the resolver's first choice first (RFC 8305)."""
+    first = [item for item in addresses if item[0] == addresses[0][0]]
+    others = [item for item in addresses if item[0] != addresses[0][0]]
+    pairs = chain.from_iterable(zip_longest(first, others))
+    return [item for item in pairs if item is not None]
+
+
+class Resolver:
+    """Names and what they meant last."""
+
+    def __init__(self, resolve_name: Resolve = resolve) -> None:
+        self._resolve = resolve_name
+        self._last: dict[tuple[str, int], list[Address]] = {}
+        self._threads = threading.BoundedSemaphore(THREADS)
+
+    async def addresses(self, host: str, port: int) -> list[Address]:
+        """Return where `host` is now, or was last; raises OSError when it is not known."""
+        last = self._last.get((host, port))
+        try:
+            wait_s = CACHED_TIMEOUT_S if last else TIMEOUT_S
+            return await within(wait_s, self._ask(host, port))
+        except (asyncio.TimeoutError, OSError) as error:
+            if last is None:
+                why = str(error) or f"no answer from the name service in {TIMEOUT_S:g} s"
+                raise OSError(f"cannot find the address of {host}: {why}") from error
+            log.debug("the name service does not answer for %s: trying its last address", host)
+            return last
+
+    async def _ask(self, host: str, port: int) -> list[Address]:
+        if not self._threads.acquire(blocking=False):
+            raise OSError("the name service has not answered earlier questions yet")
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[list[Address]] = loop.create_future()
+
+        def on_answer(found: list[Address] | OSError) -> None:
+            if isinstance(found, OSError):
+                if not answer.done():
+                    answer.set_exception(found)
+                return
+            # An answer that comes too late for this question still helps the next one.
+            self._last[host, port] = found
+            if not answer.done():
+                answer.set_result(found)
+
+        threading.Thread(target=self._run, args=(host, port, loop, on_answer), daemon=True).start()
+        return await answer
+
+    def _run(
+        self,
+        host: str,
+        port: int,
+        loop: asyncio.AbstractEventLoop,
+        on_answer: Callable[[list[Address] | OSError], None],
+    ) -> None:
+        found: list[Address] | OSError
+        try:
+            found = interleaved(self._resolve(host, port))
+        except OSError as error:
+            found = error
+        except UnicodeError as error:
+            found = OSError(str(error))
+        finally:
+            self._threads.release()
+        try:
+            loop.call_soon_threadsafe(on_answer, found)
+        except RuntimeError:
+            log.debug("the name service answered for %s after the agent's end", host)
 
 
 async def connect(host: str, port: int, resolver: Resolver, name: str) -> socket.socket:

@@ -12,7 +12,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
@@ -31,8 +31,10 @@ from robotether_agent.fields import (
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
 from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of
-from robotether_agent.tunnel.session_messages import DriveMessageHandler, message_handlers
 
+MAX_FENCE = 2**63 - 1
+MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
+SOMEBODY = "somebody"
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 30.0
 # A configuration may shorten the time at any moment.
@@ -51,6 +53,68 @@ BYE_ADVICE = {
 SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
 
 log = logging.getLogger(__name__)
+
+
+class DriveMessageHandler(Protocol):
+    """Who does what the server says about driving."""
+
+    def on_config(self, guard: JsonObject, *, direct: bool) -> None:
+        """The session stands, and `guard` is what the guard goes by."""
+
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        """The newest fencing number, and whether it is held; if not, all up to it are over."""
+
+    def on_stop(self, message_id: str, by: str) -> None:
+        """Stop the robot; the answer names `message_id`."""
+
+    def on_release(self, message_id: str, by: str) -> None:
+        """Let a stopped robot be driven again; the answer names `message_id`."""
+
+    def on_session_lost(self) -> None:
+        """The connection that carried the session has ended."""
+
+
+def message_handlers(handler: DriveMessageHandler) -> Mapping[str, Callable[[JsonObject], None]]:
+    """Return what reads each kind of line; they raise FieldError."""
+
+    def on_lease(message: JsonObject) -> None:
+        fence = get_int(message, "fence", 0, MAX_FENCE)
+        handler.on_lease(fence, held=get_flag(message, "held", default=False))
+
+    def on_stop(message: JsonObject) -> None:
+        message_id = get_text(message, "id", default="")
+        handler.on_stop(message_id, get_text(message, "by", default=SOMEBODY))
+
+    def on_release(message: JsonObject) -> None:
+        message_id = get_match(message, "id", MESSAGE_ID, "a short id")
+        handler.on_release(message_id, get_text(message, "by", default=SOMEBODY))
+
+    return {"lease": on_lease, "stop": on_stop, "release": on_release}
+
+
+class RequestedFeatures:
+    """One event a wish, set for as long as it is to be fulfilled."""
+
+    def __init__(self, *, allows_shell: bool) -> None:
+        self.shell = asyncio.Event()
+        self.new_key = asyncio.Event()
+        self._allows_shell = allows_shell
+        self._key_was_requested = False
+
+    def apply(self, config: SessionConfig) -> None:
+        """Follow a configuration."""
+        _set(self.shell, self._allows_shell and config.shell_port is not None)
+        # A configuration may still say so for a moment after the key was changed: only a new wish counts.
+        if config.rotate_key != self._key_was_requested:
+            _set(self.new_key, config.rotate_key)
+        self._key_was_requested = config.rotate_key
+
+
+def _set(event: asyncio.Event, is_requested: object) -> None:
+    if is_requested:
+        event.set()
+    else:
+        event.clear()
 
 
 @dataclass(frozen=True)

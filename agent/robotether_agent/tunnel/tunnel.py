@@ -18,18 +18,20 @@ from typing import Literal
 
 from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.server_dialer import ServerDialer, Target
-from robotether_agent.net.socket_options import prepare_for_video
+from robotether_agent.net.tcp import prepare_for_video
 from robotether_agent.problems import ForwardFailed, Problem, SshMissing
 from robotether_agent.tasks import within
-from robotether_agent.tunnel.ssh_command import (
+from robotether_agent.tunnel.openssh import (
     Forward,
     Kind,
     SshFiles,
     child_environment,
     connect_command,
     control_command,
+    why_ended,
+    why_no_forward,
+    why_not_connected,
 )
-from robotether_agent.tunnel.ssh_errors import why_ended, why_no_forward, why_not_connected
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_STDERR_BYTES = 8 * 1024

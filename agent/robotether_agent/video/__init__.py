@@ -1,4 +1,9 @@
 """Frames to the server, which use the uplink without standing in front of control.
 
-video_proxy -> pacer -> bandwidth_estimator (pure); connection_state (what the kernel knows of the SSH connection)
+What is not wanted is dropped where it is made; nothing waits in between.
+
+    video_proxy          the end of the media forward: passes streams on as fast as the uplink takes them
+    pacer                shares the uplink by what `bandwidth_estimator` makes of `connection_state`
+    frames_service       frames by credit: a `receiver` each, by `frames_protocol`, with `quality` in steps
+    feeds                one source for all who ask the same; `sources` opens it, `multipart` takes it apart
 """

@@ -24,9 +24,9 @@ from robotether_agent.fields import FieldError
 from robotether_agent.tasks import within
 from robotether_agent.video.feeds import MAX_FEEDS, Feeds
 from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.frames_protocol import MAX_TEXT_BYTES, StreamRequest
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.sources import Sources, SourceSettings
-from robotether_agent.video.stream_request import MAX_TEXT_BYTES, StreamRequest
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256

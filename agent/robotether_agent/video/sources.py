@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from urllib.parse import quote
 import aiohttp
 from yarl import URL
 
+from robotether_agent.clock import robot_time
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
 from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
@@ -34,8 +36,9 @@ from robotether_agent.video.frame import (
     SourceRequest,
 )
 from robotether_agent.video.multipart import Part, Parts, PartsBrokenError, boundary_of
-from robotether_agent.video.timestamps import now, timestamp_of
 
+# What is older than this was stamped by another clock than this robot's.
+NEAR_S = 10.0
 CONNECT_WITHIN_S = 3.0
 # Without a frame for so long a source is opened anew.
 STALL_S = 10.0
@@ -50,6 +53,31 @@ THROTTLE = 0.75
 
 OnFrame = Callable[[Frame], None]
 OnKind = Callable[[Kind], None]
+
+
+@dataclass(frozen=True)
+class Now:
+    """One moment on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
+
+    robot_s: float
+    wall_s: float
+    steady_s: float
+
+
+def now() -> Now:
+    """Look at the three clocks."""
+    return Now(robot_time(), time.time(), time.clock_gettime(time.CLOCK_MONOTONIC))
+
+
+def timestamp_of(stamp_s: float | None, arrived: Now) -> tuple[float, bool]:
+    """Return when the frame was taken on the robot's clock, and whether that is the camera's own stamp."""
+    if stamp_s is None:
+        return arrived.robot_s, False
+    for clock_s, is_stamped in ((arrived.wall_s, True), (arrived.steady_s, False)):
+        age_s = clock_s - stamp_s
+        if 0 <= age_s <= NEAR_S:
+            return arrived.robot_s - age_s, is_stamped
+    return arrived.robot_s, False
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from robotether_agent import settings as agent_settings
-from robotether_agent.notify import Notifier
 from robotether_agent.settings import Settings
+from robotether_agent.systemd import Notifier
 from sim_robot.bus import Node, TopicMessage
 
 from paper.bus_robot import BusRobot

@@ -17,9 +17,9 @@ from aiohttp import WSMsgType, web
 from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants, wait_until
 from robotether_agent.daemon import Agent
-from robotether_agent.notify import Notifier
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status, read_status
+from robotether_agent.systemd import Notifier
 
 
 class Hasty(Random):

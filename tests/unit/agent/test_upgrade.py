@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
+import subprocess
 from collections.abc import AsyncIterator
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -13,12 +16,135 @@ from fake_cloud import eventually
 from installed_agent import DEAF, DIES, GOOD, InstalledAgent
 from robotether_agent import systemd
 from robotether_agent.files import only_one
-from robotether_agent.pending_upgrade import NAME
-from robotether_agent.problems import AlreadyRunning, UpgradeFailed
-from robotether_agent.upgrade import Upgrade
-from robotether_agent.versions import Report
+from robotether_agent.problems import AlreadyRunning, StateUnusable, UpgradeFailed
+from robotether_agent.upgrade import (
+    BOOT,
+    COMMAND,
+    NEW_UNIT,
+    PENDING_NAME,
+    Layout,
+    PendingUpgrade,
+    Report,
+    Upgrade,
+)
 
+WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
 WAIT_S = 12.0
+
+
+@pytest.fixture
+def layout(tmp_path) -> Layout:
+    """A folder with two versions, the first in use."""
+    made = Layout(tmp_path / "opt", tmp_path / "unit")
+    for name in ("1", "2"):
+        for file in (COMMAND, NEW_UNIT):
+            path = version(made, name) / file
+            path.parent.mkdir(parents=True)
+            path.write_text(f"of {name}\n")
+        (version(made, name) / COMMAND).chmod(0o755)
+    made.use(version(made, "1"))
+    return made
+
+
+def version(layout: Layout, name: str) -> Path:
+    return layout.base / "versions" / name
+
+
+def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
+    """A link within the folder, so that a copied disk or a chroot leads to its own version."""
+    assert (layout.base / "current").readlink() == Path("versions/1")
+    assert layout.in_use() == version(layout, "1")
+    assert (layout.base / "current" / COMMAND).read_text() == "of 1\n"
+
+
+def test_a_unit_file_is_installed_when_it_differs(layout):
+    assert layout.unit.read_text() == "of 1\n"
+    assert layout.use(version(layout, "2"))
+    assert layout.unit.read_text() == "of 2\n"
+    assert not layout.use(version(layout, "2"))
+
+
+def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
+    """The first installation makes the link itself."""
+    with pytest.raises(UpgradeFailed, match="current leads to no version"):
+        Layout(tmp_path).in_use()
+
+
+@pytest.mark.parametrize("name", ["versions/none", "2", "versions/2/bin"])
+def test_only_a_whole_version_in_its_place_is_one(layout, name):
+    """Another folder, or one without the command, is refused."""
+    with pytest.raises(UpgradeFailed, match="cannot switch to"):
+        layout.check(layout.base / name)
+    layout.check(version(layout, "2"))
+
+
+def test_a_place_that_cannot_be_changed_is_told(layout):
+    """Without sudo, or on a read-only disk, the sentence says so."""
+    (layout.base / ".current.new").mkdir()
+    with pytest.raises(StateUnusable, match="run this with sudo"):
+        layout.use(version(layout, "2"))
+    assert layout.in_use() == version(layout, "1")
+
+
+def test_others_are_removed(layout):
+    layout.keep_only(version(layout, "2"))
+    assert [path.name for path in (layout.base / "versions").iterdir()] == ["2"]
+
+
+def test_the_report_is_for_programs(layout):
+    report = Report("done", "1", "2", "2 is in use", 1.0, 2.0)
+    layout.write(report)
+    assert json.loads((layout.base / "last-switch.json").read_text()) == asdict(report)
+
+
+def test_the_next_boot_starts_the_old_version(tmp_path):
+    """A later change takes the place of the one before; the new version is only named."""
+    unfinished = PendingUpgrade(tmp_path)
+    unfinished.note(WAS, WAS, "pending", 1)
+    unfinished.note(WAS, TARGET, "connected", 60)
+    lines = (tmp_path / BOOT / PENDING_NAME).read_text().splitlines()
+    command = "/opt/a/versions/1/bin/robotether-agent finish-switch"
+    start = f"ExecStart={command} --wait 60 {WAS} {TARGET} connected"
+    assert [line for line in lines if line.startswith("ExecStart")] == [start]
+
+
+def test_nothing_is_left_once_it_is_finished(tmp_path):
+    """Neither the unit nor its link, also when there was none."""
+    unfinished = PendingUpgrade(tmp_path)
+    unfinished.clear()
+    unfinished.note(WAS, TARGET, "connected", 60)
+    unfinished.clear()
+    assert list(tmp_path.rglob("*.service")) == []
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path):
+    """What could not be removed would change versions at the next boot."""
+    (tmp_path / BOOT / PENDING_NAME).mkdir(parents=True)
+    with pytest.raises(StateUnusable, match="cannot make"):
+        PendingUpgrade(tmp_path).note(WAS, TARGET, "connected", 60)
+    with pytest.raises(StateUnusable, match="cannot remove"):
+        PendingUpgrade(tmp_path).clear()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
+def test_systemd_reads_it(tmp_path):
+    """Not one of its lines is unknown to this machine's systemd."""
+    PendingUpgrade(tmp_path).note(Path("/usr"), TARGET, "connected", 60)
+    unit = tmp_path / PENDING_NAME
+    unit.write_text(unit.read_text().replace("/usr/bin/robotether-agent", "/bin/true"))
+    command = ["systemd-analyze", "verify", "--man=no", str(unit)]
+    told = subprocess.run(command, check=False, capture_output=True, text=True).stderr
+    assert PENDING_NAME not in told
+
+
+@pytest.mark.parametrize("state", ["hacked", "", "connected\nExecStartPre=/bin/sh -c id", "a b"])
+def test_only_states_that_are_known_reach_the_unit(tmp_path, state):
+    """The agent's user writes its state, and root runs the unit."""
+    PendingUpgrade(tmp_path).note(WAS, TARGET, state, 60)
+    lines = (tmp_path / PENDING_NAME).read_text().splitlines()
+    starts = [line for line in lines if line.startswith("Exec")]
+    assert len(starts) == 1
+    assert starts[0].endswith(f" {TARGET} silent")
 
 
 class PowerCut(BaseException):
@@ -165,7 +291,7 @@ async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
             await robot.switch(target)
     assert (robot.in_use, robot.written["result"]) == ("2", "running")
     robot.stop()
-    at_boot = robot.layout.unit.parent / "multi-user.target.wants" / NAME
+    at_boot = robot.layout.unit.parent / "multi-user.target.wants" / PENDING_NAME
     line = at_boot.read_text().partition("ExecStart=")[2]
     assert line.startswith(f"{robot.layout.base}/versions/1/bin/robotether-agent finish-switch ")
     *_, was, wanted, state = line.split()

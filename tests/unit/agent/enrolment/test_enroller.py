@@ -1,7 +1,4 @@
-"""The enroller against a real join over TLS: when it asks, and what an enrolled robot never needs again.
-
-Over 400 lines: one class, and every reason that it may have to ask the server.
-"""
+"""A machine that forgets who it is becomes a robot of its own at its next start."""
 
 from __future__ import annotations
 
@@ -17,9 +14,11 @@ from aiohttp import web
 from bad_disk import full_disk, read_only
 from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
-from robotether_agent.enrolment.enroller import Enroller
+from robotether_agent.enrolment.enroller import FILES, Enroller, enrolment_files, unenrol
 from robotether_agent.enrolment.keys import ensure_next_key
+from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
+    AlreadyRunning,
     InterfaceMissing,
     JoinRefused,
     KeyUnusable,
@@ -413,3 +412,33 @@ async def test_a_server_that_is_down_for_days_fills_no_log(cloud, settings, capl
 def pins(known_hosts: Path) -> set[str]:
     """Return the host keys that OpenSSH trusts."""
     return {line.split()[2] for line in known_hosts.read_text().splitlines()}
+
+
+@pytest.fixture
+async def enrolled(make_cloud, place) -> Settings:
+    """The settings of a robot that has joined and is about to change its key."""
+    made = load(None, agent_environ(await make_cloud(), place, mac="", interface="lo"))
+    (place / "state").mkdir()
+    (place / "state/identity.json").write_text('{"mac": "00:1b:44:11:3a:b7", "interface": "lo"}')
+    await Enroller(made).enrolment()
+    await ensure_next_key(made.state_dir)
+    return made
+
+
+def test_nothing_that_names_the_robot_stays(enrolled):
+    """Key, next key, enrolment, pinned host keys and MAC are gone, and nothing else ever was there."""
+    assert {path.name for path in enrolled.state_dir.iterdir()} == set(FILES)
+    unenrol(enrolled)
+    assert list(enrolled.state_dir.iterdir()) == []
+    assert enrolment_files(enrolled.state_dir) == []
+
+
+def test_not_while_the_agent_runs(enrolled):
+    ensure_directory(enrolled.run_dir, "run_dir")
+    with only_one(enrolled.run_dir / LOCK):
+        with pytest.raises(AlreadyRunning, match="its agent runs") as error:
+            unenrol(enrolled)
+        assert "systemctl stop" in error.value.advice
+    assert enrolment_files(enrolled.state_dir)
+    unenrol(enrolled)
+    assert not enrolment_files(enrolled.state_dir)

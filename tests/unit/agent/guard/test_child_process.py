@@ -1,4 +1,4 @@
-"""One life of the guard process: with a fake guard at the other end of real pipes, then with the whole agent."""
+"""A guard as a hot spare, and when it takes over."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from robotether_agent.guard.child_process import (
     SILENCE_S,
     START_S,
     TICK_S,
+    GuardHandle,
     GuardProcess,
     SilenceDetector,
     guard_command,
@@ -252,3 +253,13 @@ def guard_pid() -> int:
     return processes.oldest(
         pid for pid in descendants(os.getpid()) if "robotether_agent.guard" in command_line(pid)
     )
+
+
+async def test_a_dead_one_is_not_fit(place):
+    handle = await GuardHandle.start(fake_guard_command(place, "serves"))
+    await eventually(lambda: handle.is_fit(stopped=False), lambda: "it is ready")
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    with pytest.raises(GuardDown, match="SIGKILL"):
+        await handle.until_end()
+    assert not handle.is_fit(stopped=False)
+    await handle.kill()

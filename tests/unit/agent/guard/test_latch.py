@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import Release, Stop
-from robotether_agent.guard.latch import MAX_WAITING, Latch
-from robotether_agent.guard.motion_state import StopFile
+from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
 from sim_client import until
 
 

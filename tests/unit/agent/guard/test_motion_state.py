@@ -1,17 +1,19 @@
-"""The guard's two files."""
+"""The mark of motion, as the drive controller keeps it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from robotether_agent.guard.motion_state import Driven, MotionFile, StopFile
+from robotether_agent.guard.latch import StopFile
+from robotether_agent.guard.motion_state import REMOVED_AFTER_S, Driven, MotionFile, MotionTracker
 from robotether_agent.problems import StateUnusable
 
 DRIVEN = [
     Driven("/cmd_vel", "twist"),
     Driven("/base/cmd_vel", "ackermann", "ackermann_msgs/AckermannDriveStamped", "base"),
 ]
+A, B = Driven("/a", "twist"), Driven("/b", "twist")
 
 
 def test_a_stop_is_kept_with_its_name(tmp_path: Path) -> None:
@@ -64,3 +66,53 @@ def test_a_directory_that_is_gone_is_a_problem(tmp_path: Path) -> None:
         MotionFile(gone).write(DRIVEN)
     with pytest.raises(StateUnusable):
         StopFile(gone).write("ben")
+
+
+def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
+    """Also after its type changed; of topics that were forgotten it says nothing."""
+    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
+    assert tracker.ensure(A, ["/a"])
+    assert tracker.ensure(B, ["/a", "/b"])
+    assert file.read() == [A, B]
+    stamped = Driven("/a", "twist_stamped", frame_id="base")
+    assert tracker.ensure(stamped, ["/a", "/b"])
+    assert file.read() == [stamped, B]
+    assert tracker.ensure(A, ["/a"])
+    assert file.read() == [A]
+    assert tracker.ensure(B, ["/a", "/b"])
+    assert file.read() == [A, B]
+
+
+def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Path) -> None:
+    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
+    tracker.ensure(A, ["/a"])
+    tracker.tend(5.0, moves=True)
+    tracker.tend(5.0 + REMOVED_AFTER_S / 2, moves=False)
+    assert file.read() == [A]
+    assert tracker.ends_at == 5.0 + REMOVED_AFTER_S
+    tracker.tend(5.0 + REMOVED_AFTER_S, moves=False)
+    assert file.read() is None
+    assert tracker.ends_at is None
+
+
+def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
+    """Until it is taken over: a guard on the spare ends while another one drives."""
+    MotionTracker(MotionFile(tmp_path)).ensure(A, ["/a"])
+    tracker = MotionTracker(MotionFile(tmp_path))
+    tracker.end(1.0)
+    assert tracker.left() == [A]
+    tracker.adopt([A])
+    tracker.end(1.0)
+    assert tracker.left() is None
+
+
+def test_a_motion_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    """And tried again; one that cannot be removed, later."""
+    tracker = MotionTracker(MotionFile(tmp_path / "gone"))
+    assert not tracker.ensure(A, ["/a"])
+    (tmp_path / "gone").mkdir()
+    assert tracker.ensure(A, ["/a"])
+    (tmp_path / "gone" / "motion.json").unlink()
+    (tmp_path / "gone" / "motion.json").mkdir()
+    tracker.end(1.0)
+    assert tracker.ends_at == 1.0 + REMOVED_AFTER_S

@@ -17,9 +17,9 @@ from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import GuardClient, GuardProcess
 from robotether_agent.clock import robot_time
-from robotether_agent.guard.motion_state import StopFile
+from robotether_agent.guard.agent_messages import Reports
+from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
-from robotether_agent.guard.reports import Reports
 from robotether_agent.guard.sockets import new_http
 from sim_client import SETTINGS, until
 from sim_robot.bus import Node, TopicMessage

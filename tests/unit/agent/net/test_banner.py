@@ -1,12 +1,11 @@
-"""Whether an SSH server is there, and whether its connection can still be used."""
+"""Whether SSH is behind a connection."""
 
 from __future__ import annotations
 
 import pytest
-from robotether_agent.net import banner
-from robotether_agent.net.banner import Banner
-from robotether_agent.net.resolver import Resolver
-from robotether_agent.net.tcp import connect
+from robotether_agent.net import server_dialer
+from robotether_agent.net.server_dialer import Banner
+from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
 from ssh_doors import BANNER, Door
 
@@ -14,8 +13,8 @@ from ssh_doors import BANNER, Door
 @pytest.fixture(autouse=True)
 def in_haste(monkeypatch):
     """Nobody waits long for the silent."""
-    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 0.1)
-    monkeypatch.setattr(banner, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
+    monkeypatch.setattr(server_dialer, "TIMEOUT_S", 0.3)
 
 
 async def check(door: Door, checker: Banner) -> bool:
@@ -45,7 +44,7 @@ async def test_a_shy_one_is_spoken_to_and_remembered():
 
 async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
     """Nginx is there, and waits for the client's first words."""
-    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 60.0)
+    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 60.0)
     async with Door("shy") as door:
         assert not await check(door, Banner(https_port=door.port))
 

@@ -1,16 +1,17 @@
-"""OpenSSH's client takes the connection that it is given, and nothing of it stays with anybody else."""
+"""The helper's start stands before each tunnel: it must be quick, and say nothing on the connection."""
 
 from __future__ import annotations
 
 import shlex
 import socket
 import subprocess
+import sys
 from array import array
 from pathlib import Path
 
 import pytest
 from robotether_agent.net import fd_passing
-from robotether_agent.net.fd_passing import proxy_options, stderr_with
+from robotether_agent.net.fd_passing import HELPER, proxy_options, stderr_with
 
 
 def helper() -> list[str]:
@@ -70,3 +71,18 @@ def test_a_strange_place_is_quoted(monkeypatch):
     monkeypatch.setattr(fd_passing.sys, "executable", "/o p't/%h/python")
     assert helper()[0] == "/o p't/%h/python"
     assert "%%h" in proxy_options()[0]
+
+
+def test_it_imports_next_to_nothing():
+    """Python's own start is all that it takes."""
+    code = f"import sys, runpy; before = set(sys.modules); runpy.run_path({str(HELPER)!r}); "
+    code += "print(*sorted(set(sys.modules) - before))"
+    imported = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    plain = "import sys, runpy; before = set(sys.modules); runpy.run_path('/dev/null'); "
+    plain += "print(*sorted(set(sys.modules) - before))"
+    without = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", plain], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert set(imported) - set(without) <= {"_socket"}

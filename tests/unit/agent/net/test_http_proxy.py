@@ -7,8 +7,7 @@ import socket
 import pytest
 from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
 from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
-from robotether_agent.net.resolver import Resolver
-from robotether_agent.net.tcp import connect
+from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from ssh_doors import BANNER, Door
 

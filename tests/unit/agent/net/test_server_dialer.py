@@ -10,11 +10,10 @@ from random import Random
 import pytest
 from fake_proxy import FakeProxy
 from local_network import free_port
-from robotether_agent.net import banner
-from robotether_agent.net import server_dialer as dialer_module
+from robotether_agent.net import server_dialer
 from robotether_agent.net.http_proxy import proxy_of
-from robotether_agent.net.resolver import Resolver
 from robotether_agent.net.server_dialer import ServerDialer, Target
+from robotether_agent.net.tcp import Resolver
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from ssh_doors import BANNER, Door
 
@@ -57,7 +56,7 @@ def quiet_network(monkeypatch):
     def listening():
         yield QuietNetwork()
 
-    monkeypatch.setattr(dialer_module.netlink, "listening", listening)
+    monkeypatch.setattr(server_dialer.netlink, "listening", listening)
 
 
 class QuietNetwork:
@@ -91,7 +90,7 @@ async def test_a_port_that_drops_everything_costs_little(silent_port):
         dialer = ServerDialer()
         dialer._banner._silent_ports.add(door.port)
         assert await dialer.find([at(silent_port), at(door.port)]) == at(door.port)
-        assert loop.time() - started < dialer_module.NEXT_PORT_AFTER_S + 1
+        assert loop.time() - started < server_dialer.NEXT_PORT_AFTER_S + 1
 
 
 async def test_a_shy_port_gets_a_fresh_connection():
@@ -112,7 +111,7 @@ async def test_a_refusal_is_told_at_once():
 
 
 async def test_silence_is_told_after_a_while(silent_port, monkeypatch):
-    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.3)
     with pytest.raises(NoAnswer):
         await asyncio.wait_for(ServerDialer().find([at(silent_port)]), 5)
 
@@ -135,12 +134,12 @@ async def test_it_is_found_soon_after_it_answers():
         known.set()
         since = loop.time()
         assert await asyncio.wait_for(finding, 5) == at(door.port, "h")
-        assert loop.time() - since < dialer_module.TRY_EVERY_S[1] + 0.5
+        assert loop.time() - since < server_dialer.TRY_EVERY_S[1] + 0.5
 
 
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
     """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
-    monkeypatch.setattr(dialer_module, "BUSY_FIND_TIMEOUT_S", 8.0)
+    monkeypatch.setattr(server_dialer, "BUSY_FIND_TIMEOUT_S", 8.0)
     async with Door("silent") as busy, Door("silent") as other:
         finding = asyncio.ensure_future(
             ServerDialer(rng=Random(1)).find([at(busy.port), at(other.port)])
@@ -155,8 +154,8 @@ async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypa
 
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
     """The connection that it has taken is used as soon as it speaks, however late that is."""
-    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.0)
-    monkeypatch.setattr(dialer_module, "TRY_EVERY_S", (60.0, 60.0))
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
     async with Door("late") as door, asyncio.timeout(WAIT_S):
         dialer = ServerDialer()
         with dialer._counted_silent():
@@ -170,9 +169,9 @@ async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
 
 async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
     """Nothing stands any more, so the usual patience counts."""
-    monkeypatch.setattr(dialer_module, "FIND_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(banner, "SPEAK_AFTER_S", 0.1)
-    monkeypatch.setattr(banner, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
+    monkeypatch.setattr(server_dialer, "TIMEOUT_S", 0.3)
     async with Door("silent") as door:
         with pytest.raises(NoAnswer):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
@@ -199,7 +198,7 @@ async def test_a_connection_in_hand_that_ended_is_not_used():
 
 async def test_nothing_is_kept_for_long(monkeypatch):
     """A connection that nobody wants is let go."""
-    monkeypatch.setattr(dialer_module, "SPARE_S", 0.05)
+    monkeypatch.setattr(server_dialer, "SPARE_S", 0.05)
     async with Door() as door:
         dialer = ServerDialer()
         await dialer.find([at(door.port)])
@@ -215,7 +214,7 @@ async def test_the_end_of_the_dialer_leaves_no_connection():
         dialer = ServerDialer()
         await dialer.find([at(door.port)])
         [spare] = dialer._spares
-        dialer_module._drop_all(dialer._spares)
+        server_dialer._drop_all(dialer._spares)
         assert spare.connection is not None
         assert spare.connection.fileno() == -1
 

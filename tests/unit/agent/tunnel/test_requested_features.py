@@ -7,8 +7,7 @@ from fake_cloud import echo, eventually
 from local_network import free_port
 from openssh_server import listens
 from robotether_agent.enrolment.keys import ensure_key, ensure_next_key
-from robotether_agent.tunnel.requested_features import RequestedFeatures
-from robotether_agent.tunnel.session import SessionConfig
+from robotether_agent.tunnel.session import RequestedFeatures, SessionConfig
 
 
 def config(*, rotate_key: bool = False) -> SessionConfig:

@@ -16,7 +16,7 @@ from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.enrolment.known_hosts import pin
 from robotether_agent.net.server_dialer import Target
 from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
-from robotether_agent.tunnel.ssh_command import Forward, SshFiles
+from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 
 # The differentiated services code point, of which TOS has the upper six bits.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 from fake_cameras import fake_jpeg
-from robotether_agent.video.feeds import Condition, Feed
+from robotether_agent.video.feeds import GIVE_UP_S, Condition, Feed, SourceSwitch
 from robotether_agent.video.frame import Frame, SourceRequest
-from robotether_agent.video.source_switch import GIVE_UP_S, SourceSwitch
 
 HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
 

@@ -1,10 +1,24 @@
-"""What receivers ask for."""
+"""The texts and the header of the frames protocol."""
 
 from __future__ import annotations
 
 import pytest
 from robotether_agent.fields import FieldError
-from robotether_agent.video.stream_request import ClockSync, Credit, StreamRequest, parse
+from robotether_agent.video.frames_protocol import (
+    SIZE,
+    ClockSync,
+    Credit,
+    Header,
+    StreamRequest,
+    parse,
+)
+
+
+def test_the_bytes_are_as_documented():
+    """Codec, flags, quality, number and moment, big-endian."""
+    header = Header(sequence=7, timestamp_ms=1.5, quality=70, is_stamped=True)
+    assert header.packed() == bytes.fromhex("01 01 0046 00000007 3ff8000000000000")
+    assert len(header.packed()) == SIZE
 
 
 def test_each_request_with_its_defaults():

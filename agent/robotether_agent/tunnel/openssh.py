@@ -1,15 +1,24 @@
-"""Turns what OpenSSH's client wrote to stderr into the agent's problems; pure functions.
+"""OpenSSH's client: its command lines, and what its last words mean, as pure functions; used by the tunnel.
 
-The texts are those of OpenSSH 8.2 to 10; what none of them matches is told in ssh's own words.
+Only options that every OpenSSH from 8.2 to 10 knows, and no configuration file: what a person wrote in /etc/ssh or
+~/.ssh must not change how the robot connects. The texts are those of OpenSSH 8.2 to 10 too; what none of them matches
+is shown in ssh's own words.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from urllib.parse import urlsplit
 
+from robotether_agent.enrolment.known_hosts import ALIAS
 from robotether_agent.enrolment.known_hosts import advice as host_key_advice
 from robotether_agent.fields import printable
+from robotether_agent.net.fd_passing import proxy_options
 from robotether_agent.net.server_dialer import Target
 from robotether_agent.problems import (
     ForwardFailed,
@@ -23,8 +32,12 @@ from robotether_agent.problems import (
     SessionRefused,
     SshIncompatible,
 )
-from robotether_agent.tunnel.ssh_command import Forward, SshFiles
 
+Kind = Literal["session", "media", "shell"]
+CONNECT_TIMEOUT_S = 10
+# What the network may know of each kind: heartbeats and control go first, a file copy gives way. OpenSSH's
+# own choice for a client without a terminal is the lowest class for all of them.
+IP_QOS: dict[Kind, str] = {"session": "af21", "media": "throughput", "shell": "throughput"}
 # ssh ends with 255 for its own errors; any other status is that of the command on the server.
 SSH_FAILED = 255
 
@@ -46,6 +59,106 @@ UNREACHABLE = re.compile(
     r"Connection (?:closed|reset|timed out)|Connection to .* timed out|Broken pipe"
 )
 PORT_TAKEN = re.compile(r"remote port forwarding failed for listen port|[Pp]ort forwarding failed")
+
+
+@dataclass(frozen=True)
+class SshFiles:
+    """The files of one connection.
+
+    `keys` stand in the order in which they are shown to the server; the socket `control` takes forwards later.
+    """
+
+    keys: tuple[Path, ...]
+    known_hosts: Path
+    control: Path
+
+
+@dataclass(frozen=True)
+class Forward:
+    """A remote forward: a port on the server that leads to a service on or near the robot."""
+
+    listen_port: int
+    host: str
+    port: int
+
+    @property
+    def spec(self) -> str:
+        """As ssh -R takes it."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"0.0.0.0:{self.listen_port}:{host}:{self.port}"
+
+
+def forward_to(url: str, listen_port: int) -> Forward:
+    """Return the forward of `listen_port` to the service at `url`, which names its port."""
+    split = urlsplit(url)
+    if split.hostname is None or split.port is None:
+        raise ValueError(f"{url} has no host and port")
+    return Forward(listen_port, split.hostname, split.port)
+
+
+def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
+    """Return the command of a connection whose stdin and stdout carry the session of `kind`.
+
+    It finds its TCP connection in its stderr (robotether_agent.net.fd_passing).
+    """
+    options = [
+        *_trust_options(files.known_hosts),
+        *proxy_options(),
+        "ControlPersist=no",
+        "ExitOnForwardFailure=yes",
+        *(f"IdentityFile={key}" for key in files.keys),
+        f"IPQoS={IP_QOS[kind]}",
+        "PreferredAuthentications=publickey",
+        "ServerAliveCountMax=3",
+        "ServerAliveInterval=5",
+    ]
+    return _command(target, options, ["-M", "-S", str(files.control)], kind)
+
+
+def host_key_command(target: Target, known_hosts: Path) -> list[str]:
+    """Return the command that checks the server's host key, and gets no further than that.
+
+    It, too, finds its TCP connection in its stderr.
+    """
+    options = [*_trust_options(known_hosts), "IdentityFile=none", "PreferredAuthentications=none"]
+    options += proxy_options()
+    return _command(target, options, ["-S", "none"], "session")
+
+
+def _trust_options(known_hosts: Path) -> list[str]:
+    return [
+        "BatchMode=yes",
+        f"ConnectTimeout={CONNECT_TIMEOUT_S}",
+        "GlobalKnownHostsFile=/dev/null",
+        f"HostKeyAlias={ALIAS}",
+        "IdentitiesOnly=yes",
+        "IdentityAgent=none",
+        "LogLevel=INFO",
+        "RequestTTY=no",
+        "StrictHostKeyChecking=yes",
+        # The pin is ours to set, so the server must not add keys by itself.
+        "UpdateHostKeys=no",
+        f"UserKnownHostsFile={known_hosts}",
+    ]
+
+
+def _command(target: Target, options: list[str], control: list[str], kind: Kind) -> list[str]:
+    flags = [word for option in options for word in ("-o", option)]
+    address = f"{target.user}@{target.host}"
+    return ["ssh", "-F", "none", *control, *flags, "-p", str(target.port), "--", address, kind]
+
+
+def control_command(
+    control: Path, action: Literal["forward", "cancel", "exit"], forward: Forward | None = None
+) -> list[str]:
+    """Return the command that asks the running client behind `control` to do `action`."""
+    what = [] if forward is None else ["-R", forward.spec]
+    return ["ssh", "-F", "none", "-S", str(control), "-O", action, *what, "--", ALIAS]
+
+
+def child_environment() -> dict[str, str]:
+    """Return the environment of the client: nothing in it that could change what it does or says."""
+    return {"PATH": os.environ.get("PATH", os.defpath), "LC_ALL": "C"}
 
 
 def why_not_connected(

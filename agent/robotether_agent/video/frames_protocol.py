@@ -5,6 +5,7 @@ A broken text names its field; an unknown `op` is nothing, so that the other sid
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,8 +18,13 @@ from robotether_agent.fields import (
     get_text,
     parse_object,
 )
-from robotether_agent.video.frame_header import NUMBERS
 
+JPEG = 1
+# The moment is the camera's own stamp.
+STAMPED = 1
+NUMBERS = 2**32
+_HEADER = struct.Struct("!BBHId")
+SIZE = _HEADER.size
 MAX_TEXT_BYTES = 4096
 MAX_SIZE = 4096
 MAX_CREDITS = 2
@@ -26,6 +32,24 @@ MAX_CREDITS = 2
 MAX_CLOCK_MS = 1e13
 
 Getter = Callable[[JsonObject, str, Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is told of a frame; `timestamp_ms` is on the sender's clock, `quality` 0 is unknown."""
+
+    sequence: int
+    timestamp_ms: float
+    quality: int = 0
+    is_stamped: bool = False
+    codec: int = JPEG
+
+    def packed(self) -> bytes:
+        """Return the header as it stands on the wire."""
+        flags = STAMPED if self.is_stamped else 0
+        return _HEADER.pack(
+            self.codec, flags, self.quality, self.sequence % NUMBERS, self.timestamp_ms
+        )
 
 
 @dataclass(frozen=True)

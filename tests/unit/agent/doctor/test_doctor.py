@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from robotether_agent.doctor import run_checks
 from robotether_agent.doctor.findings import FAIL, OK
-from robotether_agent.doctor.runner import run_checks
 from robotether_agent.settings import Settings
 
 STEPS = ["settings", "disk", "mac", "key", "name", "https port", "certificate", "clock", "answer"]

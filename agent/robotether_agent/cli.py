@@ -1,0 +1,366 @@
+"""The command `robotether-agent`: reads the command line and the environment, and runs the subcommand.
+
+The only module that reads the environment, prints, and sets the exit code. What a person starts with sudo acts as the
+agent's own user before it touches the state directory: a file that root left there would lock the boot service out of
+its own state. Rights are never raised, only dropped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import logging
+import os
+import pwd
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+from robotether_agent import __version__
+from robotether_agent import log as logs
+from robotether_agent.backoff import before_restart
+from robotether_agent.daemon import Agent
+from robotether_agent.doctor import run_checks
+from robotether_agent.doctor.findings import FAIL, WARNING, fail
+from robotether_agent.enrolment.enroller import Enroller, enrolment_files, unenrol
+from robotether_agent.enrolment.enrolment_store import EnrolmentStore
+from robotether_agent.enrolment.identity_store import IdentityStore
+from robotether_agent.files import ensure_directory
+from robotether_agent.problems import (
+    HostKeyChanged,
+    NotEnrolled,
+    Problem,
+    SettingsInvalid,
+    StateUnusable,
+)
+from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
+from robotether_agent.status import CONNECTED, is_alive, read_status, render
+from robotether_agent.systemd import Notifier
+from robotether_agent.tasks import within
+from robotether_agent.upgrade import Layout, Report, Upgrade
+
+AGENT_USER = "robotether"
+ACTIVE, REFUSED, PENDING = 0, 1, 10
+# RestartPreventExitStatus of the unit: a person must look first.
+NOT_RESTARTED = frozenset({HostKeyChanged.exit_code, SettingsInvalid.exit_code})
+
+log = logging.getLogger(__name__)
+
+
+def act_as_agent(state_dir: Path) -> None:
+    """Become the owner of `state_dir`, which is made for the user robotether if it is missing."""
+    if os.geteuid() != 0:
+        return
+    try:
+        if not state_dir.exists():
+            _make(state_dir)
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot make the directory {state_dir}: {error.strerror}",
+            advice="see that the disk is neither full nor read-only, or set state_dir to another place",
+        ) from error
+    become_owner(state_dir)
+
+
+def become_owner(state_dir: Path) -> None:
+    """Become the owner of `state_dir`, if root asks and there is one."""
+    if os.geteuid() != 0 or not state_dir.exists():
+        return
+    owner = _user(state_dir.stat().st_uid)
+    # In a container root itself may be the agent's user.
+    if owner is not None and owner.pw_uid != 0:
+        os.initgroups(owner.pw_name, owner.pw_gid)
+        os.setgid(owner.pw_gid)
+        os.setuid(owner.pw_uid)
+
+
+def _make(state_dir: Path) -> None:
+    owner = _user(AGENT_USER)
+    if owner is not None:
+        state_dir.mkdir(mode=0o700, parents=True)
+        os.chown(state_dir, owner.pw_uid, owner.pw_gid)
+
+
+def _user(who: str | int) -> pwd.struct_passwd | None:
+    """Return an account; an installation without a user of its own has none."""
+    try:
+        return pwd.getpwuid(who) if isinstance(who, int) else pwd.getpwnam(who)
+    except KeyError:
+        return None
+
+
+def doctor(load: Callable[[], Settings]) -> int:
+    """Print all findings, and return 0 only when nothing fails."""
+    try:
+        settings = load()
+    except SettingsInvalid as problem:
+        print(fail("settings", problem.message, problem.advice))
+        return 1
+    # What root may read and write tells nothing about the agent.
+    become_owner(settings.state_dir)
+    return asyncio.run(_run_checks(settings))
+
+
+async def _run_checks(settings: Settings) -> int:
+    failed = warned = 0
+    async for finding in run_checks(settings):
+        print(finding, flush=True)
+        failed += finding.state == FAIL
+        warned += finding.state == WARNING
+    well = "all works, but see the warning" if warned else "all is well"
+    print(f"{failed} of these steps failed" if failed else well)
+    return 1 if failed else 0
+
+
+def forget(settings: Settings, *, yes: bool) -> int:
+    """Remove what makes this machine the robot that it is, after asking."""
+    act_as_agent(settings.state_dir)
+    files = enrolment_files(settings.state_dir)
+    if not files:
+        print(f"nothing to forget: {settings.state_dir} holds no key and no enrolment")
+        return 0
+    if not yes and not _confirmed([path.name for path in files]):
+        print("nothing was removed")
+        return 1
+    unenrol(settings)
+    print("forgotten: at its next start this machine joins as a robot of its own, with a new key")
+    return 0
+
+
+def _confirmed(names: list[str]) -> bool:
+    print(
+        f"This removes {', '.join(names)}. This cannot be undone: the server then sees a new key."
+    )
+    if not sys.stdin.isatty():
+        print("To go on without a terminal, add --yes.")
+        return False
+    return input("Forget this robot? [y/N] ").strip().lower() in {"y", "yes"}
+
+
+def identity(settings: Settings, *, as_json: bool, root: Path = Path("/")) -> int:
+    """Print MAC and interface; without the right to keep them, print only."""
+    # Anybody may look, also on a robot that is not installed yet.
+    with suppress(StateUnusable):
+        act_as_agent(settings.state_dir)
+        ensure_directory(settings.state_dir, "state_dir", 0o700)
+    store = IdentityStore(settings, root)
+    known = EnrolmentStore(settings.state_dir).load(settings.server)
+    found = store.identity(known.mac if known else None)
+    if as_json:
+        print(json.dumps({**asdict(found), "is_kept": store.is_kept(found)}))
+    else:
+        absent = "" if found.is_present else " (no interface of this machine has it now)"
+        print(f"{found.mac} {found.interface or '-'}{absent}")
+    return 0
+
+
+def join(settings: Settings) -> int:
+    """Join, print the answer, and return ACTIVE, PENDING, or REFUSED for all that is in the way."""
+    logging.basicConfig(level=logging.WARNING, format="robotether-agent: %(message)s")
+    try:
+        act_as_agent(settings.state_dir)
+        return asyncio.run(_join(Enroller(settings)))
+    except Problem as problem:
+        print(f"robotether-agent: {problem}", file=sys.stderr)
+        return REFUSED
+
+
+async def _join(enroller: Enroller) -> int:
+    key = await enroller.key()
+    try:
+        enrolment = await enroller.join()
+    except NotEnrolled as problem:
+        # Whoever approves it compares this with what the server got.
+        shown = await enroller.next_key() or key
+        print(f"pending: {problem.message} (key {shown.fingerprint})")
+        if problem.advice:
+            print(problem.advice)
+        return PENDING
+    print(f"active: {enrolment.server} knows this robot as {enrolment.robot} (MAC {enrolment.mac})")
+    return ACTIVE
+
+
+def key(settings: Settings) -> int:
+    """Print the public key as one line `ssh-ed25519 AAAA...`."""
+    act_as_agent(settings.state_dir)
+    print(asyncio.run(Enroller(settings).key()).public)
+    return 0
+
+
+def run(settings: Settings, environ: Mapping[str, str]) -> int:
+    """Run the agent until it ends by itself or is told to, and return its exit code."""
+    logs.set_up(settings.log_level, environ)
+    notifier = Notifier.from_environ(environ)
+    code = asyncio.run(_until_signal(settings, notifier))
+    notifier.stopping()
+    if code == 0:
+        log.info("stopped")
+    return code
+
+
+async def _until_signal(settings: Settings, notifier: Notifier) -> int:
+    """Run the agent until it ends by itself or is told to by SIGTERM or SIGINT."""
+    agent = asyncio.ensure_future(_run(settings, notifier))
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # Only the first one: a second cancellation would cut the orderly end short.
+        loop.add_signal_handler(number, _cancel_once, agent)
+    try:
+        return await agent
+    except asyncio.CancelledError:
+        log.info("told to stop: closed the tunnels")
+        return 0
+
+
+async def _run(settings: Settings, notifier: Notifier) -> int:
+    """Run the agent until it fails; return the exit code, in a service after a pause that fits."""
+    rng, began_s = random.SystemRandom(), time.monotonic()
+    try:
+        await Agent(settings, notifier, rng).run()
+    except Problem as problem:
+        log.critical("STOPPED: %s", problem)
+        code = problem.exit_code
+    except Exception:
+        log.exception("stopped by an error in the agent itself")
+        code = 1
+    else:
+        return 0
+    if notifier.is_service and code not in NOT_RESTARTED:
+        await _pause(before_restart(time.monotonic() - began_s, rng), notifier)
+    return code
+
+
+async def _pause(wait_s: float, notifier: Notifier) -> None:
+    notifier.status(f"failed; starts again in {wait_s:.0f} s")
+    # systemd must not take the pause for a hanging loop.
+    with suppress(asyncio.TimeoutError):
+        await within(wait_s, notifier.keep_watchdog())
+
+
+def _cancel_once(agent: asyncio.Future[int]) -> None:
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.remove_signal_handler(number)
+        signal.signal(number, signal.SIG_IGN)
+    agent.cancel()
+
+
+def status(settings: Settings, *, as_json: bool) -> int:
+    """Print the status, and return 0 only when the robot is connected."""
+    found, now = read_status(settings.run_dir), time.time()
+    alive = found is not None and is_alive(found, now)
+    if as_json:
+        print(json.dumps({**(asdict(found) if found else {}), "is_running": alive}))
+    elif found is None:
+        print(f"state         not running (no status in {settings.run_dir})")
+        print("what to do    start it: sudo systemctl start robotether-agent")
+    else:
+        print(render(found, now))
+    return 0 if found is not None and alive and found.state == CONNECTED else 1
+
+
+def switch(settings: Settings, directory: Path, wait_s: float) -> int:
+    """Switch, print what came of it, and return 0 only when the other version is in use."""
+    # The terminal that asked may go away with the tunnel.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    target = directory.absolute()
+    return _print_report(Upgrade(Layout(target.parent.parent), settings.run_dir, wait_s).to(target))
+
+
+def finish_switch(settings: Settings, was: Path, target: Path, state: str, wait_s: float) -> int:
+    """Switch from `was` to `target` again; `state` is how the agent was before."""
+    change = Upgrade(Layout(target.parent.parent), settings.run_dir, wait_s)
+    return _print_report(change.finish(was, target, state))
+
+
+def _print_report(report: Report) -> int:
+    print(f"{report.result}: {report.detail}")
+    return 0 if report.result == "done" else 1
+
+
+@dataclass(frozen=True)
+class Call:
+    """What a subcommand may need: the settings, its own options, and the environment."""
+
+    settings: Settings
+    options: argparse.Namespace
+    environ: Mapping[str, str]
+
+
+def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os.environ) -> int:
+    """Run the command and return its exit code."""
+    options = _parser().parse_args(arguments)
+    if options.command == "doctor":
+        return doctor(partial(load, options.config, environ))
+    try:
+        settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
+        return COMMANDS[options.command](Call(settings, options, environ))
+    except Problem as problem:
+        print(f"robotether-agent: {problem}", file=sys.stderr)
+        return problem.exit_code
+
+
+def _show_settings(settings: Settings) -> int:
+    print("\n".join(shown(settings)))
+    return 0
+
+
+COMMANDS: dict[str, Callable[[Call], int]] = {
+    "run": lambda call: run(call.settings, call.environ),
+    "status": lambda call: status(call.settings, as_json=call.options.json),
+    "join": lambda call: join(call.settings),
+    "identity": lambda call: identity(call.settings, as_json=call.options.json),
+    "key": lambda call: key(call.settings),
+    "forget": lambda call: forget(call.settings, yes=call.options.yes),
+    "switch": lambda call: switch(call.settings, call.options.directory, call.options.wait),
+    "finish-switch": lambda call: finish_switch(
+        call.settings,
+        call.options.was,
+        call.options.directory,
+        call.options.state,
+        call.options.wait,
+    ),
+    "show-settings": lambda call: _show_settings(call.settings),
+}
+# What an installer asks before it knows the server.
+WITHOUT_SERVER = frozenset({"identity", "key", "forget"})
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="robotether-agent",
+        description="Keeps this robot's tunnel to its Robotether server open.",
+    )
+    parser.add_argument("--version", action="version", version=f"robotether-agent {__version__}")
+    parser.add_argument("--config", type=Path, help=f"settings file (usually {DEFAULT_FILE})")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands.add_parser("run", help="connect and stay connected; the boot service runs this")
+    told = commands.add_parser("status", help="tell how the running agent is; 0 when connected")
+    told.add_argument("--json", action="store_true", help="for programs")
+    commands.add_parser("join", help="ask the server once: 0 active, 10 pending, 1 refused")
+    commands.add_parser("doctor", help="check every step, and say what to do; 0 when all is well")
+    named = commands.add_parser("identity", help="print the MAC that names this robot")
+    named.add_argument("--json", action="store_true", help="for programs")
+    commands.add_parser("key", help="make the robot's key if there is none, print its public half")
+    gone = commands.add_parser(
+        "forget", help="remove key and enrolment, so that a disk can be copied"
+    )
+    gone.add_argument("--yes", action="store_true", help="do not ask")
+    other = commands.add_parser("switch", help="put another version in place, or go back by itself")
+    other.add_argument("directory", type=Path, help="such as /opt/robotether-agent/versions/NAME")
+    other.add_argument("--wait", type=float, default=60.0, metavar="S", help="usually 60 s")
+    # Without a help text it is not listed: a unit starts it, no person.
+    again = commands.add_parser("finish-switch")
+    again.add_argument("was", type=Path)
+    again.add_argument("directory", type=Path)
+    again.add_argument("state")
+    again.add_argument("--wait", type=float, default=60.0, metavar="S")
+    commands.add_parser("show-settings", help="print the settings in force, secrets hidden")
+    return parser

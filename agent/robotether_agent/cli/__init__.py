@@ -1,1 +1,0 @@
-"""The command `robotether-agent`: one module a subcommand. Only these modules print."""

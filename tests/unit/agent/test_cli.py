@@ -1,0 +1,553 @@
+"""The command: what each subcommand prints, and its exit code."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import logging
+import os
+import pwd
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from asyncio.subprocess import PIPE, Process
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from aiohttp import web
+from fake_cloud import FakeCloud, agent_environ, eventually
+from fake_root import FakeRoot
+from openssh_server import descendants
+from robotether_agent import __version__, cli
+from robotether_agent import cli as command
+from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
+from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.enrolment.keys import ensure_key
+from robotether_agent.files import LOCK, ensure_directory, only_one
+from robotether_agent.problems import AlreadyRunning, HostKeyChanged
+from robotether_agent.settings import Settings, load
+from robotether_agent.status import StatusWriter, read_status
+from robotether_agent.upgrade import COMMAND, Layout
+
+MAC = "00:1b:44:11:3a:b7"
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+WHO = "import os; print(os.geteuid(), os.getegid(), len(os.getgroups()))"
+
+
+@pytest.fixture
+async def start(place):
+    """Starts `robotether-agent` as a process of its own."""
+    started: list[Process] = []
+
+    async def run(cloud: FakeCloud, command: str) -> Process:
+        variables = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "robotether_agent",
+            command,
+            env={**variables, **agent_environ(cloud, place)},
+            stdout=PIPE,
+            stderr=PIPE,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        if process.returncode is None:
+            process.kill()
+            await process.communicate()
+
+
+def state_is(place, state: str) -> Callable[[], bool]:
+    def reached() -> bool:
+        status = read_status(place / "run")
+        return status is not None and status.state == state
+
+    return reached
+
+
+async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, place):
+    """A connected agent says so with exit code 0, and SIGTERM ends it and its clients in time."""
+    cloud = await make_cloud()
+    agent = await start(cloud, "run")
+    await eventually(state_is(place, "connected"), lambda: "connected")
+    asked = await start(cloud, "status")
+    out, _ = await asyncio.wait_for(asked.communicate(), 10)
+    assert asked.returncode == 0
+    assert out.decode().startswith("state         connected since")
+    assert "rosbridge     down" in out.decode() or "rosbridge     unknown" in out.decode()
+    clients = descendants(agent.pid)
+    agent.send_signal(signal.SIGTERM)
+    _, log = await asyncio.wait_for(agent.communicate(), 6)
+    assert agent.returncode == 0, log.decode()
+    assert clients
+    assert not set(clients) & set(descendants(os.getpid()))
+    assert "robot sim1: connected to 127.0.0.1 port" in log.decode()
+    asked = await start(cloud, "status")
+    out, _ = await asyncio.wait_for(asked.communicate(), 10)
+    assert asked.returncode == 1
+    assert out.decode().startswith("state         stopped since")
+
+
+async def test_sigterm_while_it_waits(make_cloud, start, place):
+    """A robot that waits for its approval stops at once, too."""
+    cloud = await make_cloud("pending")
+    agent = await start(cloud, "run")
+    await eventually(state_is(place, "pending"), lambda: "pending")
+    agent.send_signal(signal.SIGTERM)
+    _, log = await asyncio.wait_for(agent.communicate(), 3)
+    assert agent.returncode == 0
+    assert "robotether robot approve robot-00000a" in log.decode()
+
+
+async def test_killed_agent_leaves_no_clients(make_cloud, start, place):
+    """Even when the agent is killed its SSH clients end by themselves."""
+    cloud = await make_cloud()
+    agent = await start(cloud, "run")
+    await eventually(state_is(place, "connected"), lambda: "connected")
+    await cloud.link("media")
+    agent.kill()
+    await agent.wait()
+    await eventually(
+        lambda: not cloud.of_kind("session") and not cloud.of_kind("media"),
+        lambda: "both links have ended",
+    )
+
+
+async def test_changed_host_key_has_its_exit_code(make_cloud, start, place):
+    """Systemd sees 76 and does not start it again; the log shouts."""
+    cloud = await make_cloud()
+    agent = await start(cloud, "run")
+    await eventually(state_is(place, "connected"), lambda: "connected")
+    cloud.ssh.stop()
+    cloud.ssh.new_host_key()
+    cloud.ssh.start()
+    _, log = await asyncio.wait_for(agent.communicate(), 20)
+    assert agent.returncode == 76
+    assert "STOPPED: cannot trust 127.0.0.1 port" in log.decode()
+
+
+def test_status_of_an_agent_that_never_ran(place, capsys):
+    """Without a status file the command says how to start the agent."""
+    variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place)}
+    assert main(["status"], variables) == 1
+    assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
+
+
+def test_show_settings_prints_all_and_hides_secrets(capsys):
+    """Every key is there once, the token is not."""
+    variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN": "s3cret"}
+    assert main(["show-settings"], variables) == 0
+    out = capsys.readouterr().out
+    assert "server = a.example" in out
+    assert "token = (hidden)" in out
+    assert "s3cret" not in out
+
+
+def test_wrong_settings_have_their_exit_code(capsys):
+    """Systemd sees 78, and the person a sentence."""
+    assert main(["run"], {"ROBOTETHER_SERVER": "https://a"}) == 78
+    assert "cannot use ROBOTETHER_SERVER" in capsys.readouterr().err
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as error:
+        main(["--version"], {})
+    assert error.value.code == 0
+    assert capsys.readouterr().out == f"robotether-agent {__version__}\n"
+
+
+@pytest.fixture
+def environ(place):
+    """The environment of a service, with the socket as `systemd` listens on it."""
+    return {"NOTIFY_SOCKET": str(place / "notify"), "WATCHDOG_USEC": "400000"}
+
+
+@pytest.fixture
+def systemd(place):
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(place / "notify"))
+        listening.setblocking(False)
+        yield listening
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def failing(error: Exception) -> type:
+    """An agent that ends with this."""
+
+    class Failing:
+        def __init__(self, *_: object) -> None:
+            raise error
+
+    return Failing
+
+
+def said(systemd: socket.socket) -> list[str]:
+    found = []
+    with suppress(BlockingIOError):
+        while True:
+            found.append(systemd.recv(1000).decode())
+    return found
+
+
+def test_failed_start_pauses_before_systemd_starts_the_agent_again(
+    monkeypatch, place, environ, systemd
+):
+    """The pause is no hanging loop: the watchdog gets its signs of life."""
+    monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
+    monkeypatch.setattr(command, "before_restart", lambda *_: 0.5)
+    began = time.monotonic()
+    assert command.run(Settings(server="a.example", run_dir=place), environ) == 1
+    assert time.monotonic() - began >= 0.5
+    told = said(systemd)
+    assert told[0] == "STATUS=failed; starts again in 0 s"
+    assert told[-1] == "STOPPING=1"
+    assert told.count("WATCHDOG=1") >= 2
+
+
+def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
+    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
+    monkeypatch.setattr(command, "before_restart", lambda *_: 60.0)
+    stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
+    stop.start()
+    began = time.monotonic()
+    assert command.run(Settings(server="a.example", run_dir=place), environ) == 0
+    assert time.monotonic() - began < 30
+    stop.join()
+
+
+def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd):
+    """Neither for a person at a terminal, nor where the unit says that a person must look first."""
+    monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
+    settings = Settings(server="a.example", run_dir=place)
+    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
+    assert command.run(settings, {}) == AlreadyRunning.exit_code
+    monkeypatch.setattr(command, "Agent", failing(HostKeyChanged("another key")))
+    assert command.run(settings, environ) == HostKeyChanged.exit_code
+
+
+def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):
+    """Systemd starts it again, and the journal has what a developer needs."""
+    monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
+    assert command.run(Settings(server="a.example", run_dir=place), {}) == 1
+    told = capsys.readouterr().err
+    assert "stopped by an error in the agent itself" in told
+    assert "ZeroDivisionError: a defect" in told
+
+
+def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):
+    """A person reads one sentence, and no traceback."""
+    monkeypatch.setattr(
+        command, "Agent", failing(AlreadyRunning("cannot start: another agent runs"))
+    )
+    code = command.run(Settings(server="a.example", run_dir=place), {"JOURNAL_STREAM": "1:2"})
+    assert code == AlreadyRunning.exit_code
+    assert capsys.readouterr().err.splitlines() == [
+        "<2>STOPPED: cannot start: another agent runs [already_running]"
+    ]
+
+
+def teardown_module() -> None:
+    """The handler writes to what pytest captured."""
+    logging.getLogger().handlers.clear()
+
+
+def test_for_programs_it_is_one_object(place, capsys):
+    """What the file holds, and whether whoever wrote it runs; the exit code is the same as for people."""
+    settings = Settings(server="a.example", run_dir=place)
+    assert status(settings, as_json=True) == 1
+    assert json.loads(capsys.readouterr().out) == {"is_running": False}
+    board = StatusWriter(place, "a.example", on_state=lambda _: None)
+    board.set(state="connected", robot="sim1")
+    assert status(settings, as_json=True) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["is_running"], told["state"], told["robot"]) == (True, "connected", "sim1")
+    board.set(state="stopped")
+    assert status(settings, as_json=True) == 1
+    assert json.loads(capsys.readouterr().out)["is_running"] is False
+
+
+async def joined(cloud: FakeCloud, place, **more: str) -> int:
+    """Run the command in a thread, since it has a loop of its own."""
+    return await asyncio.to_thread(main, ["join"], agent_environ(cloud, place, **more))
+
+
+async def test_active(make_cloud, place, capsys):
+    """A robot that is let in is told its name; asking again is no harm."""
+    cloud = await make_cloud()
+    for _ in range(2):
+        assert await joined(cloud, place) == 0
+        told = capsys.readouterr().out
+        assert told == f"active: {cloud.server} knows this robot as sim1 (MAC 00:1b:44:11:3a:b7)\n"
+    assert len({said["public_key"] for said in cloud.joins}) == 1
+
+
+async def test_pending(make_cloud, place, capsys):
+    """How it is approved and the key to compare are told."""
+    assert await joined(await make_cloud("pending"), place) == 10
+    told = capsys.readouterr().out
+    key = await ensure_key(place / "state")
+    assert told.startswith("pending: cannot connect to")
+    assert "robotether robot approve robot-00000a" in told
+    assert key.fingerprint in told
+
+
+async def test_refused_and_impossible(make_cloud, place, capsys):
+    """The server's reason and what to do are told, and so is a server that is away."""
+    cloud = await make_cloud()
+    refusal = {"code": "token_used_up", "detail": "the token lab was used 10 of 10 times"}
+    cloud.answer = lambda: web.json_response(refusal, status=401)
+    assert await joined(cloud, place, token="rj_x") == 1
+    assert "was used 10 of 10 times; make a join token with more uses" in capsys.readouterr().err
+    await cloud.stop_web()
+    assert await joined(cloud, place) == 1
+    assert "cannot reach https://" in capsys.readouterr().err
+
+
+async def test_beside_a_running_agent(make_cloud, start_agent, place, capsys):
+    """The tunnels stay, and both have one key."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    assert await joined(cloud, place) == 0
+    assert agent.status().state == "connected"
+    assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
+
+
+def test_prints_the_same_line_each_time(place, capsys):
+    """An installer registers what it prints; the private half stays where it is."""
+    environ = {"ROBOTETHER_STATE_DIR": str(place / "state")}
+    printed = set()
+    for _ in range(2):
+        assert main(["key"], environ) == 0
+        printed.add(capsys.readouterr().out)
+    (line,) = printed
+    assert re.fullmatch(r"ssh-ed25519 AAAA\S+\n", line)
+    assert (place / "state/id_ed25519").stat().st_mode & 0o777 == 0o600
+
+
+@pytest.fixture
+def root(tmp_path) -> FakeRoot:
+    """A machine with one network card."""
+    made = FakeRoot(tmp_path)
+    made.add("eth0", MAC, 2)
+    return made
+
+
+def test_what_it_prints_is_kept(root, place, capsys):
+    """Without a server in the settings, before any join, and also when another interface comes first later."""
+    settings = load(None, {"ROBOTETHER_STATE_DIR": str(place / "state")}, needs_server=False)
+    assert identity(settings, as_json=False, root=root.path) == 0
+    assert capsys.readouterr().out == f"{MAC} eth0\n"
+    root.add("wlan0", "00:1b:44:00:00:01", 3)
+    root.route(("wlan0", 1))
+    assert identity(settings, as_json=True, root=root.path) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"mac": MAC, "interface": "eth0", "is_present": True, "is_kept": True}
+
+
+def test_a_mac_that_is_gone_is_told(root, place, capsys):
+    """A person sees why, and a program finds is_present."""
+    settings = Settings(server="", state_dir=place)
+    identity(settings, as_json=False, root=root.path)
+    root.remove("eth0")
+    capsys.readouterr()
+    identity(settings, as_json=False, root=root.path)
+    assert capsys.readouterr().out == f"{MAC} eth0 (no interface of this machine has it now)\n"
+
+
+def test_whoever_cannot_keep_it_may_still_look(root, capsys):
+    """On a machine where nothing is installed there may be nowhere to write to."""
+    settings = Settings(server="", state_dir=Path("/proc/none/state"))
+    assert identity(settings, as_json=True, root=root.path) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["mac"], told["is_kept"]) == (MAC, False)
+
+
+def test_rubbish_is_a_sentence(place, capsys):
+    """A MAC that names no robot is told with where it was set and what is allowed."""
+    environ = {"ROBOTETHER_STATE_DIR": str(place), "ROBOTETHER_MAC": "ff:ff:ff:ff:ff:ff"}
+    assert main(["identity"], environ) == 78
+    told = capsys.readouterr().err
+    assert "cannot use ROBOTETHER_MAC = 'ff:ff:ff:ff:ff:ff'" in told
+    assert "multicast or broadcast" in told
+
+
+@pytest.mark.parametrize(
+    ("findings", "code", "last"),
+    [
+        ([ok("a", "x"), skipped("b", "y")], 0, "all is well"),
+        ([ok("a", "x"), fail("b", "y", "z"), fail("c", "y", "z")], 1, "2 of these steps failed"),
+    ],
+)
+def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, last):
+    settings = Settings(server="a.example", state_dir=Path("/none"))
+
+    async def run_checks(_: Settings) -> AsyncIterator[Finding]:
+        for finding in findings:
+            yield finding
+
+    monkeypatch.setattr(command, "run_checks", run_checks)
+    assert command.doctor(lambda: settings) == code
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "ok       a            x"
+    assert lines[-1] == last
+
+
+def test_wrong_settings_are_the_first_finding(capsys):
+    """Nothing else can be looked at without them."""
+    assert main(["doctor"], {"ROBOTETHER_SERVER": "https://a"}) == 1
+    told = capsys.readouterr().out
+    assert told.startswith("FAIL     settings     cannot use ROBOTETHER_SERVER")
+    assert "what to do: correct it" in told
+
+
+@pytest.fixture
+def robot_environ(place) -> dict[str, str]:
+    """A robot with a key."""
+    made = {
+        "ROBOTETHER_STATE_DIR": str(place / "state"),
+        "ROBOTETHER_RUN_DIR": str(place / "run"),
+    }
+    assert main(["key"], made) == 0
+    return made
+
+
+class Terminal(io.StringIO):
+    """A person at a terminal, with an answer."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("yes\n", 0), ("\n", 1), ("n\n", 1)])
+def test_a_person_is_asked(robot_environ, capsys, monkeypatch, answer, code):
+    """Only a yes removes anything; what goes is named, and that it cannot be undone."""
+    monkeypatch.setattr("sys.stdin", Terminal(answer))
+    assert main(["forget"], robot_environ) == code
+    told = capsys.readouterr().out
+    assert "removes id_ed25519, id_ed25519.pub. This cannot be undone" in told
+    assert Path(robot_environ["ROBOTETHER_STATE_DIR"], "id_ed25519").exists() == bool(code)
+
+
+def test_without_a_terminal_it_needs_a_word(robot_environ, place, capsys, monkeypatch):
+    """A script says --yes; a pipe by accident removes nothing. A second run has nothing to do."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    assert main(["forget"], robot_environ) == 1
+    assert "add --yes" in capsys.readouterr().out
+    assert main(["forget", "--yes"], robot_environ) == 0
+    assert list((place / "state").iterdir()) == []
+    assert main(["forget", "--yes"], robot_environ) == 0
+    assert "nothing to forget" in capsys.readouterr().out
+
+
+def test_not_while_the_agent_runs(robot_environ, place, capsys):
+    ensure_directory(place / "run", "run_dir")
+    with only_one(place / "run" / LOCK):
+        assert main(["forget", "--yes"], robot_environ) == 75
+    assert "sudo systemctl stop robotether-agent" in capsys.readouterr().err
+    assert (place / "state/id_ed25519").exists()
+
+
+@pytest.fixture(autouse=True)
+def hangup():
+    """The command ignores the loss of its terminal; the tests do not."""
+    before = signal.getsignal(signal.SIGHUP)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture
+def versions_environ(place, monkeypatch) -> dict[str, str]:
+    """A robot with two versions whose service does not run; the double of systemctl says so."""
+    for name in ("1", "2"):
+        command = place / "opt/versions" / name / COMMAND
+        command.parent.mkdir(parents=True)
+        command.write_text("#!/bin/sh\n")
+        command.chmod(0o755)
+    Layout(place / "opt").use(place / "opt/versions/1")
+    double = place / "systemctl"
+    double.write_text("#!/bin/sh\necho inactive; exit 3\n")
+    double.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{place}:/usr/bin:/bin")
+    return {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place / "run")}
+
+
+def test_says_how_it_ended(versions_environ, place, capsys):
+    """In a line for a person and in a file for a program."""
+    assert main(["switch", str(place / "opt/versions/2"), "--wait", "1"], versions_environ) == 0
+    assert capsys.readouterr().out == "done: 2 is in use\n"
+    assert json.loads((place / "opt/last-switch.json").read_text())["result"] == "done"
+    assert (place / "opt/current").readlink().name == "2"
+
+
+def test_a_wrong_folder_is_impossible(versions_environ, place, capsys):
+    assert main(["switch", str(place / "opt/versions/3")], versions_environ) == 1
+    assert "name a folder in versions/" in capsys.readouterr().err
+
+
+def as_child(code: str) -> str:
+    """Run Python in a process of its own, since a right that is dropped never comes back."""
+    environ = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
+    command = [sys.executable, "-c", code]
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True, env=environ
+    ).stdout.strip()
+
+
+def child_in(place: Path, more: str) -> str:
+    return as_child(
+        f"from pathlib import Path; from robotether_agent import users; {more.format(place=place)}; {WHO}"
+    )
+
+
+@needs_root
+def test_root_becomes_the_owner_of_the_state(place):
+    """What it writes there belongs to the boot service."""
+    nobody = pwd.getpwnam("nobody")
+    place.chmod(0o755)
+    state = place / "state"
+    state.mkdir()
+    os.chown(state, nobody.pw_uid, nobody.pw_gid)
+    told = child_in(place, "users.act_as_agent(Path('{place}/state'))")
+    assert told.split()[:2] == [str(nobody.pw_uid), str(nobody.pw_gid)]
+
+
+@needs_root
+def test_a_missing_directory_is_made_for_the_agents_user(place):
+    """Before the boot service ran for the first time there is none."""
+    nobody = pwd.getpwnam("nobody")
+    place.chmod(0o755)
+    more = "users.AGENT_USER = 'nobody'; cli.act_as_agent(Path('{place}/new/state'))"
+    assert child_in(place, more).split()[0] == str(nobody.pw_uid)
+    made = (place / "new/state").stat()
+    assert (made.st_uid, made.st_mode & 0o777) == (nobody.pw_uid, 0o700)
+
+
+def test_who_is_not_root_stays_who_it_is(place, monkeypatch):
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    before = os.getuid()
+    act_as_agent(place / "none")
+    become_owner(place)
+    assert os.getuid() == before
+    assert not (place / "none").exists()
+
+
+@needs_root
+def test_without_the_agents_user_root_stays_root(place, monkeypatch):
+    monkeypatch.setattr(cli, "AGENT_USER", "no-such-user")
+    act_as_agent(place / "none")
+    act_as_agent(place)
+    become_owner(place / "none")
+    assert os.geteuid() == 0
