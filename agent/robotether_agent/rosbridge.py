@@ -37,8 +37,15 @@ class Rosbridge:
 
     async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
         """Ask for the newest message of a topic, one each `throttle_ms` at most."""
-        wish = {"op": "subscribe", "id": f"robotether_agent:{topic}", "topic": topic, "type": kind}
-        await self._socket.send_json({**wish, "throttle_rate": throttle_ms, "queue_length": 1})
+        subscription = {
+            "op": "subscribe",
+            "id": f"robotether_agent:{topic}",
+            "topic": topic,
+            "type": kind,
+        }
+        await self._socket.send_json(
+            {**subscription, "throttle_rate": throttle_ms, "queue_length": 1}
+        )
 
     async def message(self) -> JsonObject:
         """Return the next message of the topics that were asked for; ConnectionError at the end."""

@@ -94,7 +94,7 @@ class Layout:
             ) from error
 
     def check(self, version: Path) -> None:
-        """Raise SwitchFailed unless `version` is one of this folder's, whole and startable."""
+        """Raise UpgradeFailed unless `version` is one of this folder's, whole and startable."""
         command = version / COMMAND
         if version.parent != self.base / "versions" or not os.access(command, os.X_OK):
             raise UpgradeFailed(

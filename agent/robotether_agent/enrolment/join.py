@@ -139,7 +139,7 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
             "between, such as a captive portal",
         ) from error
     except (aiohttp.ClientProxyConnectionError, aiohttp.ClientHttpProxyError) as error:
-        raise _no_way_through(settings, error) from error
+        raise _proxy_problem(settings, error) from error
     except aiohttp.ClientConnectorCertificateError as error:
         raise _untrusted(settings, error.certificate_error) from error
     except (aiohttp.ClientError, OSError, ValueError) as error:
@@ -229,7 +229,7 @@ def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
     )
 
 
-def _no_way_through(
+def _proxy_problem(
     settings: Settings, error: aiohttp.ClientProxyConnectionError | aiohttp.ClientHttpProxyError
 ) -> ServerUnreachable:
     """Return what the HTTP proxy answers, or that it does not."""

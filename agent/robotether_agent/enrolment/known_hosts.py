@@ -95,10 +95,10 @@ def check(path: Path, before: Collection[HostKey], now: Collection[HostKey]) -> 
     changed = {key.type for key in set(before) ^ set(now)} & common
     if common and not changed:
         return
-    told = ", ".join(sorted(key.fingerprint for key in now))
+    shown = ", ".join(sorted(key.fingerprint for key in now))
     known = ", ".join(sorted(key.fingerprint for key in before))
     raise HostKeyChanged(
-        f"cannot trust the server: its SSH host keys are now {told}, and at the first join were {known}",
+        f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
         advice=advice(path),
     )
 

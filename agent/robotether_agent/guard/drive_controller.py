@@ -280,8 +280,8 @@ class DriveController:
     async def step(self) -> None:
         """Send the zeros and commands whose time has come."""
         now = self._clock()
-        wants = self._deadman.moving() or any(topic.waiting for topic in self._topics)
-        if wants and now >= self._authorizer.silent_at:
+        has_work = self._deadman.moving() or any(topic.waiting for topic in self._topics)
+        if has_work and now >= self._authorizer.silent_at:
             # Only then: it wakes this loop, which would turn without a pause for as long as the agent is silent.
             self.halt()
         for name in self._deadman.due(now):

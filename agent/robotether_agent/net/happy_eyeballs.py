@@ -129,13 +129,13 @@ class HappyEyeballs(Generic[T]):
 def combined_problem(failed: Sequence[Problem]) -> Problem:
     """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
     for kind in (ServerBusy, ServerUnreachable):
-        told = [problem for problem in failed if isinstance(problem, kind)]
-        if told:
-            return _one(kind, told)
+        found = [problem for problem in failed if isinstance(problem, kind)]
+        if found:
+            return _one(kind, found)
     return _one(NoAnswer, failed)
 
 
-def _one(kind: type[Problem], told: Sequence[Problem]) -> Problem:
-    message = "; ".join(dict.fromkeys(problem.message for problem in told))
-    advice = next((problem.advice for problem in told if problem.advice), None)
+def _one(kind: type[Problem], found: Sequence[Problem]) -> Problem:
+    message = "; ".join(dict.fromkeys(problem.message for problem in found))
+    advice = next((problem.advice for problem in found if problem.advice), None)
     return kind(message or "cannot connect: nothing answers", advice=advice)

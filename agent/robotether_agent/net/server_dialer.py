@@ -1,6 +1,6 @@
 """The robot's way to its server: whichever port, address and proxy lets a connection through now.
 
-One for the dialer, used by all its connections and by reach. It keeps at most one connection in hand, which was tried
+One for all connections of an agent, and for their liveness. It keeps at most one connection in hand, which was tried
 and not used yet, and none for longer than a few seconds. It never speaks SSH itself beyond a first line.
 """
 
@@ -34,7 +34,7 @@ CLIENT_BANNER = b"SSH-2.0-robotether\r\n"
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
 SPEAK_AFTER_S = 6.0
 # As long as sshd lets a login take.
-TIMEOUT_S = 15.0
+BANNER_TIMEOUT_S = 15.0
 HTTPS = 443
 # Silence on the first port, where packets to it are dropped, costs no more than this.
 NEXT_PORT_AFTER_S = 0.5
@@ -70,7 +70,7 @@ class Banner:
             ):
                 return True
             connection.send(CLIENT_BANNER)
-            if not await _receives_ssh(connection, TIMEOUT_S, name):
+            if not await _receives_ssh(connection, BANNER_TIMEOUT_S, name):
                 why = "it accepts the connection and says nothing"
                 raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=CHECK_NETWORK)
         except OSError as error:

@@ -37,7 +37,7 @@ ESTABLISHED = 1
 # A name service that is there answers in less.
 CACHED_TIMEOUT_S = 0.3
 # Without a known address there is nothing else to do than to wait for the name service.
-TIMEOUT_S = 3.0
+RESOLVE_TIMEOUT_S = 3.0
 THREADS = 4
 
 Address = tuple[socket.AddressFamily, Any]
@@ -117,11 +117,11 @@ class Resolver:
         """Return where `host` is now, or was last; raises OSError when it is not known."""
         last = self._last.get((host, port))
         try:
-            wait_s = CACHED_TIMEOUT_S if last else TIMEOUT_S
+            wait_s = CACHED_TIMEOUT_S if last else RESOLVE_TIMEOUT_S
             return await within(wait_s, self._ask(host, port))
         except (asyncio.TimeoutError, OSError) as error:
             if last is None:
-                why = str(error) or f"no answer from the name service in {TIMEOUT_S:g} s"
+                why = str(error) or f"no answer from the name service in {RESOLVE_TIMEOUT_S:g} s"
                 raise OSError(f"cannot find the address of {host}: {why}") from error
             log.debug("the name service does not answer for %s: trying its last address", host)
             return last

@@ -112,7 +112,7 @@ def _credit(message: JsonObject) -> Credit:
     )
 
 
-def _beat(message: JsonObject) -> ClockSync:
+def _clock_sync(message: JsonObject) -> ClockSync:
     return ClockSync(get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS))
 
 
@@ -124,5 +124,5 @@ def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[
 READERS: dict[str, Callable[[JsonObject], Request]] = {
     "want": _stream_request,
     "credit": _credit,
-    "beat": _beat,
+    "beat": _clock_sync,
 }

@@ -245,11 +245,11 @@ async def readable(connection: socket.socket) -> None:
     loop = asyncio.get_running_loop()
     there = loop.create_future()
 
-    def tell() -> None:
+    def set_ready() -> None:
         if not there.done():
             there.set_result(None)
 
-    loop.add_reader(connection, tell)
+    loop.add_reader(connection, set_ready)
     try:
         await there
     finally:

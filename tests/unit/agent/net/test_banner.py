@@ -14,7 +14,7 @@ from ssh_doors import BANNER, Door
 def in_haste(monkeypatch):
     """Nobody waits long for the silent."""
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
-    monkeypatch.setattr(server_dialer, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
 
 
 async def check(door: Door, checker: Banner) -> bool:

@@ -171,7 +171,7 @@ async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypa
     """Nothing stands any more, so the usual patience counts."""
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.2)
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
-    monkeypatch.setattr(server_dialer, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
     async with Door("silent") as door:
         with pytest.raises(NoAnswer):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)

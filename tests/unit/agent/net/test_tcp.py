@@ -164,7 +164,7 @@ async def test_an_unknown_name(names):
 
 async def test_a_name_service_that_never_answered(names, monkeypatch):
     """Nothing can be tried, and that is said in time."""
-    monkeypatch.setattr(tcp, "TIMEOUT_S", 0.05)
+    monkeypatch.setattr(tcp, "RESOLVE_TIMEOUT_S", 0.05)
     with names.hanging(), pytest.raises(OSError, match="no answer from the name service"):
         await Resolver(names).addresses("h", 22)
 
