@@ -1,0 +1,109 @@
+"""Transcripts of what passes between two programs, in a form that is the same in every run.
+
+A test adds each message to a `Transcript` and compares its text with the recorded file:
+`assert transcript == recorded` (fixture `recorded` of tests/unit/transcripts/conftest.py).
+`pytest tests/unit/transcripts --snapshot-update` records anew.
+
+What differs from run to run is replaced by its kind and never left out: digits of a time become
+zeros, a random text becomes `<id 1>` and is `<id 1>` wherever it stands again, a measured number
+becomes `<int>` or `<float>`. Everything else stands in the file as it was sent.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
+
+LINE = 100  # characters; a longer JSON value is written on several lines
+
+TIME = re.compile(r"\b20\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?|\b20\d\d-\d\d-\d\d\b")
+HTTP_DATE = re.compile(r"\b[A-Z][a-z]{2}, \d\d [A-Z][a-z]{2} 20\d\d \d\d:\d\d:\d\d GMT")
+# A random text is a UUID, 16 or more hex digits, a key or fingerprint of SSH, or `secrets.token_urlsafe()`.
+RANDOM = re.compile(
+    r"\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b"
+    r"|\b[0-9a-f]{16,}\b"
+    r"|(?<=ssh-ed25519 )[A-Za-z0-9+/=]{60,}"
+    r"|(?<=SHA256:)[A-Za-z0-9+/]{43}"
+    r"|(?<![\w-])[\w-]{43}(?![\w-])"
+)
+
+
+class Transcript:
+    """What was said, in order; compared as text."""
+
+    def __init__(self, measured: Iterable[str] = ()) -> None:
+        """Take names of keys whose numbers are measured, such as `t_ms`."""
+        self._measured = frozenset(measured)
+        self._names: dict[str, str] = {}
+        self._parts: list[str] = []
+
+    def name(self, value: str | int, name: str) -> None:
+        """Write this value as `<name>`, wherever it stands from now on; for ports, paths and keys."""
+        self._names[str(value)] = f"<{name}>"
+
+    def add(self, heading: str, *bodies: Any) -> None:
+        """Add a message: a heading such as `agent:`, and texts or JSON values."""
+        texts = [self._text(body) for body in bodies]
+        one_line = len(texts) == 1 and "\n" not in texts[0]
+        self._parts.append(
+            " ".join([heading, *texts]) if one_line else "\n".join([heading, *texts])
+        )
+
+    def add_lines(self, heading: str, lines: bytes) -> None:
+        """Add messages that are one line of JSON each, as they were sent."""
+        for line in lines.splitlines():
+            self.add(heading, json.loads(line))
+
+    def clean(self, value: Any, key: str = "") -> Any:
+        """Return the value with all that varies replaced by its kind."""
+        if isinstance(value, dict):
+            return {self._clean_text(k): self.clean(v, k) for k, v in sorted(value.items())}
+        if isinstance(value, list | tuple):
+            return [self.clean(item, key) for item in value]
+        if isinstance(value, str):
+            return self._clean_text(value)
+        if isinstance(value, bool) or value is None:
+            return value
+        if key in self._measured:
+            return f"<{type(value).__name__}>"
+        name = self._names.get(str(value))
+        # A number that becomes a text is another message.
+        return value if name is None else f"<{type(value).__name__} {name[1:]}"
+
+    def __str__(self) -> str:
+        return "\n".join(self._parts) + "\n"
+
+    def _text(self, body: Any) -> str:
+        if isinstance(body, str):
+            return self._clean_text(body)
+        clean = self.clean(body)
+        line = json.dumps(clean, ensure_ascii=False)
+        return line if len(line) <= LINE else json.dumps(clean, ensure_ascii=False, indent=2)
+
+    def _clean_text(self, text: str) -> str:
+        for value, name in self._names.items():
+            text = re.sub(rf"(?<!\w){re.escape(value)}(?!\w)", name, text)
+        text = HTTP_DATE.sub("<HTTP date>", text)
+        text = TIME.sub(lambda found: re.sub(r"\d", "0", found[0]), text)
+        return RANDOM.sub(self._id, text)
+
+    def _id(self, found: re.Match[str]) -> str:
+        known = sum(name.startswith("<id ") for name in self._names.values())
+        return self._names.setdefault(found[0], f"<id {known + 1}>")
+
+
+class TranscriptFile(SingleFileSnapshotExtension):
+    """One file of text a test, under __snapshots__."""
+
+    _write_mode = WriteMode.TEXT
+    file_extension = "txt"
+
+    def serialize(self, data: Any, **_options: Any) -> str:
+        """Write a transcript as it reads, and anything else as JSON."""
+        if isinstance(data, Transcript | str):
+            return str(data)
+        return json.dumps(data, ensure_ascii=False, indent=2, sort_keys=True) + "\n"
