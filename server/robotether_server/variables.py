@@ -36,10 +36,11 @@ class Variable(Generic[T_co]):
         try:
             return self.parse(text)
         except ValueError as error:
-            shown = "its value" if self.secret else repr(text)
-            raise SettingsError(
-                f"cannot use {self.name}={shown}: allowed is {self.allowed}"
-            ) from error
+            what = f"the secret in {self.name}" if self.secret else f"{self.name}={text!r}"
+            # The error of a parser has the value, and a traceback would print it.
+            raise SettingsError(f"cannot use {what}: allowed is {self.allowed}") from (
+                None if self.secret else error
+            )
 
     def is_set(self, environ: Mapping[str, str]) -> bool:
         """Tell whether there is a value; an empty variable counts as one that is not set."""

@@ -107,7 +107,7 @@ def test_password_of_ones_own_is_not_printed(
     file.write_text("short")
     refused = run("web")
     assert (refused.status, started) == (1, [])
-    assert "cannot use ADMIN_PASSWORD=its value" in refused.err
+    assert "cannot use the secret in ADMIN_PASSWORD: allowed is" in refused.err
     file.write_text("a-password-of-ones-own\n")
     done = run("web")
     assert "password  the one in the file admin_password\n" in done.out
