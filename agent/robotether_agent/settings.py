@@ -115,7 +115,9 @@ class _Given:
 
     def refuse(self, why: str) -> SettingsInvalid:
         hidden = self.key in SECRETS | URLS_WITH_LOGIN
-        shown = "(hidden)" if hidden else repr(self.value)
+        # A password may stand in any URL, and in most of them it is what is refused.
+        value = parse.without_login(self.value) if isinstance(self.value, str) else self.value
+        shown = "(hidden)" if hidden else repr(value)
         return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")
 
 

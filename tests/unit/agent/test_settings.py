@@ -168,6 +168,22 @@ def test_a_cameras_password_is_hidden():
     assert "s3cret" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("key", "url", "shown_url"),
+    [
+        ("rosbridge_url", "ws://ann:s3cret@127.0.0.1:9090", "ws://(hidden)@127.0.0.1:9090"),
+        ("video_url", "http://ann:s3cret@127.0.0.1:8080", "http://(hidden)@127.0.0.1:8080"),
+        ("server", "https://ann:s3cret@a.example", "https://(hidden)@a.example"),
+    ],
+)
+def test_a_refused_urls_password_is_hidden(key, url, shown_url):
+    """Where no password is allowed, the refusal of one does not print it."""
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {"ROBOTETHER_SERVER": "a.example", f"ROBOTETHER_{key.upper()}": url})
+    assert "s3cret" not in str(error.value)
+    assert shown_url in str(error.value)
+
+
 def test_a_proxys_password_is_hidden():
     """Where the proxy is may be seen, who asks it and with what may not, not even in an error."""
     environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_HTTP_PROXY": "http://ann:s3cret@proxy:3128"}
