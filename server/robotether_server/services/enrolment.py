@@ -82,7 +82,7 @@ def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
     if claim is not None and claim.is_rejected:
         raise KeyRejected(
             f"cannot join with key {key.fingerprint}: an admin turned it away; make a new key on the robot "
-            "(robotether-agent rekey), or let an admin take it off the list of rejected keys"
+            "(sudo robotether-agent forget), or let an admin take it off the list of rejected keys"
         )
 
 

@@ -139,7 +139,7 @@ def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigne
     with site.database.transaction() as tx:
         claims.add_rejected(tx, robots.get(tx, "turtle"), "root")
         robot_service.remove(tx, ADMIN, "turtle")
-    with pytest.raises(KeyRejected):
+    with pytest.raises(KeyRejected, match="sudo robotether-agent forget"):
         register(site, signer)
 
 
