@@ -217,4 +217,7 @@ def _shown(variable: v.Variable[object], environ: Mapping[str, str]) -> str:
     if not variable.is_set(environ):
         return "(not set)"
     variable.read(environ)
-    return MASK if variable.secret else variable.text(environ)
+    text = variable.text(environ)
+    if variable.secret:
+        return MASK if text else "(not set)"
+    return text

@@ -117,6 +117,17 @@ def test_in_force_shows_everything_and_no_secret() -> None:
     assert not set(WEB.values()) - {"web"} & set(shown.values())
 
 
+def test_secret_that_may_be_empty_is_not_masked(tmp_path: Path) -> None:
+    """A mask stands for a value; an empty file is none."""
+    file = tmp_path / "admin_password"
+    file.write_text("\n")
+    from_file = {"ADMIN_PASSWORD_FILE": str(file)}
+    for environ in ({}, {"ADMIN_PASSWORD": ""}, from_file):
+        assert settings.in_force(environ)["ADMIN_PASSWORD"] == "(not set)"
+    file.write_text("a-password-of-ones-own\n")
+    assert settings.in_force(from_file)["ADMIN_PASSWORD"] == settings.MASK
+
+
 def test_in_force_refuses_a_wrong_value() -> None:
     """What is printed is what would start."""
     with pytest.raises(SettingsError, match="TICKET_TTL_S='soon'"):
