@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 from paper.fleet_arrivals import Arrivals
 
@@ -57,12 +55,3 @@ def test_online_and_the_servers_first_word_count_once(arrivals):
     values = arrivals.values()
     assert values["online_s"] == [None, 1.0]
     assert values["server_s"] == 1.0
-
-
-async def test_an_arrival_can_be_waited_for(arrivals):
-    """Whoever waits hears of it, and the reasons for waiting are counted."""
-    waiting = asyncio.ensure_future(arrivals.until_come("one"))
-    arrivals.waits("closed with 4503")
-    arrivals.got("one", arrivals.text("one"), 11 * SECOND_NS)
-    await asyncio.wait_for(waiting, 5)
-    assert arrivals.values()["waits"] == {"closed with 4503": 1}

@@ -41,13 +41,6 @@ def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
     assert (group.wanted, group.in_time, group.success) == (4, 2, 50.0)
 
 
-def test_nothing_has_run():
-    """There are no figures then, and no error."""
-    group = one()
-    assert (group.wanted, group.success, group.message_s) == (0, 0.0, [])
-    assert group.per_robot("cpu_s", ["sshd"]) is None
-
-
 def test_costs_are_of_robots_that_came():
     """A robot that never was online costs nobody anything that could be told."""
     group = one(run(1.0, None), run(1.0, 2.0))
@@ -78,9 +71,3 @@ def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
     group = one(looked, run(1.0, 2.0))
     assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
     assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None
-
-
-def test_an_agents_last_words_are_kept():
-    """The last line of the first log that was told."""
-    group = one(run(1.0, 2.0), run(1.0, None, failures=["one\nno answer", "other"]))
-    assert group.last_words == "no answer"

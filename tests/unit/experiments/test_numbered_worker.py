@@ -151,16 +151,6 @@ async def failed(pair: OnePair) -> None:
             await asyncio.sleep(0.01)
 
 
-async def test_a_connection_that_never_stands_is_told_with_its_pair(
-    port: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It ends the run."""
-    monkeypatch.setattr("paper.numbered_worker.DIAL_WITHIN_S", 0.3)
-    async with aiohttp.ClientSession() as http:
-        with pytest.raises(ConnectionError, match=r"^pair 3: Cannot connect"):
-            await OnePair(http, port, 10, 100).sender.dialled.dial_first()
-
-
 async def test_what_cannot_be_sent_in_time_is_told(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections.abc import AsyncIterator
 
@@ -53,26 +52,6 @@ async def test_pictures_and_commands_of_the_measured_time_are_noted(seat: Seat) 
     assert robot.width_px == 640
     assert robot.simulator_cpu > 0
     assert 0 < run.busy <= 1
-
-
-async def test_a_connection_that_ends_is_the_runs_failure(seat: Seat) -> None:
-    """Nothing is measured without one of its robots."""
-    await seat.rosbridge.close()
-    with pytest.raises(ConnectionError):
-        await measured([seat], SHORT)
-
-
-async def test_a_camera_that_shows_nothing_is_the_runs_failure(
-    seat: Seat, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """After a bounded time, and by the robot's name."""
-    monkeypatch.setattr("paper.operators_run.STARTS_WITHIN_S", 0.2)
-
-    async def blind(_take: Taker) -> None:
-        await asyncio.sleep(60)
-
-    with pytest.raises(TimeoutError, match="no picture of sim in"):
-        await measured([Seat(**{**vars(seat), "look": blind})], SHORT)
 
 
 def picture(at_s: float, number: int | None) -> Picture:

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from link import why_not_here
-from paper import peer_changes
 from paper.peer_changes import connect_s, recover_s
-from paper.peer_echo import RATE_HZ, behind_video, round_trips
+from paper.peer_echo import RATE_HZ, round_trips
 from paper.peer_load import per_mb, throughput
-from paper.peer_plan import FITTING_QUALITY, LINK
+from paper.peer_plan import LINK
 from paper.peer_way import Straight, Way
 from paper.uplinks import uplinks
 
 needs_root = pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
 # Nobody is asked there.
 NO_MACHINE = "192.0.2.9"
-
-
-class GoneWay(Straight):
-    """A double of a way that leads nowhere."""
-
-    def robot_address(self) -> str:
-        return self.server.address
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +31,6 @@ def test_round_trips_are_those_of_the_link(straight: Way) -> None:
     trips = asyncio.run(round_trips(straight, seconds=1.0))
     assert len(trips) == RATE_HZ
     assert min(trips) >= LINK.ping_ms
-
-
-@needs_root
-def test_pictures_are_looked_at_meanwhile(straight: Way) -> None:
-    """Each with its age, which is at least the way of half a ping."""
-    seen = asyncio.run(behind_video(straight, FITTING_QUALITY, seconds=1.0, settle_s=0.2))
-    assert seen["picture_ages_ms"]
-    assert min(seen["picture_ages_ms"]) > LINK.ping_ms / 2
-    assert len(seen["round_trips_ms"]) == RATE_HZ
 
 
 @needs_root
@@ -69,16 +51,6 @@ def test_a_message_passes_again_after_a_new_address(straight: Way) -> None:
     assert straight.inside.address != before
     assert took_s is not None
     assert took_s > LINK.ping_ms / 1000
-
-
-@needs_root
-def test_a_way_that_leads_nowhere_is_never(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is given up in time."""
-    monkeypatch.setattr(peer_changes.first_message_s, "__defaults__", (0.2, 1.0))
-    with uplinks([LINK], NO_MACHINE) as [uplink], GoneWay(uplink) as way:
-        assert asyncio.run(connect_s(way)) is None
-        folder: Path = way.folder
-    assert not folder.exists()
 
 
 def test_costs_are_told_for_each_megabyte() -> None:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from paper.journal import Journal, JournalBusyError
-from paper.runner import Runner, StackGoneError, checked_steps, sentence
-from paper.step import Part, Report, Scale, Step
+from paper import __main__ as program
+from paper.journal import Journal
+from paper.runner import Runner
+from paper.step import Comparison, Part, Report, Scale, Step
 
 QUICK = Scale(quick=True)
 
 
 class FakeWorld:
-    """Stands in for a stack: answers, until it is told not to."""
-
-    answers = True
+    """Stands in for a stack that answers."""
 
     def api(self, _method: str, _path: str) -> dict[str, str]:
-        if not self.answers:
-            raise ConnectionRefusedError("nobody there")
         return {"name": "admin"}
 
 
@@ -32,13 +30,11 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.journal = Journal(folder, QUICK)
-        self.worlds: list[FakeWorld] = []
         self.ran: list[str] = []
 
     @contextmanager
     def world(self) -> Iterator[FakeWorld]:
-        self.worlds.append(FakeWorld())
-        yield self.worlds[-1]
+        yield FakeWorld()
 
     def runner(self, commit: str = "abc") -> Runner:
         return Runner(
@@ -62,9 +58,9 @@ class Bench:
         return {name: one.outcome for name, one in self.journal.read(of, names).items()}
 
 
-def part(*steps: Step, name: str = "test") -> Part:
+def part(*steps: Step) -> Part:
     return Part(
-        name=name,
+        name="test",
         title="A test",
         steps=lambda _scale: steps,
         report=lambda _scale, _results: Report(sections=()),
@@ -81,19 +77,6 @@ def raises(error: BaseException) -> Callable[[Any], Any]:
 @pytest.fixture
 def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path)
-
-
-def test_outcomes_are_kept_with_commit_and_load(bench: Bench) -> None:
-    """A step's values stand in the journal with what tells how they came to be."""
-    one = part(bench.step("first"))
-    bench.runner().run([one])
-    kept = bench.journal.read(one, ["first"])["first"]
-    assert kept.outcome.values == {"value": 1}
-    assert kept.commit == "abc"
-    assert kept.outcome.load >= 0
-    [sitting] = bench.journal.sittings([kept])
-    assert sitting["versions"] == {"nginx": "1.2"}
-    assert sitting["cores"] > 0
 
 
 def test_failed_step_is_kept_and_the_next_one_runs(bench: Bench) -> None:
@@ -128,73 +111,23 @@ def test_interrupted_run_goes_on_and_runs_nothing_twice(bench: Bench) -> None:
     assert [step.commit for step in kept.values()] == ["abc", "def", "def"]
 
 
-def test_finished_run_starts_anew_and_the_old_is_kept(bench: Bench) -> None:
-    """What was measured before is moved away and not deleted."""
-    one = part(bench.step("only"))
-    bench.runner().run([one])
-    bench.runner().run([one])
-    assert bench.ran == ["only", "only"]
-    assert len(list((bench.journal.folder / "old").glob("*/test/only.json"))) == 1
-
-
-def test_restart_measures_the_named_parts_alone_anew(bench: Bench) -> None:
-    """An unfinished run's other parts keep what they have."""
-    first = part(bench.step("a"), name="first")
-    second = part(bench.step("b"), name="second")
-    bench.runner().run([first])
-    bench.runner().run([second], restart=True)
-    bench.runner().run([second], restart=True)
-    assert bench.ran == ["a", "b", "b"]
-    assert list(bench.kept(first)) == ["a"]
-
-
-def test_stack_that_does_not_answer_ends_the_run(bench: Bench) -> None:
-    """The steps that follow are not failed one after the other: they have not run."""
-
-    def break_it(world: FakeWorld) -> dict[str, int]:
-        world.answers = False
-        return {"value": 1}
-
-    one = part(bench.step("breaks", break_it), bench.step("next"))
-    with pytest.raises(StackGoneError, match=r"before test, next.*nobody there"):
-        bench.runner().run([one])
-    assert list(bench.kept(one)) == ["breaks"]
-
-
-def test_values_that_json_cannot_carry_fail_their_step(bench: Bench) -> None:
-    """What could not be read again from the journal is no result."""
-    one = part(bench.step("odd", lambda _: {"value": float("nan")}))
-    bench.runner().run([one])
-    assert bench.kept(one)["odd"].failure.startswith("ValueError: ")
-
-
-def test_cancelled_task_of_a_step_is_its_failure(bench: Bench) -> None:
-    """A step's own cancellation does not end the run."""
-    one = part(bench.step("cancelled", raises(asyncio.CancelledError())), bench.step("next"))
-    bench.runner().run([one])
-    assert bench.kept(one)["cancelled"].failure == "CancelledError"
-    assert bench.ran == ["cancelled", "next"]
-
-
-def test_two_runs_of_one_part_at_once_are_refused(bench: Bench) -> None:
-    """The second one would take steps of the first for its own."""
-    one = part(bench.step("only"))
-    with bench.journal.held([one]), pytest.raises(JournalBusyError, match="test"):
-        bench.runner().run([one])
-    assert bench.worlds == []
-
-
-@pytest.mark.parametrize("names", [("a", "a"), ("../a",), ("A",), ("",)])
-def test_steps_names_are_good_for_files(bench: Bench, names: tuple[str, ...]) -> None:
-    """A name that is there twice, or is no file's, is refused before anything runs."""
-    with pytest.raises(ValueError, match="cannot run test"):
-        checked_steps(part(*map(bench.step, names)), QUICK)
-
-
-def test_sentence_of_an_exception_is_one_short_line() -> None:
-    """Also of a group, and of a message that holds a whole log."""
-    assert sentence(ValueError("two\nlines")) == "ValueError: two lines"
-    assert sentence(TimeoutError()) == "TimeoutError"
-    both = ExceptionGroup("in a task group", [ValueError("a"), OSError("b")])  # noqa: F821 (3.11)
-    assert sentence(both) == "ValueError: a; OSError: b"
-    assert len(sentence(ValueError("x" * 10_000))) < 400
+def test_failed_step_or_unmet_figure_fails_the_command(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Continuous integration reads the exit status alone; the page is written all the same."""
+    monkeypatch.setattr(program, "JOURNALS", tmp_path / "journals")
+    monkeypatch.setattr(program, "QUICK_PAGE", tmp_path / "page")
+    monkeypatch.setattr(program, "world_of", lambda _on_demo: bench.world())
+    monkeypatch.setattr(program, "Runner", partial(Runner, versions=lambda _world: {}))
+    lost = Comparison(
+        what="success", against="paper", reference=100, ours=99.9, unit="%", better="equal"
+    )
+    unmet = replace(
+        part(bench.step("one")),
+        report=lambda _scale, _results: Report(sections=(), comparisons=[lost]),
+    )
+    parts = (part(bench.step("one")), part(bench.step("bad", raises(OSError("gone")))), unmet)
+    chosen = program.arguments(["--quick"])
+    chosen.only = ["test"]
+    assert [program.run(chosen, {"test": one}) for one in parts] == [0, 1, 1]
+    assert (tmp_path / "page" / "index.html").exists()

@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from namespaces import PLACE, Namespace
-from paper.server_limit import LineCounts, line_profile, server_line
+from namespaces import Namespace
+from paper.server_limit import LineCounts, server_line
 
 # Alone: the address is the whole machine's, and two of these tests at once would both add it.
 pytestmark = [
@@ -66,24 +66,6 @@ def test_both_ends_share_the_line() -> None:
     assert counts.from_server_bytes < SENT_BYTES / 5
     needed_s = 2 * SENT_BYTES * 8 / 4e6
     assert 0.9 * needed_s < took_s < 2 * needed_s + 1
-
-
-def test_an_end_says_whose_it_is() -> None:
-    """As other uplinks do."""
-    with server_line(4, MACHINE) as line:
-        for end in (line.operators, line.robots):
-            assert end.machine == MACHINE
-            assert end.profile == line_profile(4)
-        assert line.operators.inside.address != line.robots.inside.address
-
-
-def test_nothing_is_left() -> None:
-    """No namespace and no cable."""
-    with server_line(4, MACHINE) as line:
-        [device], names = line.from_server, [line.operators.inside.name, line.robots.inside.name]
-        assert all((PLACE / name).exists() for name in names)
-    assert not any((PLACE / name).exists() for name in names)
-    assert device not in {name for _, name in socket.if_nameindex()}
 
 
 def test_counts_are_told_from_a_moment_on() -> None:

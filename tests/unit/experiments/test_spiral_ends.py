@@ -56,13 +56,6 @@ def test_only_completed_runs_have_ends() -> None:
     assert spiral_ends.failed("4g", given) == ""
 
 
-def test_of_many_that_failed_some_are_told() -> None:
-    """And how many more there are."""
-    told = spiral_ends.failed("fixed", [run(pair, failure="why") for pair in range(1, 6)])
-    assert told.startswith("5 of 5 ")
-    assert (told.count("why"), "and 2 more" in told) == (3, True)
-
-
 def test_the_spread_is_that_of_a_sample() -> None:
     """Two ends 2 mm apart in x."""
     found = Spread.of([Pose(0.0, 1.0, 0.0), Pose(0.002, 1.0, 0.0)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 from unittest.mock import Mock
@@ -72,23 +71,3 @@ def test_what_is_kept_is_seen_from_the_start() -> None:
     assert kept["sent_ms"] == [0.0, 500.0, 1000.0]
     assert kept["arrived_ms"] == [0.5, 500.5, 1000.5]
     assert (kept["network"], kept["pair"], kept["failure"]) == ("fixed", 2, "")
-
-
-def test_a_robot_that_nobody_saw_has_no_end() -> None:
-    """It is kept, with its failure."""
-    unseen = record(start=None, end=None, way=[], arrived=[], problem="cannot watch")
-    kept = spiral_run.outcome(PAIR, [], "", unseen, WANTED)
-    assert (kept["end"], kept["way"], kept["failure"]) == (None, [], "cannot watch")
-
-
-def test_what_is_kept_is_json() -> None:
-    """The journal can write it."""
-    kept = spiral_run.outcome(PAIR, [0], "", record(), WANTED)
-    assert json.loads(json.dumps(kept)) == kept
-
-
-def test_a_twist_is_a_rosbridge_operation() -> None:
-    """As roslibjs publishes it."""
-    sent = json.loads(spiral_run.twist(WANTED[1]))
-    assert (sent["op"], sent["topic"]) == ("publish", "/cmd_vel")
-    assert (sent["msg"]["linear"]["x"], sent["msg"]["angular"]["z"]) == (1.05, 1.0)

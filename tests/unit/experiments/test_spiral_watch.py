@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from typing import Any
 
 import pytest
-from paper import spiral_watch
 from paper.spiral_watch import Watch
 from sim_robot.kinematics import STEP_S
 
@@ -58,19 +55,3 @@ def test_commands_are_kept_with_their_moment() -> None:
     """What is no message of a topic is not."""
     seen = watch(command(1.0), {"op": "status", "msg": "none"}, command(1.05))
     assert seen.told()["arrived"] == [(0, 1.0, 1.0), (2, 1.05, 1.0)]
-
-
-async def test_a_wait_ends_when_all_are_there() -> None:
-    """And says that they were not when its time is over."""
-    assert await spiral_watch.wait_all([watch(pose(1.0, 0.0))], "stands", 1)
-    began = time.monotonic()
-    assert not await spiral_watch.wait_all([watch(pose(1.0, 1.0))], "stands", 0.1)
-    assert time.monotonic() - began < 5
-
-
-async def test_a_robot_that_cannot_be_watched_says_why() -> None:
-    """Nobody waits for it."""
-    missing = Watch("rtlink-no-such-namespace", "ws://127.0.0.1:9")
-    await asyncio.wait_for(missing.run(), 5)
-    assert missing.watches
-    assert "cannot watch" in missing.problem

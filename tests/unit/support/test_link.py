@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import statistics
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from pathlib import Path
 
-import namespaces
 import pytest
 from link import Link, Namespace, Shape, why_not_here
-from openssh_server import wait_until
 
 pytestmark = [
     pytest.mark.alone,
@@ -30,7 +24,6 @@ SO_RCVBUFFORCE = 33
 DATAGRAM = 1000
 # Of the IP packet: payload, UDP, IP.
 PACKET = DATAGRAM + 28
-SUPPORT = Path(__file__).resolve().parents[2] / "support"
 
 
 def udp(end: Namespace, port: int = 0) -> socket.socket:
@@ -157,45 +150,6 @@ def test_rate_is_kept(rate: float) -> None:
     assert statistics.median(rates) == pytest.approx(rate, rel=0.05), rates
 
 
-def test_queue_drops_what_is_too_much() -> None:
-    """50 packets fit, and the link sends a few while the burst comes."""
-    with Link(up=Shape(rate_bit_s=1e6, queue_bytes=50 * PACKET), down=Shape()) as link:
-        arrived = burst(link, 200)
-        up, _ = link.counts()
-    assert 50 <= len(arrived) <= 60
-    assert up.overflowed == 200 - len(arrived)
-
-
-def test_loss_is_as_said() -> None:
-    """One in ten, give or take."""
-    with Link(up=Shape(loss=0.1, queue_bytes=1 << 21), down=Shape()) as link:
-        arrived = burst(link, 1000)
-        up, _ = link.counts()
-    assert len(arrived) + up.lost == 1000
-    assert 60 < up.lost < 140
-
-
-def test_jitter_keeps_order() -> None:
-    """Round trips differ, numbers come one after the other."""
-    with Link(up=Shape(delay_s=0.02, jitter_s=0.015), down=Shape()) as link:
-        trips = round_trips_ms(link)
-        numbers = [int.from_bytes(data[:4], "big") for _, data in burst(link, 100)]
-    assert max(trips) - min(trips) > 10
-    assert numbers == list(range(100))
-
-
-def test_a_running_link_can_be_changed() -> None:
-    """Delay, then nothing at all, then everything again, with the same addresses."""
-    with Link(up=Shape(), down=Shape()) as link:
-        assert statistics.median(round_trips_ms(link)) < 2
-        link.change(up=Shape(delay_s=0.01))
-        assert statistics.median(round_trips_ms(link)) == pytest.approx(10, abs=1)
-        link.change(up=Shape(blackhole=True))
-        assert burst(link, 5) == []
-        link.change(up=Shape())
-        assert len(burst(link, 5)) == 5
-
-
 def test_tcp_gets_through_at_the_rate() -> None:
     """Bulk transfers over both directions, as an SSH connection would make them; the machine may pause in one."""
     shape = Shape(rate_bit_s=10e6, delay_s=0.005)
@@ -203,41 +157,3 @@ def test_tcp_gets_through_at_the_rate() -> None:
         rates = [bulk_rate(link) for _ in range(3)]
     # The headers of IP and TCP take 3.5 %, the start some more.
     assert 8.5e6 < statistics.median(rates) < 10e6, rates
-
-
-def made_by(pid: int) -> list[str]:
-    # The tests' browser keeps its own until the process ends.
-    named = [path.name for path in namespaces.PLACE.glob(f"{namespaces.PREFIX}-{pid}-*")]
-    return [name for name in named if not name.endswith("-browser")]
-
-
-def test_nothing_is_left_behind() -> None:
-    """Neither a namespace nor the process between them."""
-    with Link(up=Shape(), down=Shape()) as link:
-        assert sorted(made_by(os.getpid())) == sorted([link.robot.name, link.server.name])
-    assert made_by(os.getpid()) == []
-
-
-def test_a_killed_owner_leaves_nothing_behind() -> None:
-    """The worker sees its end and removes both namespaces."""
-    program = "import sys, time; sys.path.insert(0, sys.argv[1]); from link import *\n"
-    program += "with Link(up=Shape(), down=Shape()):\n  print('up', flush=True); time.sleep(60)"
-    command = [sys.executable, "-c", program, str(SUPPORT)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as owner:
-        assert owner.stdout is not None
-        assert owner.stdout.readline() == "up\n"
-        assert len(made_by(owner.pid)) == 2
-        owner.send_signal(signal.SIGKILL)
-    wait_until(lambda: made_by(owner.pid) == [], lambda: f"left: {made_by(owner.pid)}")
-
-
-def test_leftovers_of_the_dead_are_swept() -> None:
-    """Those of a process that is gone, and no others."""
-    with subprocess.Popen(["true"]) as gone:
-        gone.wait()
-    name = f"{namespaces.PREFIX}-{gone.pid}-1-robot"
-    namespaces.ip("netns", "add", name)
-    with Link(up=Shape(), down=Shape()) as link:
-        assert made_by(gone.pid) == []
-        namespaces.sweep()
-        assert link.robot.path.exists()

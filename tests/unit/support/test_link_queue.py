@@ -94,16 +94,3 @@ def test_order_is_kept_whatever_the_jitter(times: list[float], jitter_s: float) 
         way.offer(at, bytes([number]))
     seen = list(way.due(100.0))
     assert seen == [bytes([number]) for number in range(len(times))]
-
-
-def test_a_shape_that_cannot_be_is_refused() -> None:
-    """A typo in a test fails at once."""
-    for wrong in ({"rate_bit_s": 0}, {"loss": 1.5}, {"jitter_s": 0.1}):
-        with pytest.raises(ValueError, match="is"):
-            Shape(**wrong)
-
-
-def test_a_shape_survives_its_way_to_the_worker() -> None:
-    """As JSON carries it."""
-    shape = Shape(rate_bit_s=5e6, delay_s=0.02, blackhole=True)
-    assert Shape.of(shape.as_dict()) == shape
