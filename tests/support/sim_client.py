@@ -1,4 +1,4 @@
-"""Clients of the simulated robot for its tests: one without a socket, one over a real WebSocket."""
+"""A rosbridge client over a real WebSocket, and the settings of a simulated robot on free ports."""
 
 from __future__ import annotations
 
@@ -10,36 +10,10 @@ from types import TracebackType
 from typing import Any, Self
 
 import aiohttp
-from sim_robot.graph import Graph, make_graph
-from sim_robot.rosbridge import rosapi
-from sim_robot.rosbridge.client import Client
-from sim_robot.rosbridge.dispatch import handle
 from sim_robot.settings import Settings
 
 WAIT_S = 5.0
 SETTINGS = Settings(name="test", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
-
-
-class DirectClient:
-    """A rosbridge client whose messages go straight to the dispatcher; needs a running loop."""
-
-    def __init__(self, graph: Graph | None = None) -> None:
-        self.graph = graph or make_graph(2)
-        rosapi.offer(self.graph)
-        self.client = Client(self.graph, "client under test")
-
-    async def send(self, **operation: Any) -> list[dict[str, Any]]:
-        """Send one operation and take everything that waits for the client."""
-        return await self.send_text(json.dumps(operation))
-
-    async def send_text(self, text: str | bytes) -> list[dict[str, Any]]:
-        """Send anything at all."""
-        handle(self.client, text)
-        return await self.received()
-
-    async def received(self) -> list[dict[str, Any]]:
-        """Take what waits for the client."""
-        return [json.loads(await self.client.outbox.get()) for _ in range(len(self.client.outbox))]
 
 
 class SocketClient:

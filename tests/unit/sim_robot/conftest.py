@@ -3,16 +3,8 @@
 from collections.abc import AsyncIterator
 
 import pytest
-from sim_client import SETTINGS, DirectClient
+from sim_client import SETTINGS
 from sim_robot.simulator import Simulator
-
-
-@pytest.fixture
-async def client() -> AsyncIterator[DirectClient]:
-    """A rosbridge client on an empty graph that has rosapi."""
-    made = DirectClient()
-    yield made
-    made.client.close()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import math
 
 import pytest
 from sim_robot.kinematics import COMMAND_TIMEOUT_S, STEP_S, Pose, Turtle, Velocity
+from sim_robot.world import World
 
 
 def drive(turtle: Turtle, velocity: Velocity, steps: int, start_s: float = 0.0) -> None:
@@ -103,3 +104,17 @@ def test_paper_spiral_fits_into_the_default_world() -> None:
         steps = 31 if message % 4 else 32  # 0.5 s is 31.25 steps
         drive(turtle, Velocity(1.0 + 0.05 * message, 0.0, 1.0), steps)
         assert not turtle.at_wall
+
+
+def test_paper_spiral_meets_no_obstacle() -> None:
+    """The open-loop spiral passes every obstacle by more than the robot's radius."""
+    turtle, world = Turtle(20.0), World(20.0)
+    for message in range(62):
+        for _ in range(31 if message % 4 else 32):
+            turtle.command(Velocity(1.0 + 0.05 * message, 0.0, 1.0), 0.0)
+            turtle.step(STEP_S)
+            around = (
+                (turtle.pose.x + 0.4 * math.cos(a), turtle.pose.y + 0.4 * math.sin(a))
+                for a in range(7)
+            )
+            assert not any(item.holds(*place) for item in world.obstacles for place in around)
