@@ -12,12 +12,12 @@ from statistics import median
 
 import page_holds
 import pytest
+from frame_stamp import READ_STAMP, read_stamp
 from pages import drive_robot, expect_armed, expect_live, expect_no_sideways_scroll, wait_until
 from playwright.sync_api import Locator, Page, expect
 from sim_service import call_sim, frozen_cameras
 from sim_watch import SimWatch
 from stack import Stack
-from stamped_picture import READ_STAMP, read_stamp
 
 ROBOT = "sim1"
 FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"

@@ -46,47 +46,47 @@ END_S = 3.0
 
 
 @dataclass
-class Way:
+class Setup:
     """One way to connect the robot, and what was measured on it."""
 
     name: str
     connections: str
     with_video: bool = True
     round_trips_ms: list[float] = field(default_factory=list)
-    picture_ages_ms: list[float] = field(default_factory=list)
-    picture_bytes: int = 0
+    frame_ages_ms: list[float] = field(default_factory=list)
+    frame_bytes: int = 0
     lasted_s: float = 0.0
 
 
-def ways() -> list[Way]:
+def setups() -> list[Setup]:
     """What is compared."""
     return [
-        Way("one connection, as in the paper", "one"),
-        Way("two connections", "two"),
-        Way("Robotether", "agent"),
-        Way("Robotether, no video", "agent", with_video=False),
+        Setup("one connection, as in the paper", "one"),
+        Setup("two connections", "two"),
+        Setup("Robotether", "agent"),
+        Setup("Robotether, no video", "agent", with_video=False),
     ]
 
 
 class Site:
     """Both ends of the link, with sshd at one and the robot's services at the other."""
 
-    def __init__(self, link: Link, place: Path) -> None:
+    def __init__(self, link: Link, folder: Path) -> None:
         self.link = link
-        self.place = place
+        self.folder = folder
         self.ros_port, self.video_port = free_port(), free_port()
         self._relay = socket.create_server(("127.0.0.1", 0))
         self._sshd = OpenSshServer(self._relay.getsockname()[1], address=link.server.address)
 
     def __enter__(self) -> Site:
         """Start sshd; this thread must be in the server's namespace."""
-        key = self.place / "key"
+        key = self.folder / "key"
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
         public = key.with_suffix(".pub").read_text().strip()
         self._sshd.authorize(public, (self.ros_port, self.video_port))
         # The agent knows the server by an alias, a bare ssh by its address.
         names = f"[{self._sshd.address}]:{self._sshd.port},robotether-server"
-        (self.place / "known_hosts").write_text(f"{names} {self._sshd.host_keys[0]}\n")
+        (self.folder / "known_hosts").write_text(f"{names} {self._sshd.host_keys[0]}\n")
         self._sshd.start()
         return self
 
@@ -132,13 +132,13 @@ class Site:
         sshd = [self._sshd.address, str(self._sshd.port)]
         ports = [str(self.ros_port), str(self.video_port)]
         program = str(HERE / "video_tunnels.py")
-        return [[sys.executable, program, str(self.place), *sshd, *ports, "cubic"]]
+        return [[sys.executable, program, str(self.folder), *sshd, *ports, "cubic"]]
 
     def _ssh(self, *forwards: str) -> list[str]:
-        options = ["BatchMode=yes", f"UserKnownHostsFile={self.place}/known_hosts"]
+        options = ["BatchMode=yes", f"UserKnownHostsFile={self.folder}/known_hosts"]
         flags = [word for option in options for word in ("-o", option)]
         where = ["-p", str(self._sshd.port), f"{self._sshd.user}@{self._sshd.address}"]
-        return ["ssh", "-F", "none", "-N", "-i", f"{self.place}/key", *flags, *forwards, *where]
+        return ["ssh", "-F", "none", "-N", "-i", f"{self.folder}/key", *flags, *forwards, *where]
 
 
 @contextmanager
@@ -157,21 +157,21 @@ def running(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
             process.terminate()
 
 
-async def measure_way(site: Site, way: Way, seconds: float) -> None:
+async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
     """Measure one way whose connections stand."""
-    watching = asyncio.create_task(watch(site.video_port, way)) if way.with_video else None
+    watching = asyncio.create_task(watch(site.video_port, setup)) if setup.with_video else None
     try:
         async with aiohttp.ClientSession() as http:
             url = f"ws://127.0.0.1:{site.ros_port}/"
             async with http.ws_connect(url, compress=0, timeout=aiohttp.ClientWSTimeout()) as ros:
                 await asyncio.sleep(SETTLE_S)
-                way.picture_ages_ms, way.picture_bytes = [], 0
+                setup.frame_ages_ms, setup.frame_bytes = [], 0
                 started = time.perf_counter()
-                await round_trips(ros, way, int(seconds * RATE_HZ))
-                way.lasted_s = time.perf_counter() - started
+                await round_trips(ros, setup, int(seconds * RATE_HZ))
+                setup.lasted_s = time.perf_counter() - started
                 await stop(watching)
-                if way.with_video and not way.picture_ages_ms:
-                    raise RuntimeError(f"cannot measure {way.name}: no picture came")
+                if setup.with_video and not setup.frame_ages_ms:
+                    raise RuntimeError(f"cannot measure {setup.name}: no picture came")
     finally:
         await stop(watching)
 
@@ -183,14 +183,14 @@ async def stop(watching: asyncio.Task[None] | None) -> None:
         await asyncio.gather(watching, return_exceptions=True)
 
 
-async def round_trips(ros: aiohttp.ClientWebSocketResponse, way: Way, count: int) -> None:
+async def round_trips(ros: aiohttp.ClientWebSocketResponse, setup: Setup, count: int) -> None:
     """Send `count` messages, each at its time, and take every answer."""
     sent: dict[int, float] = {}
 
     async def answers() -> None:
         for _ in range(count):
             number = json.loads(await ros.receive_str())["number"]
-            way.round_trips_ms.append((time.perf_counter() - sent[number]) * 1000)
+            setup.round_trips_ms.append((time.perf_counter() - sent[number]) * 1000)
 
     receiving = asyncio.ensure_future(answers())
     started = time.perf_counter()
@@ -202,7 +202,7 @@ async def round_trips(ros: aiohttp.ClientWebSocketResponse, way: Way, count: int
     await asyncio.wait_for(receiving, LAST_S)
 
 
-async def watch(port: int, way: Way) -> None:
+async def watch(port: int, setup: Setup) -> None:
     """Take pictures, and note how old each is when it is whole."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
@@ -210,10 +210,10 @@ async def watch(port: int, way: Way) -> None:
         await reader.readuntil(b"\r\n\r\n")
         while True:
             head = await reader.readuntil(b"\r\n\r\n")
-            picture = await reader.readexactly(int(head.rsplit(b":", 1)[1]))
-            taken = float(picture[:LENGTH])
-            way.picture_ages_ms.append((time.monotonic() - taken) * 1000)
-            way.picture_bytes += len(picture)
+            frame = await reader.readexactly(int(head.rsplit(b":", 1)[1]))
+            captured_at = float(frame[:LENGTH])
+            setup.frame_ages_ms.append((time.monotonic() - captured_at) * 1000)
+            setup.frame_bytes += len(frame)
     finally:
         writer.close()
 
@@ -222,8 +222,8 @@ def measure(seconds: float = SECONDS) -> Section:
     """Measure all ways, one after the other, and return them as a table."""
     if why := why_not_here():
         raise RuntimeError(f"cannot measure behind video: {why}")
-    place = Path(tempfile.mkdtemp(prefix="rt-video-"))
-    measured = ways()
+    folder = Path(tempfile.mkdtemp(prefix="rt-video-"))
+    measured = setups()
     try:
         with Link(up=UP, down=DOWN) as link:
             link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
@@ -231,16 +231,16 @@ def measure(seconds: float = SECONDS) -> Section:
             with link.server.entered(), running(link.robot.command(*robot)) as services:
                 assert services.stdout is not None
                 services.stdout.readline()
-                with Site(link, place) as site:
-                    for way in measured:
-                        with site.connected(way.connections):
-                            asyncio.run(measure_way(site, way, seconds))
+                with Site(link, folder) as site:
+                    for setup in measured:
+                        with site.connected(setup.connections):
+                            asyncio.run(measure_setup(site, setup, seconds))
     finally:
-        shutil.rmtree(place)
+        shutil.rmtree(folder)
     return section(measured)
 
 
-def section(measured: list[Way]) -> Section:
+def section(measured: list[Setup]) -> Section:
     """The result, with what was asked for."""
     text = (
         f"A {MESSAGE_BYTES}-byte message to the robot and back at {RATE_HZ} Hz over an emulated link: 38 ms, "
@@ -251,21 +251,21 @@ def section(measured: list[Way]) -> Section:
     return Section("Round trip while video fills the uplink", text, list(table(measured)))
 
 
-def table(measured: list[Way]) -> Iterator[str]:
+def table(measured: list[Setup]) -> Iterator[str]:
     """Round trips, and what became of the pictures."""
     yield "| way | round trips | p50 ms | p99 ms | max ms | video Mbit/s | pictures/s | picture age p50 ms | p99 ms |"
     yield "|---|---|---|---|---|---|---|---|---|"
-    for way in measured:
-        trips, ages = way.round_trips_ms, way.picture_ages_ms
+    for setup in measured:
+        trips, ages = setup.round_trips_ms, setup.frame_ages_ms
         video = "- | - | - | -"
         if ages:
-            rate = way.picture_bytes * 8 / way.lasted_s / 1e6
+            rate = setup.frame_bytes * 8 / setup.lasted_s / 1e6
             video = (
-                f"{rate:.2f} | {len(ages) / way.lasted_s:.1f} "
+                f"{rate:.2f} | {len(ages) / setup.lasted_s:.1f} "
                 f"| {percentile(ages, 50):.0f} | {percentile(ages, 99):.0f}"
             )
         yield (
-            f"| {way.name} | {len(trips)} | {percentile(trips, 50):.1f} | {percentile(trips, 99):.1f} "
+            f"| {setup.name} | {len(trips)} | {percentile(trips, 50):.1f} | {percentile(trips, 99):.1f} "
             f"| {max(trips):.1f} | {video} |"
         )
 

@@ -80,7 +80,7 @@ def names_of(text: str) -> list[str]:
     return [name for name in EXPERIMENTS if name in chosen]
 
 
-def keep(name: str, section: Section, measured: str) -> None:
+def write_part(name: str, section: Section, measured: str) -> None:
     """Put a part into the page at once, so that a later experiment that fails takes nothing along."""
     known = parts(PAGE.read_text()) if PAGE.exists() else {}
     known[name] = f"{section.markdown}\n{measured}"
@@ -104,7 +104,7 @@ def main() -> None:
         sys.stdout.write(section.markdown + "\n")
         sys.stdout.flush()
         if not chosen.quick:
-            keep(name, section, measured)
+            write_part(name, section, measured)
 
 
 if __name__ == "__main__":

@@ -11,20 +11,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from demo import Demo
+from frame_stamp import READ_STAMP
 from pages import chromium, log_in
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 from sections import Section, percentile
-from stamped_picture import READ_STAMP
 
 ROBOT = "sim1"
 OPENED = 8
 SECONDS = 10.0
 SETTLE_MS = 3000
 THROTTLE = 4
-FIRST_WITHIN_MS, LOOK_EVERY_MS = 15_000, 100
+FIRST_WITHIN_MS, POLL_EVERY_MS = 15_000, 100
 BINARY = 2
 AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
-PICTURE = "[data-testid=stage] canvas.picture, [data-testid=view] img"
+FRAME = "[data-testid=stage] canvas.picture, [data-testid=view] img"
 
 # In each page before its own scripts: the click on the fleet page, then the first readable picture on the drive page.
 WATCH_FIRST = """(() => {
@@ -40,7 +40,7 @@ WATCH_FIRST = """(() => {
     window.benchFirstMs = unix(performance.now()) - Number(sessionStorage.getItem("benchClick"));
   };
   requestAnimationFrame(look);
-})()""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", PICTURE)
+})()""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
 
 # Reads the picture once an animation frame, and notes the age of each new one.
 WATCH_AGES = """(ms) => new Promise((resolve) => {
@@ -55,7 +55,7 @@ WATCH_AGES = """(ms) => new Promise((resolve) => {
     if (performance.now() < end) requestAnimationFrame(look); else resolve(ages);
   };
   requestAnimationFrame(look);
-})""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", PICTURE)
+})""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
 
 COUNT_FRAMES = """(ms) => new Promise((resolve) => {
   const gaps = [];
@@ -108,7 +108,7 @@ class Result:
     first_ms: list[float]
     ages_ms: list[float]
     gaps_ms: list[float]
-    pictures_s: float
+    frames_per_s: float
 
     @property
     def fps(self) -> float:
@@ -125,15 +125,15 @@ def open_by_click(page: Page, demo: Demo) -> None:
     page.wait_for_url(f"**/robots/{ROBOT}")
 
 
-def first_picture_ms(page: Page, demo: Demo) -> float:
+def first_frame_ms(page: Page, demo: Demo) -> float:
     """Ms from the click to a picture."""
     open_by_click(page, demo)
     # Not by wait_for_function, whose eval the page's policy forbids.
-    for _ in range(FIRST_WITHIN_MS // LOOK_EVERY_MS):
+    for _ in range(FIRST_WITHIN_MS // POLL_EVERY_MS):
         first = page.evaluate("window.benchFirstMs")
         if first is not None:
             return float(first)
-        page.wait_for_timeout(LOOK_EVERY_MS)
+        page.wait_for_timeout(POLL_EVERY_MS)
     raise RuntimeError(f"cannot measure: no picture in {FIRST_WITHIN_MS} ms")
 
 
@@ -152,11 +152,11 @@ def weigh(browser: Browser, demo: Demo) -> Weight:
 def throttled(page: Page, seconds: float) -> tuple[list[float], float]:
     """The gaps between animation frames on a slow processor, and the pictures a second that came meanwhile."""
     session = page.context.new_cdp_session(page)
-    pictures: list[int] = []
+    frames: list[int] = []
 
     def note(event: dict[str, Any]) -> None:
         if event["response"]["opcode"] == BINARY:
-            pictures.append(len(event["response"]["payloadData"]))
+            frames.append(len(event["response"]["payloadData"]))
 
     session.on("Network.webSocketFrameReceived", note)
     session.send("Emulation.setCPUThrottlingRate", {"rate": THROTTLE})
@@ -164,9 +164,9 @@ def throttled(page: Page, seconds: float) -> tuple[list[float], float]:
     gaps = page.evaluate(COUNT_FRAMES, seconds * 1000)
     # The browser tells of each message at a cost, so they are counted in a while of its own.
     session.send("Network.enable")
-    pictures.clear()
+    frames.clear()
     page.wait_for_timeout(SETTLE_MS)
-    rate = len(pictures) / SETTLE_MS * 1000
+    rate = len(frames) / SETTLE_MS * 1000
     session.send("Emulation.setCPUThrottlingRate", {"rate": 1})
     return gaps, rate
 
@@ -180,12 +180,12 @@ def measure_all(demo: Demo, seconds: float) -> Result:
         page = context.new_page()
         log_in(page, demo)
         context.add_init_script(WATCH_FIRST)
-        first_ms = [first_picture_ms(page, demo) for _ in range(OPENED)]
+        first_ms = [first_frame_ms(page, demo) for _ in range(OPENED)]
         page.wait_for_timeout(SETTLE_MS)
         ages_ms = page.evaluate(WATCH_AGES, seconds * 1000)
-        gaps_ms, pictures_s = throttled(page, seconds)
+        gaps_ms, frames_per_s = throttled(page, seconds)
         browser.close()
-    return Result(weight, first_ms, ages_ms, gaps_ms, pictures_s)
+    return Result(weight, first_ms, ages_ms, gaps_ms, frames_per_s)
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
@@ -213,6 +213,6 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
             f"| {percentile(found.ages_ms, 50):.0f}, {percentile(found.ages_ms, 95):.0f} | p95 under 80 |",
             f"| animation frames a second, processor {THROTTLE}x slower | {found.fps:.1f} | {AIM_FPS} |",
             f"| of {len(found.gaps_ms)} such frames more than half a frame late | {late} | - |",
-            f"| pictures a second then | {found.pictures_s:.1f} | 15 |",
+            f"| pictures a second then | {found.frames_per_s:.1f} | 15 |",
         ],
     )

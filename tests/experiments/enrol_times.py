@@ -61,14 +61,14 @@ def measure(site: Site, hosts: RobotHosts) -> list[str]:
     for robots in (one, fleet):
         for what in ("enroll.yml, first run, to drivable", "enroll.yml, second run"):
             played = site.play_well("enroll.yml", *robots)
-            told(played)
+            report(played)
             lines.append(row(what, len(robots), [played.took_s]))
     cuts = [asyncio.run(power_on_s(program, one[0])) for _ in range(POWER_CUTS)]
     lines.append(row("power-on of an enrolled robot to drivable", 1, cuts))
     return lines
 
 
-def told(played: Played) -> None:
+def report(played: Played) -> None:
     """Show the recap on standard error, so that standard output is the table alone."""
     recap = played.printed[played.printed.index("PLAY RECAP") :].strip()
     sys.stderr.write(f"{recap}\n{played.took_s:.1f} s\n\n")

@@ -77,7 +77,7 @@ async def simulated_robot() -> AsyncIterator[int]:
         await process.communicate()
 
 
-class Way:
+class Route:
     """One connection, its own topic, and the round trips on it."""
 
     def __init__(self, name: str, socket: aiohttp.ClientWebSocketResponse) -> None:
@@ -94,10 +94,10 @@ class Way:
         """Send one message of FRAME_BYTES and wait until it is back."""
         empty = json.dumps({"op": "publish", "topic": self.topic, "msg": {"data": ""}})
         frame = empty.replace('""', f'"{number:<{FRAME_BYTES - len(empty)}}"')
-        begun = time.perf_counter()
+        started = time.perf_counter()
         await self._socket.send_str(frame)
         answer = await self._socket.receive_str(timeout=5)
-        self.times_ms.append((time.perf_counter() - begun) * 1000)
+        self.times_ms.append((time.perf_counter() - started) * 1000)
         assert json.loads(answer)["msg"]["data"].strip() == str(number)
 
 
@@ -105,8 +105,8 @@ async def compare(count: int = COUNT, rate_hz: float = RATE_HZ) -> Latency:
     """Make `count` round trips each way."""
     async with AsyncExitStack() as stack:
         port = await stack.enter_async_context(simulated_robot())
-        place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        guard = await stack.enter_async_context(GuardProcess(place, port))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        guard = await stack.enter_async_context(GuardProcess(folder, port))
         await guard.grant(FENCE)
         http = await stack.enter_async_context(aiohttp.ClientSession())
         headers = {
@@ -114,20 +114,20 @@ async def compare(count: int = COUNT, rate_hz: float = RATE_HZ) -> Latency:
             "Robotether-Mode": "drive",
             "Robotether-Fence": str(FENCE),
         }
-        ways = []
+        routes = []
         for name, to in (("straight", port), ("guarded", guard.port)):
             socket = await stack.enter_async_context(
                 http.ws_connect(f"ws://127.0.0.1:{to}/", headers=headers, max_msg_size=0)
             )
-            ways.append(Way(name, socket))
-            await ways[-1].open()
+            routes.append(Route(name, socket))
+            await routes[-1].open()
         for number in range(count + WARM_UP):
             period = asyncio.create_task(asyncio.sleep(1 / rate_hz))
             # Neither way is always the first one after the pause, which finds colder caches.
-            for way in ways if number % 2 else reversed(ways):
-                await way.round_trip(number)
+            for route in routes if number % 2 else reversed(routes):
+                await route.round_trip(number)
             await period
-        straight, guarded = (way.times_ms[WARM_UP:] for way in ways)
+        straight, guarded = (route.times_ms[WARM_UP:] for route in routes)
         return Latency(straight, guarded, guard.ready_s)
 
 

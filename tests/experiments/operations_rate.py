@@ -25,7 +25,7 @@ from robotether_server.robot_settings import DEFAULTS, Limits
 # The check alone is measured, not how soon it says that there were too many.
 UNLIMITED = Limits(messages_per_s=10**9, message_kb=DEFAULTS.policy.limits.message_kb)
 SHORTEST_S = 0.2
-ROUNDS = 5
+REPEATS = 5
 LARGEST_NUMBERS = 52_000
 LARGEST_OBJECTS = 55_000
 AIM_US = 15
@@ -49,11 +49,11 @@ class Rate:
 def kinds() -> Mapping[str, bytes]:
     """One message of each kind, as clients send them."""
     twist = {"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -0.2345678}}
-    moment = {"t_ms": 5123456.789}
+    stamp = {"t_ms": 5123456.789}
     numbers = [number / 7 for number in range(LARGEST_NUMBERS)]
     plain = {
         "`publish` Twist to a drive topic": {
-            "op": "publish", "topic": "/cmd_vel", "msg": twist, "robotether": moment,
+            "op": "publish", "topic": "/cmd_vel", "msg": twist, "robotether": stamp,
         },
         "`subscribe`": {
             "op": "subscribe", "id": "subscribe:/pose:1", "topic": "/pose", "type": "turtlesim/Pose",
@@ -87,11 +87,11 @@ def time_of(name: str, data: bytes) -> Rate:
     started = time.perf_counter()
     one()
     count = max(1, int(SHORTEST_S / (time.perf_counter() - started)))
-    best = min(_round(one, count) for _ in range(ROUNDS))
+    best = min(_repeat(one, count) for _ in range(REPEATS))
     return Rate(name, len(data), best / count * 1_000_000)
 
 
-def _round(one: Callable[[], None], count: int) -> float:
+def _repeat(one: Callable[[], None], count: int) -> float:
     started = time.perf_counter()
     for _ in range(count):
         one()
@@ -103,7 +103,7 @@ def measure() -> Section:
     rates = [time_of(name, data) for name, data in kinds().items()]
     return Section(
         "Operations checked by the relay",
-        f"One core, one connection, the check and the new writing of a message alone, the quickest of {ROUNDS}\n"
+        f"One core, one connection, the check and the new writing of a message alone, the quickest of {REPEATS}\n"
         f"rounds. Aim: a small message under {AIM_US} us. While it reads a large one, the relay does nothing else; by\n"
         "default one driver's connection may send about one of the largest a second.",
         [

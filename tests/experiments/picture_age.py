@@ -26,11 +26,11 @@ from link import Link, why_not_here
 from local_network import free_port, insecure_tls
 from namespaces import Namespace
 from openssh_server import OpenSshServer, listens
-from picture_viewers import Picture, Taker, look_at_frames, look_at_stream
 from recovery import Site, Subject
 from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
 from robotether_server.relay.main import Timing
 from sections import Section, percentile
+from video_viewers import Frame, OnFrame, view_frames, view_stream
 
 SIM_ROBOT = Path(__file__).resolve().parents[2] / "images" / "sim_robot"
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
@@ -47,34 +47,34 @@ class Row:
     """What was seen one way."""
 
     where: str
-    way: str
-    pictures: list[Picture]
+    transport: str
+    viewed_frames: list[Frame]
     lasted_s: float
 
     @property
     def line(self) -> str:
         """The row of the table."""
-        ages = [picture.age_ms for picture in self.pictures]
-        size = sum(len(picture.jpeg) for picture in self.pictures)
+        ages = [frame.age_ms for frame in self.viewed_frames]
+        size = sum(len(frame.jpeg) for frame in self.viewed_frames)
         return (
-            f"| {self.where} | {self.way} | {len(ages)} | {percentile(ages, 50):.0f} | {percentile(ages, 95):.0f} "
-            f"| {max(ages):.0f} | {len(ages) / self.lasted_s:.1f} | {size / len(ages) / 1000:.0f} "
-            f"| {size * 8 / self.lasted_s / 1e6:.2f} |"
+            f"| {self.where} | {self.transport} | {len(ages)} | {percentile(ages, 50):.0f} "
+            f"| {percentile(ages, 95):.0f} | {max(ages):.0f} | {len(ages) / self.lasted_s:.1f} "
+            f"| {size / len(ages) / 1000:.0f} | {size * 8 / self.lasted_s / 1e6:.2f} |"
         )
 
 
 # Looks until it is cancelled.
-Look = Callable[[aiohttp.ClientSession, Taker], Awaitable[None]]
+View = Callable[[aiohttp.ClientSession, OnFrame], Awaitable[None]]
 
 
-async def looked(where: str, way: str, look: Look, seconds: float) -> Row:
+async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
     """Look for so long, after a while in which whatever fills up may fill up."""
-    seen: list[Picture] = []
+    seen: list[Frame] = []
     async with aiohttp.ClientSession() as http:
-        looking = asyncio.ensure_future(look(http, seen.append))
+        looking = asyncio.ensure_future(view(http, seen.append))
         try:
             await until(
-                lambda: seen or looking.done(), f"a picture: {where}, {way}", STARTS_WITHIN_S
+                lambda: seen or looking.done(), f"a picture: {where}, {transport}", STARTS_WITHIN_S
             )
             await asyncio.wait([looking], timeout=SETTLE_S)
             seen.clear()
@@ -82,8 +82,10 @@ async def looked(where: str, way: str, look: Look, seconds: float) -> Row:
             if looking.done():
                 looking.result()
             if len(seen) < 2:
-                raise RuntimeError(f"cannot measure {way}, {where}: {len(seen)} pictures came")
-            return Row(where, way, list(seen), seconds)
+                raise RuntimeError(
+                    f"cannot measure {transport}, {where}: {len(seen)} pictures came"
+                )
+            return Row(where, transport, list(seen), seconds)
         finally:
             looking.cancel()
             await asyncio.gather(looking, return_exceptions=True)
@@ -94,32 +96,32 @@ async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     where, tls = "loopback", {"ssl": insecure_tls()}
     base = f"{demo.url}/robots/{ROBOT}/video"
 
-    async def frames(http: aiohttp.ClientSession, take: Taker) -> None:
+    async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
         ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
-        await look_at_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", take, **tls)
+        await view_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", on_frame, **tls)
 
-    async def stream(http: aiohttp.ClientSession, take: Taker) -> None:
+    async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
         bearer = {"Authorization": f"Bearer {demo.token}"}
-        await look_at_stream(http, f"{base}/stream?topic={CAMERA}", take, headers=bearer, **tls)
+        await view_stream(http, f"{base}/stream?topic={CAMERA}", on_frame, headers=bearer, **tls)
 
     rows = [
-        await looked(where, "Robotether, frames protocol", frames, seconds),
-        await looked(where, "Robotether, multipart stream", stream, seconds),
+        await viewed(where, "Robotether, frames protocol", frames, seconds),
+        await viewed(where, "Robotether, multipart stream", stream, seconds),
     ]
     with BareTunnel(demo.address_of(ROBOT), 8080) as bare:
-        look = plain(bare.port, PLAIN_QUALITIES[0])
-        rows.append(await looked(where, plain_name(PLAIN_QUALITIES[0]), look, seconds))
+        view = plain(bare.port, PLAIN_QUALITIES[0])
+        rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
     return rows
 
 
-def plain(port: int, quality: int) -> Look:
+def plain(port: int, quality: int) -> View:
     """MJPEG as web_video_server gives it."""
 
-    async def look(http: aiohttp.ClientSession, take: Taker) -> None:
+    async def view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
         url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
-        await look_at_stream(http, url, take)
+        await view_stream(http, url, on_frame)
 
-    return look
+    return view
 
 
 def plain_name(quality: int) -> str:
@@ -145,33 +147,33 @@ async def over_link(link: Link, seconds: float) -> list[Row]:
             ticket = relay.ticket(robot, "observe")
             return f"{relay.url}/robots/{robot.name}/video/{what}?topic={CAMERA}&ticket={ticket}"
 
-        async def frames(http: aiohttp.ClientSession, take: Taker) -> None:
-            await look_at_frames(http, url("frames"), take)
+        async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+            await view_frames(http, url("frames"), on_frame)
 
-        async def stream(http: aiohttp.ClientSession, take: Taker) -> None:
-            await look_at_stream(http, url("stream"), take)
+        async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+            await view_stream(http, url("stream"), on_frame)
 
         await until_seen(frames)
         rows = [
-            await looked(where, "Robotether, frames protocol", frames, seconds),
-            await looked(where, "Robotether, multipart stream", stream, seconds),
+            await viewed(where, "Robotether, frames protocol", frames, seconds),
+            await viewed(where, "Robotether, multipart stream", stream, seconds),
         ]
         for quality in PLAIN_QUALITIES:
             with bare_forward(link, site.sshd) as port:
                 await until(lambda port=port: listens(port), "the bare forward stands")
-                rows.append(await looked(where, plain_name(quality), plain(port, quality), seconds))
+                rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
     return rows
 
 
-async def until_seen(look: Look) -> None:
+async def until_seen(view: View) -> None:
     """Look again and again until a first picture comes: the robot may still be on its way."""
-    seen: list[Picture] = []
+    seen: list[Frame] = []
     deadline = asyncio.get_running_loop().time() + STARTS_WITHIN_S
     while not seen:
         if asyncio.get_running_loop().time() > deadline:
             raise RuntimeError(f"cannot measure: no picture in {STARTS_WITHIN_S:g} s")
         async with aiohttp.ClientSession() as http:
-            looking = asyncio.ensure_future(look(http, seen.append))
+            looking = asyncio.ensure_future(view(http, seen.append))
             with suppress(AssertionError):
                 await until(lambda looking=looking: seen or looking.done(), "a picture", 2.0)
             looking.cancel()
@@ -193,9 +195,9 @@ async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
         http = await stack.enter_async_context(aiohttp.ClientSession())
         stack.enter_context(simulator(link.robot))
         site = Site(relay, records, sshd, http)
-        place = Path(tempfile.mkdtemp(prefix="rt-"))
-        stack.callback(shutil.rmtree, place, ignore_errors=True)
-        subject = Subject(site, Uplink(link.server.address, link.robot), robot, place, {})
+        folder = Path(tempfile.mkdtemp(prefix="rt-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        subject = Subject(site, Uplink(link.server.address, link.robot), robot, folder, {})
         stack.callback(subject.close)
         await subject.enrol()
         subject.start_agent()
@@ -220,8 +222,8 @@ def simulator(robot: Namespace) -> Iterator[None]:
 def bare_forward(link: Link, sshd: OpenSshServer) -> Iterator[int]:
     """The robot's video port through a bare `ssh -R` over the link; gives its port at the server."""
     port = free_port()
-    with tempfile.TemporaryDirectory(prefix="rt-bare-") as place:
-        key = Path(place) / "key"
+    with tempfile.TemporaryDirectory(prefix="rt-bare-") as folder:
+        key = Path(folder) / "key"
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
         sshd.authorize_too(key.with_suffix(".pub").read_text().strip(), (port,), 2)
         options = ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "LogLevel=ERROR")

@@ -119,20 +119,20 @@ class Subject:
         site: Site,
         network: Network,
         robot: Robot,
-        place: Path,
+        folder: Path,
         settings: Mapping[str, str],
     ) -> None:
         self.network = network
         self._settings = settings
         self._site = site
         self.robot = robot
-        self._place = place
-        self._log = (place / "agent.log").open("ab")
+        self._folder = folder
+        self._log = (folder / "agent.log").open("ab")
         self._agent: subprocess.Popen[bytes] | None = None
 
     async def enrol(self) -> None:
         """Put into its place what a join would have brought."""
-        state = self._place / "state"
+        state = self._folder / "state"
         state.mkdir(mode=0o700)
         sshd, robot = self._site.sshd, self.robot
         key = await ensure_key(state)
@@ -147,8 +147,8 @@ class Subject:
         settings = {
             "server": self.network.server,
             "mac": MAC,
-            "state_dir": self._place / "state",
-            "run_dir": self._place / "run",
+            "state_dir": self._folder / "state",
+            "run_dir": self._folder / "run",
             "shell_address": "none",
             "log_level": "debug",
             **self._settings,
@@ -181,7 +181,7 @@ class Subject:
 
     def log_tail(self) -> str:
         """What the agent said last."""
-        return "\n".join((self._place / "agent.log").read_text().splitlines()[-40:])
+        return "\n".join((self._folder / "agent.log").read_text().splitlines()[-40:])
 
     async def drivable_after(self, since: float, give_up_s: float) -> float:
         """Return the seconds from `since` until a new drive connection passes a message; infinite if never."""
@@ -260,9 +260,9 @@ async def frozen(subject: Subject) -> float:
 async def rebooted(subject: Subject) -> float:
     """Kill all that runs, and start the agent."""
     await asyncio.to_thread(subject.kill_agent)
-    moment = time.monotonic()
+    at_s = time.monotonic()
     subject.start_agent()
-    return moment
+    return at_s
 
 
 def cuts() -> list[Cut]:
@@ -306,12 +306,12 @@ async def _start_all(
     subjects = []
     for network, robot in zip(networks, robots, strict=True):
         # The agent's own directory, which holds sockets, must have a short name.
-        place = Path(tempfile.mkdtemp(prefix="rt-"))
-        stack.callback(shutil.rmtree, place, ignore_errors=True)
+        folder = Path(tempfile.mkdtemp(prefix="rt-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
         with network.robot.entered():
             listener = socket.create_server(("127.0.0.1", 9090))
         await stack.enter_async_context(Rosbridge(listener))
-        subjects.append(Subject(site, network, robot, place, settings))
+        subjects.append(Subject(site, network, robot, folder, settings))
         stack.callback(subjects[-1].close)
         await subjects[-1].enrol()
         subjects[-1].start_agent()

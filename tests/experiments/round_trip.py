@@ -32,11 +32,11 @@ def targets(demo: Demo, bare_port: int) -> dict[str, str]:
     return {
         "straight to rosbridge": f"ws://{demo.address_of(ROBOT)}:9090/",
         "bare ssh -R": f"ws://127.0.0.1:{bare_port}/",
-        "whole path with TLS": f"wss://{demo.door}/robots/{ROBOT}/ros?ticket={ticket}",
+        "whole path with TLS": f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={ticket}",
     }
 
 
-class Way:
+class Route:
     """One connection and the round trips measured on it, in ms."""
 
     def __init__(self, name: str, socket: aiohttp.ClientWebSocketResponse) -> None:
@@ -67,36 +67,36 @@ class Way:
         self.round_trips.append((time.perf_counter() - sent) * 1000)
 
 
-async def _measure_all(urls: dict[str, str], count: int) -> list[Way]:
+async def _measure_all(urls: dict[str, str], count: int) -> list[Route]:
     """Measure `count` round trips each way, one after the other in every period of 10 ms."""
     async with AsyncExitStack() as stack:
         http = await stack.enter_async_context(aiohttp.ClientSession())
-        ways = []
+        routes = []
         for name, url in urls.items():
             socket = await stack.enter_async_context(
                 http.ws_connect(url, ssl=insecure_tls(), compress=0)
             )
-            ways.append(Way(name, socket))
-            await ways[-1].open()
+            routes.append(Route(name, socket))
+            await routes[-1].open()
         started = time.perf_counter()
         for number in range(count):
             # The order turns, so that no way always comes first after the pause.
-            for offset in range(len(ways)):
-                await ways[(number + offset) % len(ways)].measure(number)
+            for offset in range(len(routes)):
+                await routes[(number + offset) % len(routes)].measure(number)
             pause = started + (number + 1) / RATE_HZ - time.perf_counter()
             await asyncio.sleep(max(pause, 0))
-        return ways
+        return routes
 
 
-def table(ways: list[Way]) -> Iterator[str]:
+def table(routes: list[Route]) -> Iterator[str]:
     """The result as a Markdown table, with each way beside the bare `ssh -R`."""
-    bare = ways[1].round_trips
+    bare = routes[1].round_trips
     yield "| way | round trips | p50 ms | p99 ms | max ms | p50 more than bare ssh -R, ms | p99, times bare ssh -R |"
     yield "|---|---|---|---|---|---|---|"
-    for way in ways:
-        p50, p99 = percentile(way.round_trips, 50), percentile(way.round_trips, 99)
+    for route in routes:
+        p50, p99 = percentile(route.round_trips, 50), percentile(route.round_trips, 99)
         yield (
-            f"| {way.name} | {len(way.round_trips)} | {p50:.2f} | {p99:.2f} | {max(way.round_trips):.2f} "
+            f"| {route.name} | {len(route.round_trips)} | {p50:.2f} | {p99:.2f} | {max(route.round_trips):.2f} "
             f"| {p50 - percentile(bare, 50):+.2f} | {p99 / percentile(bare, 99):.2f} |"
         )
 
@@ -104,9 +104,9 @@ def table(ways: list[Way]) -> Iterator[str]:
 def measure(demo: Demo, count: int = COUNT) -> Section:
     """Run it; `count` round trips each way."""
     with BareTunnel(demo.address_of(ROBOT), 9090) as bare:
-        ways = asyncio.run(_measure_all(targets(demo, bare.port), count))
+        routes = asyncio.run(_measure_all(targets(demo, bare.port), count))
     return Section(
         title=f"Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz",
         text="Aim: at most 0.5 ms more than the bare `ssh -R` at p50, twice at p99.",
-        table=list(table(ways)),
+        table=list(table(routes)),
     )

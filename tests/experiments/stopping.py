@@ -92,7 +92,7 @@ def program_loses(demo: Demo, loss: Callable[[Demo, ProgramDriver, ExitStack], N
     """One repetition with a program that drives."""
     outcome = Outcome()
     with ExitStack() as undo:
-        url = f"wss://{demo.door}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
+        url = f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
         driver = undo.enter_context(ProgramDriver(url))
         judge(*watched(demo, partial(loss, demo, driver, undo)), outcome)
     return outcome
@@ -191,7 +191,7 @@ def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Itera
         subprocess.run([*command, "-D", chain, *rule], check=True)
 
 
-WAYS: Mapping[str, Callable[[Demo], Outcome]] = {
+CAUSES: Mapping[str, Callable[[Demo], Outcome]] = {
     "page closed": lambda demo: page_loses(demo, close_page),
     "tab frozen": lambda demo: page_loses(demo, freeze_tab),
     "browser killed": lambda demo: page_loses(demo, kill_browser),
@@ -219,7 +219,7 @@ def _drives(demo: Demo) -> bool:
         ticket = demo.ticket(ROBOT, "drive")
     except (urllib.error.URLError, ConnectionError, TimeoutError):
         return False
-    url = f"wss://{demo.door}/robots/{ROBOT}/ros?ticket={ticket}"
+    url = f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={ticket}"
     try:
         with SimWatch(demo, ROBOT) as watch, ProgramDriver(url):
             time.sleep(0.5)
@@ -228,13 +228,13 @@ def _drives(demo: Demo) -> bool:
         return False
 
 
-def row(way: str, outcome: Outcome) -> str:
+def row(cause: str, outcome: Outcome) -> str:
     """One line of the table."""
     times, losses = outcome.last_command_to_zero, outcome.loss_to_zero
     if not times:
-        return f"| {way} | 0 | - | - | - | {outcome.drove_on} |"
+        return f"| {cause} | 0 | - | - | - | {outcome.drove_on} |"
     return (
-        f"| {way} | {len(times)} | {percentile(times, 50):.0f} | {max(times):.0f} "
+        f"| {cause} | {len(times)} | {percentile(times, 50):.0f} | {max(times):.0f} "
         f"| {percentile(losses, 50):.0f} | {outcome.drove_on} |"
     )
 
@@ -245,7 +245,7 @@ def measure(demo: Demo, repeat: int) -> Section:
         "| way | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | drove on |",
         "|---|---|---|---|---|---|",
     ]
-    for way, once in WAYS.items():
+    for cause, once in CAUSES.items():
         total = Outcome()
         for _ in range(repeat):
             wait_drivable(demo)
@@ -253,7 +253,7 @@ def measure(demo: Demo, repeat: int) -> Section:
             total.last_command_to_zero += one.last_command_to_zero
             total.loss_to_zero += one.loss_to_zero
             total.drove_on += one.drove_on
-        table.append(row(way, total))
+        table.append(row(cause, total))
     wait_drivable(demo)
     return Section(
         title="From the loss of the driver to a robot that stands",

@@ -24,10 +24,10 @@ LENGTH = 24
 
 def frame() -> bytes:
     """A picture that begins with the moment at which it was taken."""
-    taken = f"{time.monotonic():.6f}".encode().ljust(LENGTH)
-    picture = taken + bytes(FRAME_BYTES - LENGTH)
-    head = b"Content-type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(picture)
-    return head + picture + b"\r\n" + BOUNDARY
+    captured = f"{time.monotonic():.6f}".encode().ljust(LENGTH)
+    jpeg = captured + bytes(FRAME_BYTES - LENGTH)
+    head = b"Content-type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
+    return head + jpeg + b"\r\n" + BOUNDARY
 
 
 async def echo(request: web.Request) -> web.WebSocketResponse:

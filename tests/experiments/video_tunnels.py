@@ -22,9 +22,9 @@ from robotether_agent.video.video_proxy import VideoProxy
 from video_robot import ROS_PORT, VIDEO_PORT
 
 
-async def opened(place: Path, target: Target, kind: Kind) -> Tunnel:
+async def opened(folder: Path, target: Target, kind: Kind) -> Tunnel:
     """A connection of `kind` that is logged in."""
-    files = SshFiles((place / "key",), place / "known_hosts", place / f"{kind}.sock")
+    files = SshFiles((folder / "key",), folder / "known_hosts", folder / f"{kind}.sock")
     tunnel = await Tunnel.open(target, files, kind)
     # The session command's line.
     await tunnel.lines_in.readline()
@@ -33,13 +33,13 @@ async def opened(place: Path, target: Target, kind: Kind) -> Tunnel:
 
 async def main() -> None:
     """Keep both tunnels until stdin ends."""
-    place, host, port, ros_port, video_port, congestion = sys.argv[1:]
+    folder, host, port, ros_port, video_port, congestion = sys.argv[1:]
     target = Target(host, int(port), getpass.getuser())
     proxy = VideoProxy(f"http://127.0.0.1:{VIDEO_PORT}")
     proxy_port = await proxy.start()
-    session = await opened(Path(place), target, "session")
+    session = await opened(Path(folder), target, "session")
     await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
-    media = await opened(Path(place), target, "media")
+    media = await opened(Path(folder), target, "media")
     if media.socket is not None:
         media.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, congestion.encode())
     proxy.use(media.socket)

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import aiohttp
 from demo import Demo
-from picture_viewers import Picture, look_at_frames
 from relay_server import until
 from sections import Section
+from video_viewers import Frame, view_frames
 
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
 COUNTS = (1, 5, 20)
@@ -27,7 +27,7 @@ STARTS_WITHIN_S = 20.0
 RELAY_PORT = 8080
 FPS = 15
 # One quality, so that no run has smaller pictures than another; it makes pictures of some 30 KB.
-WANT = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
+STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
 AIM_PERCENT = 5
 
 
@@ -36,8 +36,8 @@ class Run:
     """What so many viewers cost."""
 
     viewers: int
-    pictures: int
-    picture_bytes: int
+    frames: int
+    frame_bytes: int
     uplink_bytes: int
     relay_cpu_s: float
     lasted_s: float
@@ -50,10 +50,10 @@ class Run:
     @property
     def cpu_per_100(self) -> float:
         """The relay's share of a core, in percent, for each 100 pictures that it delivers in a second."""
-        return self.relay_cpu_s / self.pictures * 100 * 100
+        return self.relay_cpu_s / self.frames * 100 * 100
 
 
-class Meters:
+class Usage:
     """What the kernel has counted for two containers."""
 
     def __init__(self, demo: Demo) -> None:
@@ -76,17 +76,17 @@ class Meters:
 
 
 @asynccontextmanager
-async def watched(demo: Demo, viewers: int) -> AsyncIterator[list[list[Picture]]]:
+async def watched(demo: Demo, viewers: int) -> AsyncIterator[list[list[Frame]]]:
     """So many viewers, each with its own pictures; all have one when this begins."""
     address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/video/frames"
-    seen: list[list[Picture]] = [[] for _ in range(viewers)]
+    seen: list[list[Frame]] = [[] for _ in range(viewers)]
     async with AsyncExitStack() as stack:
         http = await stack.enter_async_context(aiohttp.ClientSession())
         tasks = []
         for own in seen:
             ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
             url = f"{address}?topic={CAMERA}&ticket={ticket}"
-            tasks.append(asyncio.ensure_future(look_at_frames(http, url, own.append, WANT)))
+            tasks.append(asyncio.ensure_future(view_frames(http, url, own.append, STREAM_REQUEST)))
         try:
             await until(
                 lambda: all(seen) or any(task.done() for task in tasks),
@@ -105,19 +105,19 @@ async def watched(demo: Demo, viewers: int) -> AsyncIterator[list[list[Picture]]
 
 async def run(demo: Demo, viewers: int, seconds: float) -> Run:
     """Measure with so many viewers."""
-    meters = Meters(demo)
+    usage = Usage(demo)
     async with watched(demo, viewers) as seen:
         await asyncio.sleep(SETTLE_S)
         for own in seen:
             own.clear()
-        cpu_s, uplink = meters.relay_cpu_s(), meters.uplink_bytes()
+        cpu_s, uplink = usage.relay_cpu_s(), usage.uplink_bytes()
         started = time.monotonic()
         await asyncio.sleep(seconds)
-        pictures = [picture for own in seen for picture in own]
-        lasted_s, uplink = time.monotonic() - started, meters.uplink_bytes() - uplink
-        cpu_s = meters.relay_cpu_s() - cpu_s
-    size = sum(len(picture.jpeg) for picture in pictures)
-    return Run(viewers, len(pictures), size, uplink, cpu_s, lasted_s)
+        frames = [frame for own in seen for frame in own]
+        lasted_s, uplink = time.monotonic() - started, usage.uplink_bytes() - uplink
+        cpu_s = usage.relay_cpu_s() - cpu_s
+    size = sum(len(frame.jpeg) for frame in frames)
+    return Run(viewers, len(frames), size, uplink, cpu_s, lasted_s)
 
 
 def table(runs: list[Run]) -> Iterator[str]:
@@ -130,8 +130,8 @@ def table(runs: list[Run]) -> Iterator[str]:
     for one in runs:
         beside = (one.uplink_kb_s / runs[0].uplink_kb_s - 1) * 100
         yield (
-            f"| {one.viewers} | {one.pictures / one.viewers / one.lasted_s:.1f} "
-            f"| {one.picture_bytes / one.pictures / 1000:.1f} | {one.uplink_kb_s:.0f} | {beside:+.1f} % "
+            f"| {one.viewers} | {one.frames / one.viewers / one.lasted_s:.1f} "
+            f"| {one.frame_bytes / one.frames / 1000:.1f} | {one.uplink_kb_s:.0f} | {beside:+.1f} % "
             f"| {one.relay_cpu_s / one.lasted_s * 100:.1f} | {one.cpu_per_100:.1f} "
             f"| {100 * 100 / one.cpu_per_100 / FPS:.0f} |"
         )

@@ -56,7 +56,7 @@ class Demo:
         return str(next(iter(networks.values()))["IPAddress"])
 
     @cached_property
-    def door(self) -> str:
+    def address(self) -> str:
         """HOST:PORT of https at which the published ports answer as they do to the network.
 
         Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
@@ -67,7 +67,7 @@ class Demo:
     @property
     def url(self) -> str:
         """The site's address from outside, without a slash at the end."""
-        return f"https://{self.door}"
+        return f"https://{self.address}"
 
     @cached_property
     def admin_password(self) -> str:

@@ -14,11 +14,11 @@ from contextlib import AbstractContextManager
 
 from paper import high_rate, mixed, operators, peers, spiral, startup
 from paper.circumstances import ROOT
-from paper.journal import Journal, JournalBusyError
 from paper.page import Chapter, chapter
 from paper.page_files import write_page
 from paper.runner import Runner, StackGoneError
 from paper.step import Comparison, Part, Scale
+from paper.store import ResultStore, StoreBusyError
 from paper.words import number
 from paper.world import World
 
@@ -26,7 +26,7 @@ from paper.world import World
 PARTS = (startup.PART, high_rate.PART, mixed.PART, spiral.PART, operators.PART, peers.PART)
 NAMES = tuple(part.name for part in PARTS)
 ARTIFACTS = ROOT / "tests" / "artifacts"
-JOURNALS = ARTIFACTS / "experiments"
+STORES = ARTIFACTS / "experiments"
 PAGE, QUICK_PAGE = ROOT / "docs" / "experiments", ARTIFACTS / "experiments-quick"
 FAILED, INTERRUPTED = 1, 130
 SWITCHES = {
@@ -74,7 +74,7 @@ def summary(chapters: Iterable[Chapter]) -> str:
     """A line a part, and one for each thing that makes the exit status 1."""
     lines = []
     for one in chapters:
-        good = len(one.kept) - len(one.failed)
+        good = len(one.stored) - len(one.failed)
         failed = f"{len(one.failed)} failed, {len(one.missing)} have not run"
         lines.append(f"{one.part.name}: {good} of {len(one.steps)} steps succeeded, {failed}")
         lines += [f"  {line}" for line in [*one.problems, *map(unmet_line, one.unmet)]]
@@ -89,10 +89,10 @@ def unmet_line(row: Comparison) -> str:
 def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
     """Run what was asked for and write the page; the exit status."""
     scale = Scale(quick=chosen.quick, full=chosen.full)
-    journal = Journal(JOURNALS, scale)
+    store = ResultStore(STORES, scale)
     runner = Runner(
         scale=scale,
-        journal=journal,
+        store=store,
         open_world=lambda: world_of(chosen.on_demo),
         notes={"stack": "the one that ran already" if chosen.on_demo else "one of its own"},
     )
@@ -100,17 +100,17 @@ def run(chosen: argparse.Namespace, parts: Mapping[str, Part]) -> int:
     if not chosen.page_only:
         try:
             runner.run(asked, restart=chosen.restart)
-        except (StackGoneError, JournalBusyError) as error:
+        except (StackGoneError, StoreBusyError) as error:
             sys.stderr.write(f"experiments: {error}\n")
             return FAILED
         except KeyboardInterrupt:
             sys.stderr.write(f"experiments: {GO_ON}\n")
             return INTERRUPTED
-    chapters = [chapter(part, scale, journal) for part in parts.values()]
+    chapters = [chapter(part, scale, store) for part in parts.values()]
     folder = QUICK_PAGE if scale.quick else PAGE
-    write_page(folder, chapters, scale, journal)
+    write_page(folder, chapters, scale, store)
     ours = [one for one in chapters if one.part in asked]
-    sys.stdout.write(f"{summary(ours)}\ntracebacks, if any, are in {journal.log}\n")
+    sys.stdout.write(f"{summary(ours)}\ntracebacks, if any, are in {store.log}\n")
     sys.stdout.write(f"the page is {folder / 'index.html'}\n")
     return 0 if all(one.is_fine for one in ours) else FAILED
 

@@ -65,12 +65,12 @@ def join_all(robots: Sequence[Enrolled], token: str) -> None:
 
 
 async def _join_all(robots: Sequence[Enrolled], token: str) -> None:
-    places = asyncio.Semaphore(AT_ONCE)
+    slots = asyncio.Semaphore(AT_ONCE)
 
     async def join(robot: Enrolled) -> None:
         robot.folder.mkdir(mode=0o700)
         given = environment({**robot.settings, "token": token})
-        async with places:
+        async with slots:
             await Enroller(agent_settings.load(None, given)).join()
 
     await asyncio.gather(*map(join, robots))

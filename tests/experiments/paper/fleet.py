@@ -32,7 +32,7 @@ from paper.enrolled import Enrolled
 from paper.fleet_arrivals import Arrivals
 from paper.fleet_costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet_groups import FAILED_AFTER_S
-from paper.fleet_operators import Board, Operators
+from paper.fleet_operators import FleetEvents, Operators
 from paper.fleet_worker import LINE_BYTES, allow_files
 from paper.profiles import PLAIN
 from paper.robots import ASIDE
@@ -47,7 +47,7 @@ WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
-LOOK_EVERY_S, SETTLES_IN_LOOKS = 0.5, 20
+POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
 LOG_LINES = 8
 # In place of an order that was done: the worker is no more.
 GONE = "gone"
@@ -80,13 +80,13 @@ class WorkerFailedError(Exception):
     """A process of light robots did not do what it was told; says what it logged."""
 
 
-Hear = Callable[[dict[str, Any]], None]
+OnMessage = Callable[[dict[str, Any]], None]
 
 
 class Side(Protocol):
     """Some robots of a fleet. `pids` are the processes that they are made of now, `heard` is told what they heard."""
 
-    heard: Hear
+    on_message: OnMessage
 
     @property
     def pids(self) -> Sequence[int]:
@@ -106,7 +106,7 @@ class Worker:
         assert process.stdin is not None
         assert process.stdout is not None
         self.pids = [process.pid]
-        self.heard: Hear = lambda _: None
+        self.on_message: OnMessage = lambda _: None
         self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
         self._done: asyncio.Queue[str] = asyncio.Queue()
         self._listening = asyncio.ensure_future(self._listen())
@@ -173,7 +173,7 @@ class Worker:
             if "done" in message:
                 self._done.put_nowait(message["done"])
             else:
-                self.heard(message)
+                self.on_message(message)
         # Nobody waits for a worker that has ended.
         self._done.put_nowait(GONE)
 
@@ -209,11 +209,11 @@ class Fleet:
         sides: Sequence[Side],
         http: aiohttp.ClientSession,
     ) -> None:
-        site = f"https://{world.door}"
+        site = f"https://{world.address}"
         self._world, self._sides = world, sides
         self._names = [robot.name for robot in robots]
-        self.board = Board(http, site)
-        self._operators = Operators(http, site, self.board)
+        self.fleet_events = FleetEvents(http, site)
+        self._operators = Operators(http, site, self.fleet_events)
         self._failures: list[str] = []
 
     async def start(self, run: str) -> dict[str, Any]:
@@ -230,11 +230,11 @@ class Fleet:
         self._failures.clear()
         arrivals = Arrivals(self._names, run, time.monotonic_ns())
         for side in self._sides:
-            side.heard = lambda message: self._heard(arrivals, message)
+            side.on_message = lambda message: self._on_message(arrivals, message)
         await order()
         await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
         values = Run(arrivals, first, self._reading(), await self._settled()).values()
-        return {**values, "failures": self._told(values)}
+        return {**values, "failures": self._failures_of(values)}
 
     async def idle(self, seconds: float) -> dict[str, Any]:
         """What the fleet costs while nobody uses it: processor time over so many seconds."""
@@ -251,16 +251,16 @@ class Fleet:
         began = time.monotonic()
         await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._sides))
         async with asyncio.timeout(ENDS_WITHIN_S):
-            await self.board.until(self._names, online=False)
+            await self.fleet_events.until(self._names, online=False)
         return round(time.monotonic() - began, 3)
 
-    def _heard(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
+    def _on_message(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
         if "got" in message:
             arrivals.got(message["robot"], message["got"], message["at_ns"])
         else:
             self._failures.append(f"{message['robot']}: {message['failed']}")
 
-    def _told(self, values: Mapping[str, Any]) -> list[str]:
+    def _failures_of(self, values: Mapping[str, Any]) -> list[str]:
         """What explains robots without a message, if there are any."""
         missing = sum(seconds is None for seconds in values["message_s"])
         logs = [side.log_tail() for side in self._sides] if missing else []
@@ -269,9 +269,9 @@ class Fleet:
     async def _settled(self) -> Reading:
         """Read when sshd has as many processes as a moment before, or after a while."""
         reading = self._reading()
-        for _ in range(SETTLES_IN_LOOKS):
+        for _ in range(SETTLES_IN_POLLS):
             before = reading.services["sshd"].processes
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(POLL_EVERY_S)
             reading = self._reading()
             if reading.services["sshd"].processes == before:
                 break
@@ -310,12 +310,12 @@ async def following(
     connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
     async with aiohttp.ClientSession(connector=connector, headers=headers) as http:
         fleet = Fleet(world, robots, sides, http)
-        board = asyncio.ensure_future(fleet.board.follow())
+        fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
         try:
             yield fleet
         finally:
-            board.cancel()
-            await asyncio.gather(board, return_exceptions=True)
+            fleet_events.cancel()
+            await asyncio.gather(fleet_events, return_exceptions=True)
 
 
 @asynccontextmanager

@@ -13,7 +13,7 @@ from typing import Any
 
 NS_PER_S = 1e9
 # More different wrong texts than this tell nothing new.
-WRONG_KEPT = 20
+MAX_WRONG_TEXTS = 20
 
 
 class Arrivals:
@@ -22,7 +22,7 @@ class Arrivals:
     def __init__(self, robots: Sequence[str], run: str, began_ns: int) -> None:
         self._run = run
         self._began_ns = began_ns
-        self._came = {robot: asyncio.Event() for robot in robots}
+        self._arrived = {robot: asyncio.Event() for robot in robots}
         self._message_s: dict[str, float] = {}
         self._online_s: dict[str, float] = {}
         self._server_s: float | None = None
@@ -39,7 +39,7 @@ class Arrivals:
 
     def is_online(self, robot: str, at_ns: int) -> None:
         """Note that the server says so; the first time counts."""
-        if robot in self._came:
+        if robot in self._arrived:
             self._online_s.setdefault(robot, self._seconds(at_ns))
 
     def server_answers(self, at_ns: int) -> None:
@@ -56,31 +56,31 @@ class Arrivals:
         name, _, rest = text.partition(" ")
         run, _, number = rest.rpartition(" ")
         sent = number.isdecimal() and 1 <= int(number) <= self._published[robot]
-        if robot not in self._came or (name, run) != (robot, self._run) or not sent:
+        if robot not in self._arrived or (name, run) != (robot, self._run) or not sent:
             self._wrong.append(f"{robot} got {text!r:.100}")
             return
         self._received[robot] += 1
         self._message_s.setdefault(robot, self._seconds(at_ns))
-        self._came[robot].set()
+        self._arrived[robot].set()
 
-    def has_come(self, robot: str) -> bool:
+    def has_arrived(self, robot: str) -> bool:
         """Whether a robot has got its message."""
-        return self._came[robot].is_set()
+        return self._arrived[robot].is_set()
 
-    async def until_come(self, robot: str) -> None:
+    async def until_arrived(self, robot: str) -> None:
         """Wait for it."""
-        await self._came[robot].wait()
+        await self._arrived[robot].wait()
 
     def values(self) -> dict[str, Any]:
         """For the journal: lists have one place a robot, null where it did not happen; seconds."""
         return {
-            "message_s": [_rounded(self._message_s.get(robot)) for robot in self._came],
-            "online_s": [_rounded(self._online_s.get(robot)) for robot in self._came],
+            "message_s": [_rounded(self._message_s.get(robot)) for robot in self._arrived],
+            "online_s": [_rounded(self._online_s.get(robot)) for robot in self._arrived],
             "server_s": _rounded(self._server_s),
             "published": self._published.total(),
             "received": self._received.total(),
             "wrong": len(self._wrong),
-            "wrong_texts": self._wrong[:WRONG_KEPT],
+            "wrong_texts": self._wrong[:MAX_WRONG_TEXTS],
             "waits": dict(self._waits.most_common()),
         }
 

@@ -107,9 +107,9 @@ class Group:
 
     def idle_load(self, names: Sequence[str]) -> float | None:
         """Cores that some members of `idle_cpu_s` keep busy while nobody uses the fleet; None: not measured."""
-        looked = [run for run in self.runs if "idle_s" in run]
-        used = sum(run["idle_cpu_s"].get(name, 0.0) for run in looked for name in names)
-        return used / sum(run["idle_s"] for run in looked) if looked else None
+        measured = [run for run in self.runs if "idle_s" in run]
+        used = sum(run["idle_cpu_s"].get(name, 0.0) for run in measured for name in names)
+        return used / sum(run["idle_s"] for run in measured) if measured else None
 
 
 def got(run: Values) -> int:

@@ -48,13 +48,13 @@ class GuardHere:
     pid = os.getpid()
 
     def __init__(self, state_dir: Path, run_dir: Path) -> None:
-        self._lines = asyncio.StreamReader(limit=MAX_LINE_BYTES)
+        self._messages = asyncio.StreamReader(limit=MAX_LINE_BYTES)
         self._pipe = _Pipe()
         self._life = asyncio.ensure_future(self._run(state_dir, run_dir))
 
     def send(self, message: Mapping[str, object]) -> None:
         """Send one line."""
-        self._lines.feed_data(line_of(message))
+        self._messages.feed_data(line_of(message))
 
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
         """Tick, and hand on each line of the guard; raise GuardDown when it has ended."""
@@ -74,7 +74,7 @@ class GuardHere:
 
     async def _run(self, state_dir: Path, run_dir: Path) -> None:
         async with new_http() as http:
-            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._lines)
+            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._messages)
 
     async def _until_end(self) -> None:
         await asyncio.wait({self._life})

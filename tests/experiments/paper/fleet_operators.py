@@ -33,7 +33,7 @@ class RefusedError(Exception):
     """The server did not let an operator through to a robot, or let it go again; says why."""
 
 
-class Board:
+class FleetEvents:
     """Which robots are online, by the server's events; the connection is made anew for as long as it must."""
 
     def __init__(self, http: aiohttp.ClientSession, site: str) -> None:
@@ -51,7 +51,7 @@ class Board:
                 # Whoever ends this while it hears ends the connection, too.
                 async with aclosing(self._events()) as events:
                     async for event, data in events:
-                        await self._hear(event, data)
+                        await self._read(event, data)
             await self._become(set())
             await asyncio.sleep(TRY_AGAIN_S)
 
@@ -75,7 +75,7 @@ class Board:
                 elif name == "data":
                     yield event, json.loads(value)
 
-    async def _hear(self, event: str, data: Any) -> None:
+    async def _read(self, event: str, data: Any) -> None:
         if event == "fleet":
             self.on_fleet(time.monotonic_ns())
             await self._become({robot["name"] for robot in data if robot["online"]})
@@ -97,29 +97,32 @@ class Board:
 class Operators:
     """All operators of a fleet."""
 
-    def __init__(self, http: aiohttp.ClientSession, site: str, board: Board) -> None:
-        self._http, self._site, self._board = http, site, board
-        self._places = asyncio.Semaphore(AT_ONCE)
+    def __init__(self, http: aiohttp.ClientSession, site: str, fleet_events: FleetEvents) -> None:
+        self._http, self._site, self._fleet_events = http, site, fleet_events
+        self._slots = asyncio.Semaphore(AT_ONCE)
 
     async def deliver_all(self, robots: Iterable[str], arrivals: Arrivals, within_s: float) -> None:
         """Return when each robot has got its message, or the time is over."""
-        self._board.on_online, self._board.on_fleet = arrivals.is_online, arrivals.server_answers
+        self._fleet_events.on_online, self._fleet_events.on_fleet = (
+            arrivals.is_online,
+            arrivals.server_answers,
+        )
         with suppress(asyncio.TimeoutError):
             async with asyncio.timeout(within_s), asyncio.TaskGroup() as group:
                 for robot in robots:
                     group.create_task(self._deliver(robot, arrivals))
 
     async def _deliver(self, robot: str, arrivals: Arrivals) -> None:
-        while not arrivals.has_come(robot):
-            await self._board.until([robot], online=True)
-            async with self._places:
+        while not arrivals.has_arrived(robot):
+            await self._fleet_events.until([robot], online=True)
+            async with self._slots:
                 try:
                     await self._attempt(robot, arrivals)
                 except RefusedError as refused:
                     arrivals.waits(str(refused))
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                     arrivals.waits(type(error).__name__)
-            if not arrivals.has_come(robot):
+            if not arrivals.has_arrived(robot):
                 await asyncio.sleep(TRY_AGAIN_S)
 
     async def _attempt(self, robot: str, arrivals: Arrivals) -> None:
@@ -146,8 +149,8 @@ async def _until_come(
     socket: aiohttp.ClientWebSocketResponse, robot: str, arrivals: Arrivals
 ) -> None:
     """Wait for the message's arrival; raise RefusedError when the server ends the connection or refuses it."""
-    hearing = asyncio.ensure_future(_hear(socket))
-    coming = asyncio.ensure_future(arrivals.until_come(robot))
+    hearing = asyncio.ensure_future(_read(socket))
+    coming = asyncio.ensure_future(arrivals.until_arrived(robot))
     try:
         await asyncio.wait({hearing, coming}, return_when=asyncio.FIRST_COMPLETED)
         if not coming.done():
@@ -158,7 +161,7 @@ async def _until_come(
         await asyncio.gather(hearing, coming, return_exceptions=True)
 
 
-async def _hear(socket: aiohttp.ClientWebSocketResponse) -> str:
+async def _read(socket: aiohttp.ClientWebSocketResponse) -> str:
     """Return why the server ends the connection, or what it does not pass on."""
     async for frame in socket:
         if frame.type is aiohttp.WSMsgType.TEXT:

@@ -187,9 +187,9 @@ def _shortfalls(found: Sequence[Group]) -> Iterable[str]:
 def _reasons(group: Group) -> str:
     """What operators heard most while they waited, and an agent's last words."""
     common = [f"{why} ({times})" for why, times in group.waits.most_common(3)]
-    heard = f"; operators heard: {', '.join(common)}" if common else ""
+    on_message = f"; operators heard: {', '.join(common)}" if common else ""
     words = group.last_words
-    return f"{heard}; an agent said last: {words:.200}" if words else heard
+    return f"{on_message}; an agent said last: {words:.200}" if words else on_message
 
 
 def _data(name: str, found: Sequence[Group]) -> Data:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import aiohttp
 
-from paper.fleet import Fleet, Hear, following, robots_of, shares
+from paper.fleet import Fleet, OnMessage, following, robots_of, shares
 from paper.fleet_worker import TOPIC, TYPE
 from paper.operator import connector
 from paper.profiles import PLAIN
@@ -30,7 +30,7 @@ class WholeRobots:
     """Robots behind their uplinks; a Side of a fleet."""
 
     def __init__(self, robots: Sequence[WholeRobot]) -> None:
-        self.heard: Hear = lambda _: None
+        self.on_message: OnMessage = lambda _: None
         self._robots = robots
         self._are_started = False
 
@@ -87,8 +87,10 @@ class WholeRobots:
             at_ns = time.monotonic_ns()
             message: Mapping[str, Any] = json.loads(frame.data)
             if message.get("op") == "publish":
-                self.heard({"robot": robot, "got": message["msg"]["data"], "at_ns": at_ns})
-        self.heard({"robot": robot, "failed": "its rosbridge closed the subscriber's connection"})
+                self.on_message({"robot": robot, "got": message["msg"]["data"], "at_ns": at_ns})
+        self.on_message(
+            {"robot": robot, "failed": "its rosbridge closed the subscriber's connection"}
+        )
 
     def _end(self) -> None:
         for robot in self._robots:

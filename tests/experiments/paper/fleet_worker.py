@@ -43,12 +43,12 @@ log = logging.getLogger(__name__)
 class LightRobot:
     """One robot; its agent runs between `start` and `end`."""
 
-    def __init__(self, name: str, given: Mapping[str, str], tell: _Tell) -> None:
+    def __init__(self, name: str, given: Mapping[str, str], report: _Reporter) -> None:
         self.name = name
         self._given = given
-        self._tell = tell
+        self._report = report
         self._ros = BusRobot(LOCALHOST, 0)
-        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._heard)
+        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._on_message)
         self._agent: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
@@ -77,11 +77,11 @@ class LightRobot:
         except Exception as error:
             # The border of a robot: the others go on.
             log.exception("the agent of %s ended", self.name)
-            self._tell(failed=repr(error), robot=self.name)
+            self._report(failed=repr(error), robot=self.name)
 
-    def _heard(self, message: TopicMessage) -> None:
+    def _on_message(self, message: TopicMessage) -> None:
         at_ns = time.monotonic_ns()
-        self._tell(got=message.values["data"], robot=self.name, at_ns=at_ns)
+        self._report(got=message.values["data"], robot=self.name, at_ns=at_ns)
 
     @property
     def _settings(self) -> Settings:
@@ -96,7 +96,7 @@ class LightRobot:
         return agent_settings.load(NO_FILE, environment(given))
 
 
-class _Tell:
+class _Reporter:
     """Writes lines to whoever started this process."""
 
     def __init__(self, out: TextIO) -> None:
@@ -110,9 +110,9 @@ class _Tell:
 class Worker:
     """All robots of this process."""
 
-    def __init__(self, robots: Sequence[LightRobot], tell: _Tell) -> None:
+    def __init__(self, robots: Sequence[LightRobot], report: _Reporter) -> None:
         self._robots = robots
-        self._tell = tell
+        self._report = report
 
     async def obey(self, order: str) -> None:
         """Do one order, and tell when it is done."""
@@ -123,7 +123,7 @@ class Worker:
             await asyncio.gather(*(robot.end() for robot in self._robots))
         else:
             raise ValueError(f"there is no order {order}")
-        self._tell(done=order)
+        self._report(done=order)
 
 
 async def _standard_input() -> asyncio.StreamReader:
@@ -140,17 +140,17 @@ async def work(run_dirs: Path) -> None:
         watcher = asyncio.PidfdChildWatcher()
         watcher.attach_loop(asyncio.get_running_loop())
         asyncio.set_child_watcher(watcher)
-    lines, tell = await _standard_input(), _Tell(sys.stdout)
+    lines, report = await _standard_input(), _Reporter(sys.stdout)
     wanted: dict[str, Any] = json.loads(await lines.readline())
     robots = [
-        LightRobot(name, {**settings, "run_dir": str(run_dirs / str(number))}, tell)
+        LightRobot(name, {**settings, "run_dir": str(run_dirs / str(number))}, report)
         for number, (name, settings) in enumerate(wanted.items())
     ]
     allow_files(len(robots) * FILES_A_ROBOT)
     await asyncio.gather(*(robot.open() for robot in robots))
-    worker = Worker(robots, tell)
+    worker = Worker(robots, report)
     try:
-        tell(done="open")
+        report(done="open")
         while line := await lines.readline():
             await worker.obey(json.loads(line))
     finally:

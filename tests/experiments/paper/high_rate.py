@@ -209,10 +209,12 @@ def line_table(runs: Mapping[str, Values]) -> list[str]:
 
 def _line_row(title: str, run: Values) -> Sequence[str]:
     line = run["line"]
-    ways = ("to_server", "from_server")
+    directions = ("to_server", "from_server")
     # All of it was to pass in the time that the senders were to take.
-    offered = [line[f"{way}_bytes"] * 8 / MEGABIT / run["planned_s"] for way in ways]
-    dropped = [line[f"{way}_dropped"] for way in ways]
+    offered = [
+        line[f"{direction}_bytes"] * 8 / MEGABIT / run["planned_s"] for direction in directions
+    ]
+    dropped = [line[f"{direction}_dropped"] for direction in directions]
     return (
         title,
         f"{line['mbit_s']:g}",

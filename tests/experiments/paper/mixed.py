@@ -75,7 +75,7 @@ REPETITIONS, REPETITIONS_WORSE = 10, 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where:
+class Placement:
     """Which networks the pairs are behind, one a pair."""
 
     name: str
@@ -83,30 +83,30 @@ class Where:
     profiles: tuple[Profile, ...]
 
 
-def wheres(scale: Scale) -> tuple[Where, Where, Where]:
+def placements(scale: Scale) -> tuple[Placement, Placement, Placement]:
     """A third each, all where packets are lost, all on the worst."""
     each = QUICK_ROBOTS_A_NETWORK if scale.quick else ROBOTS_A_NETWORK
     count = each * len(MIXED)
     return (
-        Where(
+        Placement(
             name="mixed", title="a third each on fixed line, 4G, other 4G", profiles=MIXED * each
         ),
-        Where(name="lossy", title=f"all on {LOSSY.name}", profiles=(LOSSY,) * count),
-        Where(name="worst", title=f"all on {WORST.name}", profiles=(WORST,) * count),
+        Placement(name="lossy", title=f"all on {LOSSY.name}", profiles=(LOSSY,) * count),
+        Placement(name="worst", title=f"all on {WORST.name}", profiles=(WORST,) * count),
     )
 
 
 def steps(scale: Scale) -> list[Step]:
     """All starts, then all runs of numbered messages."""
-    mixed, lossy, worst = wheres(scale)
+    mixed, lossy, worst = placements(scale)
     if scale.quick:
         return [start_step(mixed, 1, 1), numbered_step(mixed, Plan(count=300, rate_hz=RATE_HZ))]
     count = 100_000 if scale.full else 20_000
     return [
         *(start_step(mixed, number, REPETITIONS) for number in range(1, REPETITIONS + 1)),
         *(
-            start_step(where, number, REPETITIONS_WORSE)
-            for where in (lossy, worst)
+            start_step(placement, number, REPETITIONS_WORSE)
+            for placement in (lossy, worst)
             for number in range(1, REPETITIONS_WORSE + 1)
         ),
         numbered_step(mixed, Plan(count=count, rate_hz=RATE_HZ)),
@@ -115,40 +115,40 @@ def steps(scale: Scale) -> list[Step]:
     ]
 
 
-def start_step(where: Where, number: int, of: int) -> Step:
+def start_step(placement: Placement, number: int, of: int) -> Step:
     """One start of all robots at once."""
     return Step(
-        name=f"start-{where.name}-{number}",
-        title=f"start of {len(where.profiles)} robots, {where.title}, {number} of {of}",
+        name=f"start-{placement.name}-{number}",
+        title=f"start of {len(placement.profiles)} robots, {placement.title}, {number} of {of}",
         expected_s=STEP_S,
-        run=partial(start, where, number),
+        run=partial(start, placement, number),
     )
 
 
-def numbered_step(where: Where, plan: Plan) -> Step:
+def numbered_step(placement: Placement, plan: Plan) -> Step:
     """One run of numbered messages."""
     return Step(
-        name=where.name,
-        title=f"{len(where.profiles)} pairs at {plan.rate_hz:g} Hz, {where.title}",
-        expected_s=STEP_S + 1.5 * len(where.profiles) + plan.planned_s,
-        run=partial(numbered, where, plan),
+        name=placement.name,
+        title=f"{len(placement.profiles)} pairs at {plan.rate_hz:g} Hz, {placement.title}",
+        expected_s=STEP_S + 1.5 * len(placement.profiles) + plan.planned_s,
+        run=partial(numbered, placement, plan),
     )
 
 
-def start(where: Where, number: int, world: World) -> Values:
+def start(placement: Placement, number: int, world: World) -> Values:
     """Start light robots at once; seconds to each one's first message, by its network: {"message_s": {NAME: [...]}}."""
-    kinds = list(dict.fromkeys(where.profiles))
-    robots = robots_of(world, len(where.profiles))
+    kinds = list(dict.fromkeys(placement.profiles))
+    robots = robots_of(world, len(placement.profiles))
     with (
         world.uplinks(kinds) as operators,
-        world.uplinks(where.profiles) as uplinks,
+        world.uplinks(placement.profiles) as uplinks,
         tempfile.TemporaryDirectory(prefix="rt-mixed-") as logs,
     ):
         placed = list(zip(robots, uplinks, strict=True))
         sides = {
             one: [pair for pair in placed if pair[1].profile == one.profile] for one in operators
         }
-        return asyncio.run(_start(world, sides, f"{where.name}-{number}", Path(logs)))
+        return asyncio.run(_start(world, sides, f"{placement.name}-{number}", Path(logs)))
 
 
 async def _start(
@@ -188,8 +188,8 @@ async def _fleet(
         http = aiohttp.ClientSession(connector=connector(operator), headers=headers)
         await stack.enter_async_context(http)
         fleet = Fleet(world, [one for one, _ in robots], sides, http)
-        board = asyncio.ensure_future(fleet.board.follow())
-        stack.push_async_callback(_cancelled, board)
+        fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
+        stack.push_async_callback(_cancelled, fleet_events)
         yield fleet
 
 
@@ -198,18 +198,18 @@ async def _cancelled(task: asyncio.Future[None]) -> None:
     await asyncio.gather(task, return_exceptions=True)
 
 
-def numbered(where: Where, plan: Plan, world: World) -> Values:
+def numbered(placement: Placement, plan: Plan, world: World) -> Values:
     """Send numbered messages to whole robots: {"runs": {NAME: what numbered_run.run returns}}."""
-    with _pairs(where, world) as pairs:
-        title = f"{len(pairs)} pairs, {where.title}"
-        return {"runs": {where.name: {"title": title, **run(world, pairs, plan)}}}
+    with _pairs(placement, world) as pairs:
+        title = f"{len(pairs)} pairs, {placement.title}"
+        return {"runs": {placement.name: {"title": title, **run(world, pairs, plan)}}}
 
 
 @contextmanager
-def _pairs(where: Where, world: World) -> Iterator[list[Pair]]:
+def _pairs(placement: Placement, world: World) -> Iterator[list[Pair]]:
     with ExitStack() as stack:
-        operators = stack.enter_context(world.uplinks(where.profiles))
-        uplinks = stack.enter_context(world.uplinks(where.profiles))
+        operators = stack.enter_context(world.uplinks(placement.profiles))
+        uplinks = stack.enter_context(world.uplinks(placement.profiles))
         enrolled = world.enrol(world.names("mixed", len(uplinks)))
         stack.callback(world.remove, enrolled)
         robots = [
@@ -226,10 +226,10 @@ def report(scale: Scale, results: Results) -> Report:
     named = flattened({name: one for name, one in done.items() if "runs" in one})
     runs = {one["title"]: one for one in named.values()}
     starts = {
-        where: [done[step] for step in done if step.startswith(f"start-{where.name}-")]
-        for where in wheres(scale)
+        placement: [done[step] for step in done if step.startswith(f"start-{placement.name}-")]
+        for placement in placements(scale)
     }
-    starts = {where: some for where, some in starts.items() if some}
+    starts = {placement: some for placement, some in starts.items() if some}
     sections, plots = [], []
     if starts:
         sections.append(Section("Start on mixed networks", START_TEXT, start_table(starts)))
@@ -248,26 +248,28 @@ def report(scale: Scale, results: Results) -> Report:
     )
 
 
-Starts = Mapping[Where, Sequence[Values]]
+Starts = Mapping[Placement, Sequence[Values]]
 
 
 def start_table(starts: Starts) -> list[str]:
     """Markdown lines: a row for each kind of network of each place."""
     rows = []
-    for where, some in starts.items():
+    for placement, some in starts.items():
         for kind in some[0]["message_s"]:
             times = [seconds for one in some for seconds in one["message_s"][kind]]
-            came = [seconds for seconds in times if seconds is not None]
-            cells = [f"{quantile(came, part):.2f}" if came else "-" for part in (0.5, 0.99, 1)]
-            rows.append((where.title, kind, f"{len(came)} of {len(times)}", *cells))
+            received = [seconds for seconds in times if seconds is not None]
+            cells = [
+                f"{quantile(received, part):.2f}" if received else "-" for part in (0.5, 0.99, 1)
+            ]
+            rows.append((placement.title, kind, f"{len(received)} of {len(times)}", *cells))
     return numbered_report.table(START_COLUMNS, rows)
 
 
 def start_data(starts: Starts) -> Data:
     """Each start of each robot."""
     rows = [
-        (where.name, number, kind, "" if seconds is None else seconds)
-        for where, some in starts.items()
+        (placement.name, number, kind, "" if seconds is None else seconds)
+        for placement, some in starts.items()
         for number, one in enumerate(some, 1)
         for kind, times in one["message_s"].items()
         for seconds in times
@@ -282,12 +284,12 @@ def start_data(starts: Starts) -> Data:
 
 def _comparisons(starts: Starts, named: Mapping[str, Values]) -> list[Comparison]:
     rows = []
-    for where, some in starts.items():
-        if where.name == PAPERS:
+    for placement, some in starts.items():
+        if placement.name == PAPERS:
             times = _times(some)
             rows.append(
                 Comparison(
-                    what=f"start, {where.title}: robots that got their message, of {len(times)}",
+                    what=f"start, {placement.title}: robots that got their message, of {len(times)}",
                     against="paper",
                     reference=100,
                     ours=100 * sum(seconds is not None for seconds in times) / len(times),
@@ -303,8 +305,8 @@ def _comparisons(starts: Starts, named: Mapping[str, Values]) -> list[Comparison
 
 def _late_starts(starts: Starts) -> list[str]:
     return [
-        f"Start, {where.title}: {missing} robots of {len(_times(some))} got no message in time."
-        for where, some in starts.items()
+        f"Start, {placement.title}: {missing} robots of {len(_times(some))} got no message in time."
+        for placement, some in starts.items()
         if (missing := _times(some).count(None))
     ]
 

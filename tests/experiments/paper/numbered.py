@@ -72,10 +72,10 @@ class Histogram:
         """The time that `part` (0 to 1) of them stay below or reach, as `step.quantile` has it; None where none is."""
         if not self.total:
             return None
-        place = part * (self.total - 1)
-        low = int(place)
+        position = part * (self.total - 1)
+        low = int(position)
         below, above = self._at(low), self._at(min(low + 1, self.total - 1))
-        return below + (above - below) * (place - low)
+        return below + (above - below) * (position - low)
 
     def exceeded_by(self) -> list[tuple[float, float]]:
         """Each ms and the share (0 to 1) of times that are longer, for a plot; the last share is 0."""
@@ -83,13 +83,13 @@ class Histogram:
         passed = accumulate(count for _, count in rows)
         return [(ms, 1 - so_far / self.total) for (ms, _), so_far in zip(rows, passed, strict=True)]
 
-    def _at(self, place: int) -> float:
+    def _at(self, position: int) -> float:
         """The time at a place in the order of all."""
         for ms, count in self.rows():
-            if place < count:
+            if position < count:
                 return ms
-            place -= count
-        raise IndexError(place)
+            position -= count
+        raise IndexError(position)
 
     def _bin(self, ms: float) -> int:
         hundredths, step = round(ms / self.FINEST_MS), 1
@@ -156,9 +156,11 @@ class Account:
         }
 
 
-def joined(sent: Iterable[Mapping[str, Any]], came: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+def joined(
+    sent: Iterable[Mapping[str, Any]], arrived: Iterable[Mapping[str, Any]]
+) -> dict[str, Any]:
     """One run's figures, of what each sender and each receiver told; a message that was not sent is not lost."""
-    senders, receivers = list(sent), list(came)
+    senders, receivers = list(sent), list(arrived)
     totals = {name: sum(one[name] for one in senders) for name in ("sent", "unsent")}
     for name in ("received", "duplicated", "reordered", "foreign"):
         totals[name] = sum(one[name] for one in receivers)

@@ -23,7 +23,7 @@ from openssh_server import command_line, descendants
 
 from paper.fleet_costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered import FRAME_BYTES, joined
-from paper.numbered_worker import MORE_S, PATIENCE, SILENCE_S, End
+from paper.numbered_worker import MORE_S, SILENCE_S, TIMEOUT_FACTOR, End
 from paper.robots import WholeRobot, clean_environment
 from paper.step import Values
 
@@ -68,7 +68,7 @@ class Plan:
     @property
     def at_most_s(self) -> float:
         """How long the senders take at most."""
-        return self.planned_s * PATIENCE + MORE_S + READY_WITHIN_S
+        return self.planned_s * TIMEOUT_FACTOR + MORE_S + READY_WITHIN_S
 
 
 class Generator:
@@ -88,15 +88,15 @@ class Generator:
                 # A Ctrl-C is for the runner, which then ends this one in order.
                 start_new_session=True,
             )
-        self.tell({"ends": [asdict(end) for end in ends]})
+        self.send({"ends": [asdict(end) for end in ends]})
 
-    def tell(self, values: Mapping[str, object]) -> None:
+    def send(self, values: Mapping[str, object]) -> None:
         """Say something to it."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(values) + "\n")
         self._process.stdin.flush()
 
-    def hear(self, what: str, seconds: float) -> dict[str, Any]:
+    def receive(self, what: str, seconds: float) -> dict[str, Any]:
         """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
         assert self._process.stdout is not None
         with selectors.DefaultSelector() as selector:
@@ -134,18 +134,18 @@ def _run(
 ) -> dict[str, Any]:
     senders, receivers = (operators, robots) if plan.to_robot else (robots, operators)
     with (
-        _generator(world, receivers, "receivers") as hears,
-        _generator(world, senders, "senders") as sends,
+        _generator(world, receivers, "receivers") as receiving,
+        _generator(world, senders, "senders") as sending,
     ):
-        for one in (hears, sends):
-            one.hear("that all are connected", READY_WITHIN_S)
+        for one in (receiving, sending):
+            one.receive("that all are connected", READY_WITHIN_S)
         before = _used(world, pairs)
-        sends.tell({"begin_ns": time.monotonic_ns() + BEGINS_IN_NS})
-        sending_s = sends.hear("that all was sent", plan.at_most_s)["sending_s"]
-        hears.tell({"sent": True})
-        came = hears.hear("what came", plan.at_most_s + SILENCE_S + MORE_THAN_SILENCE_S)
-        sends.tell({"end": True})
-        sent = sends.hear("what was sent", READY_WITHIN_S)
+        sending.send({"begin_ns": time.monotonic_ns() + BEGINS_IN_NS})
+        sending_s = sending.receive("that all was sent", plan.at_most_s)["sending_s"]
+        receiving.send({"sent": True})
+        received = receiving.receive("what came", plan.at_most_s + SILENCE_S + MORE_THAN_SILENCE_S)
+        sending.send({"end": True})
+        sent = sending.receive("what was sent", READY_WITHIN_S)
         used = {name: value - before[name] for name, value in _used(world, pairs).items()}
     return {
         "pairs": len(pairs),
@@ -155,15 +155,15 @@ def _run(
         "sending_s": sending_s,
         "took_s": used.pop("took"),
         # Seconds of processor time; "machine" is all that it did, by whomever.
-        "cpu_s": {**used, "senders": sent["cpu_s"], "receivers": came["cpu_s"]},
+        "cpu_s": {**used, "senders": sent["cpu_s"], "receivers": received["cpu_s"]},
         "cores": os.cpu_count(),
-        **joined(sent["ends"], came["ends"]),
-        "networks": by_network(pairs, plan, sent["ends"], came["ends"]),
+        **joined(sent["ends"], received["ends"]),
+        "networks": by_network(pairs, plan, sent["ends"], received["ends"]),
     }
 
 
 def by_network(
-    pairs: Sequence[Pair], plan: Plan, sent: Sequence[Values], came: Sequence[Values]
+    pairs: Sequence[Pair], plan: Plan, sent: Sequence[Values], received: Sequence[Values]
 ) -> dict[str, Any]:
     """The same of the pairs behind each kind of network, where there are several."""
     kinds: dict[str, set[int]] = {}
@@ -177,7 +177,7 @@ def by_network(
             **asdict(plan),
             **joined(
                 [one for one in sent if one["pair"] in some],
-                [one for one in came if one["pair"] in some],
+                [one for one in received if one["pair"] in some],
             ),
         }
         for kind, some in kinds.items()
@@ -201,7 +201,7 @@ def tokens(world: World, how_many: int) -> Iterator[list[str]]:
 
 def operator_end(world: World, pair: Pair, number: int, plan: Plan, token: str) -> End:
     """The end outside: through the site's door, with tickets."""
-    site, robot = f"{pair.operator.machine}:{world.door_port}", pair.robot.name
+    site, robot = f"{pair.operator.machine}:{world.https_port}", pair.robot.name
     return End(
         pair=number,
         count=plan.count,

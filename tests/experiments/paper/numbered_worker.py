@@ -30,7 +30,7 @@ from paper.numbered import NS_A_MS, TOPIC, TYPE, Account, Histogram, publish
 SILENCE_S = 10.0
 DIAL_WITHIN_S, AGAIN_S = 30.0, 0.2
 # A sender that the way there holds up for so many times the planned time, and this more, sends the rest no longer.
-PATIENCE, MORE_S = 3.0, 20.0
+TIMEOUT_FACTOR, MORE_S = 3.0, 20.0
 NS_A_S = 1_000_000_000
 READY = {"op": "call_service", "id": "ready", "service": "/rosapi/topics"}
 
@@ -55,10 +55,12 @@ class End:
 class Dialled:
     """A rosbridge connection of an end that is dialled again when it has ended."""
 
-    def __init__(self, end: End, http: aiohttp.ClientSession, heard: Callable[[str], None]) -> None:
+    def __init__(
+        self, end: End, http: aiohttp.ClientSession, on_message: Callable[[str], None]
+    ) -> None:
         self._end = end
         self._http = http
-        self._heard = heard
+        self._on_message = on_message
         self._socket: aiohttp.ClientWebSocketResponse
         self._reading: asyncio.Task[None]
         # Why connections ended, and how often; and why there was none before.
@@ -164,7 +166,7 @@ class Dialled:
                 continue
             said = json.loads(message.data)
             if said.get("op") == "publish" and said.get("topic") == TOPIC:
-                self._heard(said["msg"]["data"])
+                self._on_message(said["msg"]["data"])
             elif said.get("op") == "service_response":
                 ready.set()
 
@@ -181,7 +183,7 @@ class Sender:
     async def run(self, begin_ns: int) -> None:
         """Send them all, from `begin_ns` on."""
         end, period_ns = self._end, NS_A_S / self._end.rate_hz
-        give_up_ns = begin_ns + end.count * period_ns * PATIENCE + MORE_S * NS_A_S
+        give_up_ns = begin_ns + end.count * period_ns * TIMEOUT_FACTOR + MORE_S * NS_A_S
         for number in range(end.count):
             due_ns = begin_ns + int(number * period_ns)
             await _sleep_until(due_ns)
@@ -217,11 +219,11 @@ class Receiver:
     def __init__(self, end: End, http: aiohttp.ClientSession) -> None:
         self.dialled = Dialled(end, http, self._note)
         self.account = Account(end.pair, end.count)
-        self.heard_ns = 0
+        self.received_ns = 0
 
     def _note(self, data: str) -> None:
-        self.heard_ns = time.monotonic_ns()
-        self.account.note(data, self.heard_ns)
+        self.received_ns = time.monotonic_ns()
+        self.account.note(data, self.received_ns)
 
     def result(self) -> dict[str, Any]:
         """What came."""
@@ -242,7 +244,7 @@ async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any
         if not sent.done():
             continue
         since_ns = since_ns or time.monotonic_ns()
-        last_ns = max(since_ns, *(one.heard_ns for one in receivers))
+        last_ns = max(since_ns, *(one.received_ns for one in receivers))
         if time.monotonic_ns() - last_ns > SILENCE_S * NS_A_S:
             return
 
@@ -261,7 +263,7 @@ def _session(namespace: str) -> aiohttp.ClientSession:
     )
 
 
-async def _told() -> Mapping[str, Any]:
+async def _read_order() -> Mapping[str, Any]:
     line = await asyncio.to_thread(sys.stdin.readline)
     if not line:
         raise EOFError("whoever started this load generator is gone")
@@ -269,57 +271,57 @@ async def _told() -> Mapping[str, Any]:
     return answer
 
 
-def _tell(values: Mapping[str, object]) -> None:
+def _report(values: Mapping[str, object]) -> None:
     sys.stdout.write(json.dumps(values) + "\n")
     sys.stdout.flush()
 
 
 async def work() -> None:
     """Serve one run."""
-    ends = [End(**values) for values in (await _told())["ends"]]
+    ends = [End(**values) for values in (await _read_order())["ends"]]
     async with AsyncExitStack() as stack:
-        places = {end.namespace for end in ends}
-        clients = {one: await stack.enter_async_context(_session(one)) for one in places}
+        used = {end.namespace for end in ends}
+        clients = {one: await stack.enter_async_context(_session(one)) for one in used}
         kind = Sender if ends[0].sends else Receiver
         made = [kind(end, clients[end.namespace]) for end in ends]
         await asyncio.gather(*(one.dialled.dial_first() for one in made))
         for one in made:
             stack.push_async_callback(one.dialled.close)
-        _tell({"ready": True})
-        begun, cpu_s = time.monotonic(), time.process_time()
+        _report({"ready": True})
+        started, cpu_s = time.monotonic(), time.process_time()
         if ends[0].sends:
             await _send_all(made, ends[0].rate_hz)
         else:
             await _receive_all(made)
         values = [one.result() for one in made]
-        _tell(
+        _report(
             {
                 "ends": values,
                 "cpu_s": time.process_time() - cpu_s,
-                "took_s": time.monotonic() - begun,
+                "took_s": time.monotonic() - started,
             }
         )
 
 
 async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
     """Send all, and stay connected until the receivers have seen what they will: an end could cut off what waits."""
-    begin_ns = (await _told())["begin_ns"]
+    begin_ns = (await _read_order())["begin_ns"]
     # Pairs are not in step, as operators are not.
     offset_ns = NS_A_S / rate_hz / len(senders)
-    begins = [begin_ns + int(place * offset_ns) for place in range(len(senders))]
+    begins = [begin_ns + int(position * offset_ns) for position in range(len(senders))]
     await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
-    _tell({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
-    await _told()
+    _report({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
+    await _read_order()
 
 
 async def _receive_all(receivers: Sequence[Receiver]) -> None:
     """Count what comes until all has come, or nothing more does."""
-    sent = asyncio.ensure_future(_told())
-    kept = [asyncio.create_task(one.dialled.keep()) for one in receivers]
+    sent = asyncio.ensure_future(_read_order())
+    keeping = [asyncio.create_task(one.dialled.keep()) for one in receivers]
     await _wait_for_last(receivers, sent)
-    for task in kept:
+    for task in keeping:
         task.cancel()
-    await asyncio.gather(*kept, return_exceptions=True)
+    await asyncio.gather(*keeping, return_exceptions=True)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class Operator:
         self._world = world
         self._robot = robot
         self._mode = mode
-        self._url = f"wss://{uplink.machine}:{world.door_port}/robots/{robot}/ros"
+        self._url = f"wss://{uplink.machine}:{world.https_port}/robots/{robot}/ros"
         self.sent = 0
         self.received = 0
         # The connection itself, for what is not here.

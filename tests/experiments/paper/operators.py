@@ -15,13 +15,13 @@ from functools import partial
 from paper.operators_plan import ADAPTIVE, NETWORKS, OURS, PLAIN, QUALITIES, ROBOTS, step_name
 from paper.operators_report import report
 from paper.operators_run import Times, measured
-from paper.operators_ways import Pair, Way, ours, plain
+from paper.operators_transports import Pair, Transport, ours, plain
 from paper.profiles import FIXED, Profile
 from paper.robots import WholeRobot, wait_all_online
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
 
-WAYS: Mapping[str, Way] = {OURS: ours, PLAIN: plain}
+TRANSPORTS: Mapping[str, Transport] = {OURS: ours, PLAIN: plain}
 USUAL, QUICK = Times(settle_s=5, measure_s=8), Times(settle_s=1.5, measure_s=4)
 # Networks, robots and their agents, and all of it taken down again.
 SET_UP_S, CONNECT_S = 6.0, 2.0
@@ -37,36 +37,39 @@ def steps(scale: Scale) -> Sequence[Step]:
     made = []
     for network in NETWORKS:
         for number, quality in enumerate(QUALITIES):
-            ways = (OURS, PLAIN) if number % 2 == 0 else (PLAIN, OURS)
-            made.append(_step(network, quality, ways, USUAL))
+            transports = (OURS, PLAIN) if number % 2 == 0 else (PLAIN, OURS)
+            made.append(_step(network, quality, transports, USUAL))
         made.append(_step(network, ADAPTIVE, (OURS,), USUAL))
     return made
 
 
-def _step(network: str, quality: int | None, ways: Sequence[str], times: Times) -> Step:
+def _step(network: str, quality: int | None, transports: Sequence[str], times: Times) -> Step:
     profile = NETWORKS[network]
     what = "the default range of qualities" if quality is None else f"quality {quality}"
     return Step(
         name=step_name(network, quality),
         title=f"{profile.name}, {what}",
-        expected_s=SET_UP_S + len(ways) * (CONNECT_S + times.settle_s + times.measure_s),
-        run=partial(run, profile=profile, quality=quality, ways=ways, times=times),
+        expected_s=SET_UP_S + len(transports) * (CONNECT_S + times.settle_s + times.measure_s),
+        run=partial(run, profile=profile, quality=quality, transports=transports, times=times),
     )
 
 
 def run(
-    world: World, *, profile: Profile, quality: int | None, ways: Sequence[str], times: Times
+    world: World, *, profile: Profile, quality: int | None, transports: Sequence[str], times: Times
 ) -> Values:
     """Measure each way, one after the other; the robots are made and removed here."""
     with robots_and_operators(world, profile) as pairs:
-        return {way: asyncio.run(_measure(world, pairs, WAYS[way], quality, times)) for way in ways}
+        return {
+            transport: asyncio.run(_measure(world, pairs, TRANSPORTS[transport], quality, times))
+            for transport in transports
+        }
 
 
 async def _measure(
-    world: World, pairs: Sequence[Pair], way: Way, quality: int | None, times: Times
+    world: World, pairs: Sequence[Pair], transport: Transport, quality: int | None, times: Times
 ) -> Values:
-    async with way(world, pairs, quality) as seats:
-        return (await measured(seats, times)).as_values()
+    async with transport(world, pairs, quality) as clients:
+        return (await measured(clients, times)).as_values()
 
 
 @contextmanager

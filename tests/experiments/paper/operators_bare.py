@@ -75,9 +75,21 @@ def _ssh(key: Path, sshd: OpenSshServer, robot: WholeRobot, ports: BarePorts) ->
     options = [word for option in OPTIONS for word in ("-o", option)]
     forwards = [(ports.ros, ROSBRIDGE_PORT), (ports.video, VIDEO_PORT)]
     words = [f"0.0.0.0:{there}:{robot.address}:{here}" for there, here in forwards]
-    ways = [word for forward in words for word in ("-R", forward)]
+    transports = [word for forward in words for word in ("-R", forward)]
     login = f"{sshd.user}@{robot.uplink.machine}"
-    return ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port), *options, *ways, login]
+    return [
+        "ssh",
+        "-F",
+        "none",
+        "-N",
+        "-i",
+        str(key),
+        "-p",
+        str(sshd.port),
+        *options,
+        *transports,
+        login,
+    ]
 
 
 @contextmanager

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SIZE_INCHES = (10.0, 7.5)
 TITLES = {OURS: "Robotether", PLAIN: "plain MJPEG, bare ssh -R"}
-MARKS = "osv^Dx"
+MARKERS = "osv^Dx"
 # By network, quality (None: adaptive) and way.
 Summaries = Mapping[tuple[str, int | None, str], Summary]
 # A member of Summary, what stands beside the axis, its scale.
@@ -62,8 +62,8 @@ def draw(drawing: Drawing, *, summaries: Summaries, rows: Sequence[Row]) -> None
     drawing.set_size_inches(*SIZE_INCHES)
     panels = drawing.subplots(len(rows), 2, sharex=True, sharey="row", squeeze=False)
     for (name, label, scale), line in zip(rows, panels, strict=True):
-        for axes, way in zip(line, TITLES, strict=True):
-            _draw_panel(axes, summaries, name, way)
+        for axes, transport in zip(line, TITLES, strict=True):
+            _draw_panel(axes, summaries, name, transport)
         for axes in line:
             _scale(axes, scale)
         line[0].set_ylabel(label)
@@ -85,12 +85,12 @@ def _scale(axes: Axes, scale: str) -> None:
         axes.yaxis.set_minor_formatter(LogFormatter())
 
 
-def _draw_panel(axes: Axes, summaries: Summaries, name: str, way: str) -> None:
-    for mark, (network, profile) in zip(MARKS, NETWORKS.items(), strict=True):
+def _draw_panel(axes: Axes, summaries: Summaries, name: str, transport: str) -> None:
+    for mark, (network, profile) in zip(MARKERS, NETWORKS.items(), strict=True):
         points = [
             (quality, value)
             for quality in sorted(QUALITIES)
-            if (one := summaries.get((network, quality, way))) is not None
+            if (one := summaries.get((network, quality, transport))) is not None
             and (value := getattr(one, name)) is not None
         ]
         # Also without a point: each network has the same colour everywhere, and its place in the legend.

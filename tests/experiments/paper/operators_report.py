@@ -72,11 +72,11 @@ def measured_runs(results: Results) -> Runs:
     """All runs of the steps that succeeded, in the plan's order."""
     good = succeeded(results)
     return {
-        (network, quality, way): Run.of(good[name][way])
+        (network, quality, transport): Run.of(good[name][transport])
         for network in NETWORKS
         for quality in (*QUALITIES, ADAPTIVE)
-        for way in (OURS, PLAIN)
-        if way in good.get(name := step_name(network, quality), {})
+        for transport in (OURS, PLAIN)
+        if transport in good.get(name := step_name(network, quality), {})
     }
 
 
@@ -120,17 +120,17 @@ def _rows(network: str, results: Results, runs: Runs) -> Iterator[str]:
         name = step_name(network, quality)
         if name in results and results[name].values is None:
             yield f"| {_quality(quality)} | failed: {plain_text(results[name].failure)} {'| ' * 16}|"
-        for way in (OURS, PLAIN):
-            if run := runs.get((network, quality, way)):
-                yield _row(quality, way, run)
+        for transport in (OURS, PLAIN):
+            if run := runs.get((network, quality, transport)):
+                yield _row(quality, transport, run)
 
 
-def _row(quality: int | None, way: str, run: Run) -> str:
+def _row(quality: int | None, transport: str, run: Run) -> str:
     one = run.summary
     asked = f"adaptive: {_said(one.quality, 0)}" if quality is ADAPTIVE else str(quality)
     cells = (
         asked,
-        NAMES[way],
+        NAMES[transport],
         _said(one.pictures_per_s, 1),
         _said(one.camera_fps, 1),
         _said(one.width_px, 0),
@@ -164,7 +164,7 @@ def _comparisons(summaries: Mapping[tuple[str, int | None, str], Summary]) -> It
                     unit=measure.unit,
                     better=measure.better,
                 )
-    ours_all = [one for (_, _, way), one in summaries.items() if way == OURS]
+    ours_all = [one for (_, _, transport), one in summaries.items() if transport == OURS]
     if ours_all:
         sent = sum(one.commands for one in ours_all)
         yield Comparison(
@@ -185,11 +185,11 @@ def _machine(runs: Runs) -> Iterator[str]:
         if (fps := run.summary.camera_fps) is not None and fps < HELD_UP * FPS
     }
     if slow:
-        network, quality, way = min(slow, key=slow.__getitem__)
+        network, quality, transport = min(slow, key=slow.__getitem__)
         yield (
             f"This machine was a limit in {len(slow)} of {len(runs)} runs: the simulated cameras themselves gave "
-            f"fewer than {HELD_UP * FPS:.1f} pictures a second, at the least {slow[network, quality, way]:.1f} "
-            f"({_where(network, quality)}, {NAMES[way]})."
+            f"fewer than {HELD_UP * FPS:.1f} pictures a second, at the least {slow[network, quality, transport]:.1f} "
+            f"({_condition(network, quality)}, {NAMES[transport]})."
         )
     full = [key for key, run in runs.items() if run.busy > FULL]
     if full:
@@ -207,7 +207,7 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
         for key, (ours, plain) in pairs.items():
             one, other = getattr(ours, measure.name), getattr(plain, measure.name)
             if one is None:
-                yield f"No {measure.what}, {_where(*key)}: too little came."
+                yield f"No {measure.what}, {_condition(*key)}: too little came."
             elif other is not None and (one > other if measure.better == "lower" else one < other):
                 worse[key] = (one, other)
         if worse:
@@ -216,7 +216,7 @@ def _worse(summaries: Mapping[tuple[str, int | None, str], Summary]) -> Iterator
             yield (
                 f"{measure.what[0].upper()}{measure.what[1:]}: worse than plain MJPEG and rosbridge through a bare "
                 f"ssh -R in {len(worse)} of {len(pairs)} runs, at the most {one:.1f} beside {other:.1f} "
-                f"{measure.unit} ({_where(*key)})."
+                f"{measure.unit} ({_condition(*key)})."
             )
 
 
@@ -231,19 +231,27 @@ def _pairs(
     """Ours and plain of each network and quality that has both."""
     return {
         (network, quality): (summaries[network, quality, OURS], plain)
-        for (network, quality, way), plain in summaries.items()
-        if way == PLAIN and (network, quality, OURS) in summaries
+        for (network, quality, transport), plain in summaries.items()
+        if transport == PLAIN and (network, quality, OURS) in summaries
     }
 
 
 def _data(runs: Runs) -> Data:
     rows = []
-    for (network, quality, way), run in runs.items():
+    for (network, quality, transport), run in runs.items():
         for number, robot in enumerate(run.robots, 1):
             figures = asdict(summary([robot], run.lasted_s))
             # What the journal has for each robot, and the machine for all of them.
             rows.append(
-                [network, _quality(quality), way, number, run.lasted_s, run.busy, *figures.values()]
+                [
+                    network,
+                    _quality(quality),
+                    transport,
+                    number,
+                    run.lasted_s,
+                    run.busy,
+                    *figures.values(),
+                ]
             )
     return Data(
         name="operators-runs",
@@ -266,7 +274,7 @@ def _data(runs: Runs) -> Data:
     )
 
 
-def _where(network: str, quality: int | None) -> str:
+def _condition(network: str, quality: int | None) -> str:
     return (
         f"{NETWORKS[network].name}, {'adaptive' if quality is ADAPTIVE else f'quality {quality}'}"
     )

@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+from frame_stamp import read_stamp
 from openssh_server import descendants
-from picture_viewers import Picture, Taker
 from PIL import Image
 from processes import ticks
-from stamped_picture import read_stamp
+from video_viewers import Frame, OnFrame
 
 from paper import numbered
 from paper.operators_values import Run, Seen
@@ -41,13 +41,13 @@ COMMANDS_HZ = 20
 STARTS_WITHIN_S = 30.0
 # What has not come then is lost.
 LAST_S = 3.0
-LOOK_S = 0.02
+POLL_S = 0.02
 # Numbers of pictures begin anew then.
 NUMBERS = 1 << 32
 NS_A_S, NS_A_MS = 1_000_000_000, 1e6
 
 # Looks at the robot's camera until it is cancelled.
-Look = Callable[[Taker], Coroutine[Any, Any, None]]
+View = Callable[[OnFrame], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,16 +59,16 @@ class Times:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seat:
+class OperatorClient:
     """What one operator has of a robot, whichever way it is connected."""
 
     robot: str
-    look: Look
+    view: View
     # The operator's rosbridge connection, and one at the robot itself.
     rosbridge: aiohttp.ClientWebSocketResponse
-    witness: aiohttp.ClientWebSocketResponse
+    subscriber: aiohttp.ClientWebSocketResponse
     # One who looks at the robot itself, where the operator's pictures do not tell how many there were.
-    onlooker: Look | None
+    local_view: View | None
     simulator_pid: int
     agent_pid: int
 
@@ -77,9 +77,9 @@ class Seat:
 class Notes:
     """What came, as it came, of one robot; moments are time.monotonic_ns() but for those of pictures."""
 
-    pictures: list[Picture] = field(default_factory=list)
+    pictures: list[Frame] = field(default_factory=list)
     # The moments of the onlooker's pictures.
-    looked_on: list[float] = field(default_factory=list)
+    local_frames_s: list[float] = field(default_factory=list)
     due_ns: list[int] = field(default_factory=list)
     # When it was due, and when it came.
     commands_ns: list[tuple[int, int]] = field(default_factory=list)
@@ -101,73 +101,77 @@ class Mark:
     agents: Sequence[int]
 
 
-async def measured(seats: Sequence[Seat], times: Times) -> Run:
+async def measured(clients: Sequence[OperatorClient], times: Times) -> Run:
     """Drive and look from all seats; each must see its first picture in time, and none may lose its connection."""
-    notes = [Notes() for _ in seats]
+    notes = [Notes() for _ in clients]
     tasks = [
-        asyncio.create_task(job) for pair in zip(seats, notes, strict=True) for job in _jobs(*pair)
+        asyncio.create_task(job)
+        for pair in zip(clients, notes, strict=True)
+        for job in _jobs(*pair)
     ]
     try:
         if not await _until(tasks, lambda: all(one.pictures for one in notes), STARTS_WITHIN_S):
-            blind = [seat.robot for seat, one in zip(seats, notes, strict=True) if not one.pictures]
+            blind = [
+                client.robot for client, one in zip(clients, notes, strict=True) if not one.pictures
+            ]
             raise TimeoutError(f"no picture of {', '.join(blind)} in {STARTS_WITHIN_S:g} s")
         await _hold(tasks, times.settle_s)
-        begin = _mark(seats)
+        start = _mark(clients)
         await _hold(tasks, times.measure_s)
-        end = _mark(seats)
+        end = _mark(clients)
         # With all going on as before.
         await _until(tasks, lambda: _have_come(notes, end), LAST_S)
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-    return await asyncio.to_thread(_run, notes, begin, end)
+    return await asyncio.to_thread(_run, notes, start, end)
 
 
-def _jobs(seat: Seat, notes: Notes) -> list[Coroutine[Any, Any, None]]:
-    jobs = [_drive(seat, notes), _hear(seat, notes), _note(seat, notes)]
-    jobs.append(seat.look(notes.pictures.append))
-    if seat.onlooker is not None:
-        jobs.append(seat.onlooker(lambda picture: notes.looked_on.append(picture.came_at)))
+def _jobs(client: OperatorClient, notes: Notes) -> list[Coroutine[Any, Any, None]]:
+    jobs = [_drive(client, notes), _read(client, notes), _note(client, notes)]
+    jobs.append(client.view(notes.pictures.append))
+    if client.local_view is not None:
+        jobs.append(client.local_view(lambda frame: notes.local_frames_s.append(frame.received_at)))
     return jobs
 
 
-async def _drive(seat: Seat, notes: Notes) -> None:
+async def _drive(client: OperatorClient, notes: Notes) -> None:
     """Send commands at their times, whatever becomes of those before."""
     for topic, kind in TYPES.items():
-        await seat.rosbridge.send_json({"op": "advertise", "topic": topic, "type": kind})
+        await client.rosbridge.send_json({"op": "advertise", "topic": topic, "type": kind})
     turn, began = json.dumps(TURN), time.monotonic_ns()
     for number in itertools.count():
         due_ns = began + number * NS_A_S // COMMANDS_HZ
         await asyncio.sleep((due_ns - time.monotonic_ns()) / NS_A_S)
         notes.due_ns.append(due_ns)
-        await seat.rosbridge.send_str(turn)
-        await seat.rosbridge.send_str(numbered.publish(0, number, due_ns))
+        await client.rosbridge.send_str(turn)
+        await client.rosbridge.send_str(numbered.publish(0, number, due_ns))
 
 
-async def _hear(seat: Seat, notes: Notes) -> None:
+async def _read(client: OperatorClient, notes: Notes) -> None:
     """Take what comes to the operator: what was refused, as a command that came too late."""
-    async for frame in seat.rosbridge:
-        if json.loads(frame.data).get("op") == "status":
+    async for message in client.rosbridge:
+        if json.loads(message.data).get("op") == "status":
             notes.refused_ns.append(time.monotonic_ns())
     raise ConnectionError(
-        f"the connection of the operator of {seat.robot} ended: {seat.rosbridge.close_code}"
+        f"the connection of the operator of {client.robot} ended: {client.rosbridge.close_code}"
     )
 
 
-async def _note(seat: Seat, notes: Notes) -> None:
+async def _note(client: OperatorClient, notes: Notes) -> None:
     """Note what comes to the robot."""
     for topic, kind in TYPES.items():
-        await seat.witness.send_json({"op": "subscribe", "topic": topic, "type": kind})
-    async for frame in seat.witness:
-        came_ns, said = time.monotonic_ns(), json.loads(frame.data)
+        await client.subscriber.send_json({"op": "subscribe", "topic": topic, "type": kind})
+    async for message in client.subscriber:
+        received_ns, said = time.monotonic_ns(), json.loads(message.data)
         if said.get("op") != "publish":
-            raise RuntimeError(f"the rosbridge of {seat.robot} says {said}")
+            raise RuntimeError(f"the rosbridge of {client.robot} says {said}")
         if said["topic"] == CMD_VEL:
-            notes.driven_ns.append(came_ns)
+            notes.driven_ns.append(received_ns)
         else:
-            notes.commands_ns.append((int(said["msg"]["data"].split()[-1]), came_ns))
-    raise ConnectionError(f"the rosbridge of {seat.robot} ended the connection")
+            notes.commands_ns.append((int(said["msg"]["data"].split()[-1]), received_ns))
+    raise ConnectionError(f"the rosbridge of {client.robot} ended the connection")
 
 
 async def _hold(tasks: Sequence[asyncio.Task[None]], seconds: float) -> None:
@@ -185,18 +189,18 @@ async def _until(
     while not condition():
         if time.monotonic() > end_s:
             return False
-        await _hold(tasks, LOOK_S)
+        await _hold(tasks, POLL_S)
     return True
 
 
 def _have_come(notes: Sequence[Notes], end: Mark) -> bool:
     """Whether all commands that were due by then have come."""
     due = [{due for due in one.due_ns if due < end.ns} for one in notes]
-    came = [{due for due, _ in one.commands_ns} for one in notes]
-    return all(wanted <= there for wanted, there in zip(due, came, strict=True))
+    received = [{due for due, _ in one.commands_ns} for one in notes]
+    return all(wanted <= there for wanted, there in zip(due, received, strict=True))
 
 
-def _mark(seats: Sequence[Seat]) -> Mark:
+def _mark(clients: Sequence[OperatorClient]) -> Mark:
     times = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:9]]
     idle = times[3] + times[4]
     return Mark(
@@ -204,56 +208,59 @@ def _mark(seats: Sequence[Seat]) -> Mark:
         ns=time.monotonic_ns(),
         busy=sum(times) - idle,
         all=sum(times),
-        simulators=[ticks(seat.simulator_pid) for seat in seats],
-        agents=[sum(map(ticks, [seat.agent_pid, *descendants(seat.agent_pid)])) for seat in seats],
+        simulators=[ticks(client.simulator_pid) for client in clients],
+        agents=[
+            sum(map(ticks, [client.agent_pid, *descendants(client.agent_pid)]))
+            for client in clients
+        ],
     )
 
 
-def _run(notes: Sequence[Notes], begin: Mark, end: Mark) -> Run:
+def _run(notes: Sequence[Notes], start: Mark, end: Mark) -> Run:
     """What was noted between two marks; reads the moment out of each picture, which takes a while."""
     return Run(
-        lasted_s=(end.ns - begin.ns) / NS_A_S,
-        busy=(end.busy - begin.busy) / max(1, end.all - begin.all),
-        robots=[_seen(one, number, begin, end) for number, one in enumerate(notes)],
+        lasted_s=(end.ns - start.ns) / NS_A_S,
+        busy=(end.busy - start.busy) / max(1, end.all - start.all),
+        robots=[_seen(one, number, start, end) for number, one in enumerate(notes)],
     )
 
 
-def _seen(notes: Notes, number: int, begin: Mark, end: Mark) -> Seen:
-    lasted_s = (end.ns - begin.ns) / NS_A_S
-    pictures = [one for one in notes.pictures if begin.unix_s <= one.came_at < end.unix_s]
+def _seen(notes: Notes, number: int, start: Mark, end: Mark) -> Seen:
+    lasted_s = (end.ns - start.ns) / NS_A_S
+    pictures = [one for one in notes.pictures if start.unix_s <= one.received_at < end.unix_s]
     asked = [one.quality for one in pictures if one.quality is not None]
-    came = {due: (at - due) / NS_A_MS for due, at in reversed(notes.commands_ns)}
+    received = {due: (at - due) / NS_A_MS for due, at in reversed(notes.commands_ns)}
     used_s = lasted_s * os.sysconf("SC_CLK_TCK")
     return Seen(
         pictures=[
-            (round((one.came_at - begin.unix_s) * 1000, 2), len(one.jpeg), round(one.age_ms, 2))
+            (round((one.received_at - start.unix_s) * 1000, 2), len(one.jpeg), round(one.age_ms, 2))
             for one in pictures
         ],
-        camera_fps=camera_fps(pictures, notes.looked_on, begin.unix_s, end.unix_s),
+        camera_fps=camera_fps(pictures, notes.local_frames_s, start.unix_s, end.unix_s),
         quality=statistics.fmean(asked) if asked else None,
         width_px=statistics.fmean(map(width_px, pictures)) if pictures else None,
         commands_ms=[
-            round(came[due], 2) if due in came else None
+            round(received[due], 2) if due in received else None
             for due in notes.due_ns
-            if begin.ns <= due < end.ns
+            if start.ns <= due < end.ns
         ],
         driven_ms=[
-            round((at - begin.ns) / NS_A_MS, 2) for at in notes.driven_ns if begin.ns <= at < end.ns
+            round((at - start.ns) / NS_A_MS, 2) for at in notes.driven_ns if start.ns <= at < end.ns
         ],
-        refused=sum(begin.ns <= at < end.ns for at in notes.refused_ns),
-        simulator_cpu=(end.simulators[number] - begin.simulators[number]) / used_s,
-        agent_cpu=(end.agents[number] - begin.agents[number]) / used_s,
+        refused=sum(start.ns <= at < end.ns for at in notes.refused_ns),
+        simulator_cpu=(end.simulators[number] - start.simulators[number]) / used_s,
+        agent_cpu=(end.agents[number] - start.agents[number]) / used_s,
     )
 
 
 def camera_fps(
-    pictures: Sequence[Picture], looked_on: Sequence[float], since_s: float, until_s: float
+    pictures: Sequence[Frame], local_frames_s: Sequence[float], since_s: float, until_s: float
 ) -> float | None:
     """What the camera gave a second: by the numbers of what came, else by who looks at the robot itself."""
     numbered_ones = [one for one in pictures if one.number is not None]
     if not numbered_ones:
-        seen = sum(since_s <= moment < until_s for moment in looked_on)
-        return seen / (until_s - since_s) if looked_on else None
+        seen = sum(since_s <= at_s < until_s for at_s in local_frames_s)
+        return seen / (until_s - since_s) if local_frames_s else None
     first, last = numbered_ones[0], numbered_ones[-1]
     # By the moments that they show: how long each was on its way is not the camera's.
     lasted_s = read_stamp(last.jpeg) - read_stamp(first.jpeg)
@@ -262,7 +269,7 @@ def camera_fps(
     return (last.number - first.number) % NUMBERS / lasted_s if lasted_s > 0 else None
 
 
-def width_px(picture: Picture) -> int:
+def width_px(frame: Frame) -> int:
     """How wide it is, which is less than what was asked for where a link was too narrow."""
-    with Image.open(io.BytesIO(picture.jpeg)) as opened:
+    with Image.open(io.BytesIO(frame.jpeg)) as opened:
         return opened.width

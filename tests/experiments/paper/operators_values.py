@@ -98,7 +98,7 @@ def summary(robots: Sequence[Seen], lasted_s: float) -> Summary:
     sizes = [size for robot in robots for _, size, _ in robot.pictures]
     delays = [delay for robot in robots for delay in delays_ms(robot)]
     sent = [latency for robot in robots for latency in robot.commands_ms]
-    came = [latency for latency in sent if latency is not None]
+    received = [latency for latency in sent if latency is not None]
     each = len(robots) * lasted_s
     return Summary(
         pictures_per_s=len(sizes) / each,
@@ -112,9 +112,9 @@ def summary(robots: Sequence[Seen], lasted_s: float) -> Summary:
         age_p50_ms=_quantile(ages, 0.5),
         age_p95_ms=_quantile(ages, 0.95),
         commands=len(sent),
-        lost=len(sent) - len(came),
-        command_p50_ms=_quantile(came, 0.5),
-        command_p99_ms=_quantile(came, 0.99),
+        lost=len(sent) - len(received),
+        command_p50_ms=_quantile(received, 0.5),
+        command_p99_ms=_quantile(received, 0.99),
         driven_per_s=sum(len(robot.driven_ms) for robot in robots) / each,
         refused=sum(robot.refused for robot in robots),
         longest_pause_ms=max(longest_pause_ms(robot.driven_ms, lasted_s) for robot in robots),

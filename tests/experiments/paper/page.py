@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from paper import csv_files, figures
-from paper.journal import Journal, Kept
 from paper.runner import checked_steps, sentence
 from paper.step import Comparison, Part, Report, Results, Scale
+from paper.store import ResultStore, StoredOutcome
 from paper.words import duration, number, plain
 
 HEAD = """# Experiments
@@ -49,7 +49,7 @@ class Chapter:
     part: Part
     # Names and titles of all steps that belong to it.
     steps: Mapping[str, str]
-    kept: Mapping[str, Kept]
+    stored: Mapping[str, StoredOutcome]
     report: Report
     # What this part's report, figures or data could not be made for, and why.
     problems: list[str] = field(default_factory=list)
@@ -57,12 +57,12 @@ class Chapter:
     @property
     def failed(self) -> list[str]:
         """The steps that failed."""
-        return [name for name, one in self.kept.items() if one.outcome.values is None]
+        return [name for name, one in self.stored.items() if one.outcome.values is None]
 
     @property
     def missing(self) -> list[str]:
         """The steps that have not run."""
-        return [name for name in self.steps if name not in self.kept]
+        return [name for name in self.steps if name not in self.stored]
 
     @property
     def unmet(self) -> list[Comparison]:
@@ -75,9 +75,9 @@ class Chapter:
         return not (self.failed or self.missing or self.problems or self.unmet)
 
 
-def all_kept(chapters: Iterable[Chapter]) -> list[Kept]:
+def all_stored(chapters: Iterable[Chapter]) -> list[StoredOutcome]:
     """The kept outcomes of all parts."""
-    return [step for one in chapters for step in one.kept.values()]
+    return [step for one in chapters for step in one.stored.values()]
 
 
 def short(comparison: Comparison) -> bool:
@@ -85,43 +85,43 @@ def short(comparison: Comparison) -> bool:
     return not math.isfinite(comparison.ours) or comparison.falls_short
 
 
-def chapter(part: Part, scale: Scale, journal: Journal) -> Chapter:
+def chapter(part: Part, scale: Scale, store: ResultStore) -> Chapter:
     """Read a part's outcomes and let it report; a report that raises is a problem and not the page's end."""
     steps = {step.name: step.title for step in checked_steps(part, scale)}
-    kept = journal.read(part, list(steps))
+    stored = store.read(part, list(steps))
     problems = []
     report = Report(sections=())
-    if kept:
-        results: Results = {name: one.outcome for name, one in kept.items()}
+    if stored:
+        results: Results = {name: one.outcome for name, one in stored.items()}
         try:
             report = part.report(scale, results)
         except Exception as error:  # noqa: BLE001 (the border of a part)
-            problems.append(logged(journal, "its report could not be made", error))
-    return Chapter(part=part, steps=steps, kept=kept, report=report, problems=problems)
+            problems.append(logged(store, "its report could not be made", error))
+    return Chapter(part=part, steps=steps, stored=stored, report=report, problems=problems)
 
 
-def logged(journal: Journal, what: str, error: Exception) -> str:
+def logged(store: ResultStore, what: str, error: Exception) -> str:
     """Write what was raised to the journal's log; a line for the page."""
-    with journal.log.open("a") as log:
+    with store.log.open("a") as log:
         log.write(f"{what}\n{traceback.format_exc()}\n")
     return f"{what}: {sentence(error)}"
 
 
 def markdown(
-    chapters: Sequence[Chapter], scale: Scale, sittings: Sequence[Mapping[str, Any]], written: Sequence[str]
+    chapters: Sequence[Chapter], scale: Scale, invocations: Sequence[Mapping[str, Any]], written: Sequence[str]
 ) -> str:  # fmt: skip
     """The whole page; `written` are the files that stand beside it."""
     pieces = [
         HEAD,
         *([QUICK] if scale.quick else []),
-        _circumstances(all_kept(chapters), sittings),
+        _circumstances(all_stored(chapters), invocations),
         HOW,
         "## Beside the reference",
         _comparisons(chapters),
         "## What falls short",
         *(_shortfalls(chapters) or ["Nothing that was measured."]),
         *_missing(chapters),
-        *(_chapter(one, written) for one in chapters if one.kept),
+        *(_chapter(one, written) for one in chapters if one.stored),
     ]
     return "\n\n".join(piece.strip("\n") for piece in pieces if piece) + "\n"
 
@@ -130,39 +130,44 @@ def _list(lines: Sequence[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
 
 
-def _circumstances(kept: Sequence[Kept], sittings: Sequence[Mapping[str, Any]]) -> str:
-    if not kept:
+def _circumstances(
+    stored: Sequence[StoredOutcome], invocations: Sequence[Mapping[str, Any]]
+) -> str:
+    if not stored:
         return "Nothing has been measured yet."
-    loads = [step.outcome.load for step in kept]
-    commits = Counter(step.commit for step in kept)
+    loads = [step.outcome.load for step in stored]
+    commits = Counter(step.commit for step in stored)
     several = "; **steps come from several commits**" if len(commits) > 1 else ""
     lines = [
-        f"Machine: {_each(sittings, _machine)}; everything runs on it.",
-        f"Versions: {_each(sittings, _versions)}.",
+        f"Machine: {_each(invocations, _machine)}; everything runs on it.",
+        f"Versions: {_each(invocations, _versions)}.",
         f"Commit: {', '.join(f'{plain(name)} ({count} steps)' for name, count in commits.items())}{several}.",
-        f"Date: {min(step.began for step in kept)} to {max(step.began for step in kept)}; the {len(kept)} steps took "
-        f"{duration(sum(step.outcome.took_s for step in kept))}; sittings: {len(sittings)}.",
-        f"Stack: {_each(sittings, lambda one: plain(str(one.get('stack', 'not said'))))}.",
+        f"Date: {min(step.began for step in stored)} to {max(step.began for step in stored)}; the {len(stored)} "
+        f"steps took {duration(sum(step.outcome.took_s for step in stored))}; sittings: {len(invocations)}.",
+        f"Stack: {_each(invocations, lambda one: plain(str(one.get('stack', 'not said'))))}.",
         f"Load when a step began: median {statistics.median(loads):.1f}, most {max(loads):.1f}.",
     ]
     return _list(lines)
 
 
-def _each(sittings: Sequence[Mapping[str, Any]], told: Callable[[Mapping[str, Any]], str]) -> str:
+def _each(
+    invocations: Sequence[Mapping[str, Any]], describe: Callable[[Mapping[str, Any]], str]
+) -> str:
     """What the sittings were told of, each that differs once."""
-    return " / ".join(dict.fromkeys(filter(None, map(told, sittings)))) or "not kept"
+    return " / ".join(dict.fromkeys(filter(None, map(describe, invocations)))) or "not kept"
 
 
-def _machine(sitting: Mapping[str, Any]) -> str:
+def _machine(invocation: Mapping[str, Any]) -> str:
     return (
-        f"{plain(sitting['processor'])}, {sitting['cores']} cores, {sitting['memory_gb']} GB of memory, "
-        f"Linux {plain(sitting['kernel'])}"
+        f"{plain(invocation['processor'])}, {invocation['cores']} cores, {invocation['memory_gb']} GB of memory, "
+        f"Linux {plain(invocation['kernel'])}"
     )
 
 
-def _versions(sitting: Mapping[str, Any]) -> str:
+def _versions(invocation: Mapping[str, Any]) -> str:
     return ", ".join(
-        f"{plain(name)} {plain(version)}" for name, version in sitting.get("versions", {}).items()
+        f"{plain(name)} {plain(version)}"
+        for name, version in invocation.get("versions", {}).items()
     )
 
 
@@ -195,7 +200,7 @@ def _shortfalls(chapters: Sequence[Chapter]) -> list[str]:
 
 
 def _short_lines(one: Chapter) -> list[str]:
-    failed = f"{len(one.failed)} of {len(one.kept)} steps failed."
+    failed = f"{len(one.failed)} of {len(one.stored)} steps failed."
     compared = [
         f"{plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
         f"{plain(number(row.reference))} {plain(row.unit)}, and {AIMS[row.better]}."
@@ -216,10 +221,10 @@ def _missing(chapters: Sequence[Chapter]) -> list[str]:
 
 
 def _chapter(one: Chapter, written: Sequence[str]) -> str:
-    took_s = sum(step.outcome.took_s for step in one.kept.values())
+    took_s = sum(step.outcome.took_s for step in one.stored.values())
     text = [
         f"## {plain(one.part.title)}",
-        f"{len(one.kept) - len(one.failed)} of {len(one.steps)} steps succeeded, {len(one.failed)} failed, "
+        f"{len(one.stored) - len(one.failed)} of {len(one.steps)} steps succeeded, {len(one.failed)} failed, "
         f"{len(one.missing)} have not run; {duration(took_s)}.",
         _list(_failures(one)),
     ]
@@ -241,7 +246,7 @@ def _failures(one: Chapter) -> list[str]:
     """A line a reason: how many steps failed for it, and which."""
     by_reason: dict[str, list[str]] = {}
     for name in one.failed:
-        by_reason.setdefault(one.kept[name].outcome.failure, []).append(plain(one.steps[name]))
+        by_reason.setdefault(one.stored[name].outcome.failure, []).append(plain(one.steps[name]))
     return [
         f"{len(titles)} failed: {plain(reason)} ({'; '.join(titles[:MOST_TITLES])}"
         f"{f'; and {len(titles) - MOST_TITLES} more' if len(titles) > MOST_TITLES else ''})"

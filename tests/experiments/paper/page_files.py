@@ -8,19 +8,19 @@ from pathlib import Path
 
 from paper import csv_files, figures
 from paper.html_page import render
-from paper.journal import Journal
-from paper.page import Chapter, all_kept, logged, markdown
+from paper.page import Chapter, all_stored, logged, markdown
 from paper.step import Scale
+from paper.store import ResultStore
 
 # Writes one file.
 Maker = Callable[[], Path]
 
 
-def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, journal: Journal) -> None:
+def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, store: ResultStore) -> None:
     """Write page, figures and data; files of an earlier page that this one has not are removed."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = _write_files(folder, chapters, journal)
-    text = markdown(chapters, scale, journal.sittings(all_kept(chapters)), written)
+    written = _write_files(folder, chapters, store)
+    text = markdown(chapters, scale, store.invocations(all_stored(chapters)), written)
     (folder / "index.md").write_text(text)
     (folder / "index.html").write_text(render(text))
     for old in [*folder.glob("*.svg"), *folder.glob("*.csv")]:
@@ -28,7 +28,7 @@ def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, journal:
             old.unlink()
 
 
-def _write_files(folder: Path, chapters: Sequence[Chapter], journal: Journal) -> list[str]:
+def _write_files(folder: Path, chapters: Sequence[Chapter], store: ResultStore) -> list[str]:
     """Names of figures and data that could be written; what could not is its chapter's problem."""
     written: list[str] = []
     for one in chapters:
@@ -37,7 +37,7 @@ def _write_files(folder: Path, chapters: Sequence[Chapter], journal: Journal) ->
                 one.problems.append(
                     f"{name} was not written: another file of the page has this name"
                 )
-            elif problem := _made(make, name, journal):
+            elif problem := _made(make, name, store):
                 one.problems.append(problem)
             else:
                 written.append(name)
@@ -54,10 +54,10 @@ def _makers(folder: Path, one: Chapter) -> Iterator[tuple[str, Maker]]:
         )
 
 
-def _made(make: Maker, name: str, journal: Journal) -> str:
+def _made(make: Maker, name: str, store: ResultStore) -> str:
     """Why the file could not be made; empty when it was."""
     try:
         make()
     except Exception as error:  # noqa: BLE001 (the border of a part's own drawing)
-        return logged(journal, f"{name} could not be made", error)
+        return logged(store, f"{name} could not be made", error)
     return ""

@@ -16,16 +16,16 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from typing import Any
 
 import aiohttp
-from picture_viewers import Picture
 from relay_server import until
+from video_viewers import Frame
 
-from paper.peer_way import Way
+from paper.peer_transport import Transport
 
 MESSAGE_BYTES, MESSAGE_TYPE = 200, "std_msgs/String"
 RATE_HZ = 50
 # The last message may be behind all that a link and its ends keep.
 LAST_S = 20.0
-FIRST_PICTURE_WITHIN_S = 20.0
+FIRST_FRAME_WITHIN_S = 20.0
 # A connection that is no longer needed may lead nowhere.
 CLOSES_WITHIN_S = 0.1
 _numbers = itertools.count(1)
@@ -33,9 +33,9 @@ Socket = aiohttp.ClientWebSocketResponse
 
 
 @asynccontextmanager
-async def http_of(way: Way) -> AsyncIterator[aiohttp.ClientSession]:
+async def http_of(transport: Transport) -> AsyncIterator[aiohttp.ClientSession]:
     """The operator's connections on this way; all are cut at the end."""
-    async with aiohttp.ClientSession(connector=way.connector()) as http:
+    async with aiohttp.ClientSession(connector=transport.connector()) as http:
         yield http
 
 
@@ -65,12 +65,12 @@ class Echo:
     async def begin(self) -> None:
         """Wait until a first message, number -1, has come back."""
         for op in ("advertise", "subscribe"):
-            await self.tell(op, self._topic, MESSAGE_TYPE)
+            await self.send_topic(op, self._topic, MESSAGE_TYPE)
         # The robot takes them in order: the subscription is there before the message.
         await self.send(-1)
         await self.receive_until(-1)
 
-    async def tell(self, op: str, topic: str, kind: str) -> None:
+    async def send_topic(self, op: str, topic: str, kind: str) -> None:
         """Advertise or subscribe."""
         await self._socket.send_json({"op": op, "topic": topic, "type": kind})
 
@@ -84,12 +84,12 @@ class Echo:
     async def receive(self) -> None:
         """Take one message, of whatever kind."""
         text = await self._socket.receive_str()
-        came_at = time.monotonic()
+        received_at = time.monotonic()
         said = json.loads(text)
         if said.get("op") == "publish" and said.get("topic") == self._topic:
             number = int(said["msg"]["data"])
             self.answered_of = self._sent_at[number]
-            self.round_trips_ms[number] = (came_at - self.answered_of) * 1000
+            self.round_trips_ms[number] = (received_at - self.answered_of) * 1000
 
     async def receive_until(self, number: int) -> None:
         """Take messages until that one has come back."""
@@ -98,21 +98,21 @@ class Echo:
 
 
 @asynccontextmanager
-async def echoing(way: Way) -> AsyncIterator[Echo]:
+async def echoing(transport: Transport) -> AsyncIterator[Echo]:
     """A connection that has had a message back."""
     async with AsyncExitStack() as stack:
         async with asyncio.timeout(LAST_S):
-            http = await stack.enter_async_context(http_of(way))
-            url = await asyncio.to_thread(way.ros_url)
+            http = await stack.enter_async_context(http_of(transport))
+            url = await asyncio.to_thread(transport.ros_url)
             echo = Echo(await stack.enter_async_context(connected(http, url)))
             await echo.begin()
         yield echo
 
 
-async def round_trips(way: Way, seconds: float) -> list[float]:
+async def round_trips(transport: Transport, seconds: float) -> list[float]:
     """Send a message each 1/RATE_HZ s without waiting for the one before; the round trips in ms, in order."""
     count = int(seconds * RATE_HZ)
-    async with echoing(way) as echo:
+    async with echoing(transport) as echo:
         receiving = asyncio.ensure_future(echo.receive_until(count - 1))
         try:
             started = time.monotonic()
@@ -126,21 +126,23 @@ async def round_trips(way: Way, seconds: float) -> list[float]:
     return [echo.round_trips_ms[number] for number in range(count)]
 
 
-async def behind_video(way: Way, video: str, seconds: float, settle_s: float) -> dict[str, Any]:
+async def behind_video(
+    transport: Transport, video: str, seconds: float, settle_s: float
+) -> dict[str, Any]:
     """Round trips while somebody looks at the camera, after so long, and how old the pictures are meanwhile."""
-    seen: list[Picture] = []
-    async with http_of(way) as http:
-        looking = asyncio.ensure_future(way.look(http, video, seen.append))
+    seen: list[Frame] = []
+    async with http_of(transport) as http:
+        looking = asyncio.ensure_future(transport.view(http, video, seen.append))
         try:
             await until(
                 lambda: seen or looking.done(),
-                f"a picture: {way.title}, {video}",
-                FIRST_PICTURE_WITHIN_S,
+                f"a picture: {transport.title}, {video}",
+                FIRST_FRAME_WITHIN_S,
             )
             await asyncio.wait([looking], timeout=settle_s)
             seen.clear()
             started = time.monotonic()
-            trips = await round_trips(way, seconds)
+            trips = await round_trips(transport, seconds)
             lasted_s = time.monotonic() - started
             # One whose picture ended meanwhile was not measured behind video.
             if looking.done():
@@ -148,16 +150,16 @@ async def behind_video(way: Way, video: str, seconds: float, settle_s: float) ->
         finally:
             await stop(looking)
     if not seen:
-        raise RuntimeError(f"cannot measure {way.title} behind {video}: no picture came")
-    return {"round_trips_ms": trips, **of_pictures(seen, lasted_s)}
+        raise RuntimeError(f"cannot measure {transport.title} behind {video}: no picture came")
+    return {"round_trips_ms": trips, **of_frames(seen, lasted_s)}
 
 
-def of_pictures(pictures: Sequence[Picture], lasted_s: float) -> dict[str, Any]:
+def of_frames(frames: Sequence[Frame], lasted_s: float) -> dict[str, Any]:
     """What those that came in so many seconds were like."""
     return {
-        "picture_ages_ms": [picture.age_ms for picture in pictures],
-        "pictures_per_s": len(pictures) / lasted_s,
-        "picture_bytes": sum(len(picture.jpeg) for picture in pictures) / len(pictures),
+        "picture_ages_ms": [frame.age_ms for frame in frames],
+        "pictures_per_s": len(frames) / lasted_s,
+        "picture_bytes": sum(len(frame.jpeg) for frame in frames) / len(frames),
     }
 
 

@@ -17,7 +17,7 @@ from relay_server import until
 
 from paper.peer_echo import LAST_S, MESSAGE_TYPE, Socket, connected, http_of, new_topic, stop
 from paper.peer_program import cpu_between, cpu_s
-from paper.peer_way import Way, connector_in
+from paper.peer_transport import Transport, connector_in
 
 # More than the link and the queue before it hold.
 LOAD_BYTES, LOADS_AT_ONCE = 48 * 1024, 12
@@ -32,7 +32,7 @@ class Load:
         self._robot, self._operator = robot, operator
         # What no compression on the way makes much smaller.
         self._data = random.Random(1).randbytes(LOAD_BYTES // 2).hex()
-        self.came_bytes = 0
+        self.received_bytes = 0
 
     async def __aenter__(self) -> Load:
         ends = ((self._robot, self._load, self._more), (self._operator, self._more, self._load))
@@ -65,34 +65,34 @@ class Load:
         while True:
             text = await self._operator.receive_str()
             if len(text) > LOAD_BYTES:
-                self.came_bytes += len(text)
+                self.received_bytes += len(text)
                 await self._operator.send_json(more)
 
 
-async def throughput(way: Way, seconds: float, settle_s: float) -> dict[str, float]:
+async def throughput(transport: Transport, seconds: float, settle_s: float) -> dict[str, float]:
     """Payload in bit/s that comes from the robot, and processor seconds a MB of it at the robot's and server's side."""
     async with AsyncExitStack() as stack:
-        http = await stack.enter_async_context(http_of(way))
-        local = aiohttp.ClientSession(connector=connector_in(way.inside))
+        http = await stack.enter_async_context(http_of(transport))
+        local = aiohttp.ClientSession(connector=connector_in(transport.inside))
         await stack.enter_async_context(local)
-        url = await asyncio.to_thread(way.ros_url)
+        url = await asyncio.to_thread(transport.ros_url)
         operator = await stack.enter_async_context(connected(http, url))
-        robot = await stack.enter_async_context(connected(local, way.local_ros_url()))
+        robot = await stack.enter_async_context(connected(local, transport.local_ros_url()))
         load = await stack.enter_async_context(Load(robot, operator))
-        await until(lambda: load.came_bytes or load.check(), f"load, {way.title}", LAST_S)
+        await until(lambda: load.received_bytes or load.check(), f"load, {transport.title}", LAST_S)
         await asyncio.sleep(settle_s)
-        before = await asyncio.to_thread(costs, way)
-        started, came = time.monotonic(), load.came_bytes
+        before = await asyncio.to_thread(costs, transport)
+        started, received = time.monotonic(), load.received_bytes
         await asyncio.sleep(seconds)
-        lasted_s, carried = time.monotonic() - started, load.came_bytes - came
-        after = await asyncio.to_thread(costs, way)
+        lasted_s, carried = time.monotonic() - started, load.received_bytes - received
+        after = await asyncio.to_thread(costs, transport)
         load.check()
     return {"payload_bit_s": carried * 8 / lasted_s, **per_mb(before, after, carried)}
 
 
-def costs(way: Way) -> Costs:
+def costs(transport: Transport) -> Costs:
     """Processor seconds so far of the robot's and the server's side, by process."""
-    return cpu_s(way.robot_pids()), cpu_s(way.server_pids())
+    return cpu_s(transport.robot_pids()), cpu_s(transport.server_pids())
 
 
 def per_mb(before: Costs, after: Costs, carried_bytes: int) -> dict[str, float]:

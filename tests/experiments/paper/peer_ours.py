@@ -13,10 +13,10 @@ from contextlib import ExitStack
 import aiohttp
 from local_network import insecure_tls
 from openssh_server import descendants, wait_until
-from picture_viewers import Taker, look_at_frames
+from video_viewers import OnFrame, view_frames
 
 from paper.peer_plan import FRAMES, OURS
-from paper.peer_way import CAMERA, DRIVE, OBSERVE, STARTS_WITHIN_S, Way
+from paper.peer_transport import CAMERA, DRIVE, OBSERVE, STARTS_WITHIN_S, Transport
 from paper.robots import WholeRobot
 from paper.uplinks import Uplink
 from paper.world import World
@@ -25,7 +25,7 @@ from paper.world import World
 CARRIERS = ("nginx", "relay", "sshd")
 
 
-class Robotether(Way):
+class Robotether(Transport):
     """The whole of it."""
 
     key = OURS
@@ -64,15 +64,15 @@ class Robotether(Way):
 
     def ros_url(self, mode: str = DRIVE) -> str:
         ticket = self._world.ticket(self._robot.name, mode)
-        return f"wss://{self._world.door}/robots/{self._robot.name}/ros?ticket={ticket}"
+        return f"wss://{self._world.address}/robots/{self._robot.name}/ros?ticket={ticket}"
 
     def local_ros_url(self) -> str:
         return self._robot.ros_url
 
-    async def look(self, http: aiohttp.ClientSession, video: str, take: Taker) -> None:
+    async def view(self, http: aiohttp.ClientSession, video: str, on_frame: OnFrame) -> None:
         ticket = await asyncio.to_thread(self._world.ticket, self._robot.name, OBSERVE)
-        base = f"https://{self._world.door}/robots/{self._robot.name}/video"
-        await look_at_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", take)
+        base = f"https://{self._world.address}/robots/{self._robot.name}/video"
+        await view_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", on_frame)
 
     def connector(self) -> aiohttp.TCPConnector:
         return aiohttp.TCPConnector(force_close=True, ssl=self._tls)

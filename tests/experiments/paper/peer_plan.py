@@ -34,7 +34,7 @@ QUICK_S = 14.0
 class Plan:
     """How much is measured."""
 
-    ways: Sequence[str] = tuple(TITLES)
+    transports: Sequence[str] = tuple(TITLES)
     measures: Sequence[str] = (LATENCY, LOAD, CHANGES)
     # Of round trips, idle and behind each video; and until a video fills what it fills.
     seconds: float = 10.0
@@ -61,7 +61,7 @@ class Plan:
 
     def steps(self) -> list[tuple[str, str]]:
         """Way and measure of each step; all ways of one measure stand together, as they are compared."""
-        every = [(key, measure) for measure in self.measures for key in self.ways]
+        every = [(key, measure) for measure in self.measures for key in self.transports]
         return every + ([(SSH, PATIENCE)] if CHANGES in self.measures else [])
 
 
@@ -69,8 +69,8 @@ def plan_of(scale: Scale) -> Plan:
     """What a run of this scale measures."""
     if not scale.quick:
         return Plan()
-    ways = (STRAIGHT, SSH, OURS)
-    return Plan(ways=ways, measures=(LATENCY,), seconds=3.0, settle_s=2.0, videos=1)
+    transports = (STRAIGHT, SSH, OURS)
+    return Plan(transports=transports, measures=(LATENCY,), seconds=3.0, settle_s=2.0, videos=1)
 
 
 def name_of(key: str, measure: str) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Conditions = Mapping[str, Mapping[str, Sequence[float]]]
 COLOURS = ("#0072b2", "#d55e00", "#e69f00")
 TICKS_MS = (20, 50, 100, 200, 500, 1000, 2000)
-BETWEEN_WAYS = 0.6
+BETWEEN_TRANSPORTS = 0.6
 
 
 def plots(conditions: Conditions) -> list[Plot]:
@@ -37,22 +37,22 @@ def plots(conditions: Conditions) -> list[Plot]:
 def draw(drawing: Figure, conditions: Conditions) -> None:
     """A row for each way and what went on meanwhile, on a logarithmic axis."""
     axes = drawing.add_subplot()
-    places: list[float] = []
+    positions: list[float] = []
     names = []
-    place = 0.0
-    for way, measured in conditions.items():
+    position = 0.0
+    for transport, measured in conditions.items():
         for number, (meanwhile, trips) in enumerate(measured.items()):
             colour = COLOURS[number % len(COLOURS)]
             p50, p99 = quantile(trips, 0.5), quantile(trips, 0.99)
-            axes.plot([p50, p99], [place, place], color=colour, linewidth=2)
-            axes.plot([p50], [place], color=colour, marker="o")
-            places.append(place)
-            names.append(f"{way}, {meanwhile}")
-            place += 1
-        place += BETWEEN_WAYS
-    axes.set_yticks(places, names, fontsize=8)
+            axes.plot([p50, p99], [position, position], color=colour, linewidth=2)
+            axes.plot([p50], [position], color=colour, marker="o")
+            positions.append(position)
+            names.append(f"{transport}, {meanwhile}")
+            position += 1
+        position += BETWEEN_TRANSPORTS
+    axes.set_yticks(positions, names, fontsize=8)
     axes.invert_yaxis()
     axes.set_xscale("log")
     axes.set_xticks(TICKS_MS, [str(tick) for tick in TICKS_MS])
     axes.set_xlabel("round trip, ms")
-    drawing.set_size_inches(8.0, 1.2 + 0.3 * len(places))
+    drawing.set_size_inches(8.0, 1.2 + 0.3 * len(positions))

@@ -76,19 +76,19 @@ def report(plan: Plan, results: Results) -> Report:
         sections=sections,
         comparisons=[row for key in _peers(plan) for row in _comparisons(measured, key)],
         plots=plots(_conditions(measured)),
-        data=[_round_trips_file(measured), _pictures_file(measured), _changes_file(measured)],
+        data=[_round_trips_file(measured), _frames_file(measured), _changes_file(measured)],
         shortfalls=[*failures(results), *_losses(measured), *_never(measured)],
     )
 
 
 def _peers(plan: Plan) -> list[str]:
-    return [key for key in plan.ways if key != OURS]
+    return [key for key in plan.transports if key != OURS]
 
 
 def _conditions(measured: Measured) -> dict[str, dict[str, Sequence[float]]]:
     """Round trips in ms by the way's title and what went on meanwhile."""
     found = {}
-    for key in measured.plan.ways:
+    for key in measured.plan.transports:
         values = measured.of(key, LATENCY)
         if values is not None:
             videos = {name: one["round_trips_ms"] for name, one in values["videos"].items()}
@@ -114,7 +114,7 @@ def _latency_section(measured: Measured) -> Section:
     table = [
         "| way | meanwhile | round trips | p50 ms | p99 ms | max ms | pictures/s | KB each | age p50 ms | p95 ms |",
         "|---|---|---|---|---|---|---|---|---|---|",
-        *(row for key in measured.plan.ways for row in _latency_rows(measured, key)),
+        *(row for key in measured.plan.transports for row in _latency_rows(measured, key)),
     ]
     return Section("Round trips and pictures on one way after the other", text, table)
 
@@ -150,7 +150,7 @@ def _load_section(measured: Measured) -> Section:
     table = [
         f"| way | Mbit/s | of the link's {LINK.up_mbit_s:g} | robot's side, s per MB | server's side, s per MB |",
         "|---|---|---|---|---|",
-        *(_load_row(measured, key) for key in measured.plan.ways),
+        *(_load_row(measured, key) for key in measured.plan.transports),
     ]
     return Section("Throughput and processor time", text, table)
 
@@ -177,7 +177,7 @@ def _changes_section(measured: Measured) -> Section:
     table = [
         "| way | start, p50 s | max s | never | new address, p50 s | max s | never |",
         "|---|---|---|---|---|---|---|",
-        *(_changes_row(measured, key) for key in measured.plan.ways),
+        *(_changes_row(measured, key) for key in measured.plan.transports),
     ]
     return Section("Starts and new addresses", text, table)
 
@@ -304,9 +304,9 @@ def _round_trips_file(measured: Measured) -> Data:
     )
 
 
-def _pictures_file(measured: Measured) -> Data:
+def _frames_file(measured: Measured) -> Data:
     rows = []
-    for key in measured.plan.ways:
+    for key in measured.plan.transports:
         values = measured.of(key, LATENCY)
         for video, one in ({} if values is None else values["videos"]).items():
             rows += [(TITLES[key], video, round(age, 2)) for age in one["picture_ages_ms"]]

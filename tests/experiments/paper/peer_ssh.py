@@ -12,13 +12,13 @@ from contextlib import ExitStack
 from openssh_server import OpenSshServer
 
 from paper.peer_plan import SSH
-from paper.peer_way import ROS_PORT, VIDEO_PORT, PlainWay
+from paper.peer_transport import ROS_PORT, VIDEO_PORT, PlainTransport
 
 # Many guides say 30 s three times, which would take three times as long to notice.
 ALIVE_S, ALIVE_TIMES = 10, 3
 
 
-class AutoSsh(PlainWay):
+class AutoSsh(PlainTransport):
     """A bare `ssh -R`."""
 
     key, packages = SSH, ("autossh",)

@@ -18,7 +18,7 @@ from namespaces import Namespace
 from openssh_server import wait_until
 
 from paper.peer_program import Program
-from paper.peer_way import STARTS_WITHIN_S, PlainWay
+from paper.peer_transport import STARTS_WITHIN_S, PlainTransport
 
 # Documentation's own network (RFC 5737): in both namespaces nothing else has it.
 NETWORK, PREFIX_LENGTH = "192.0.2.0", 24
@@ -26,7 +26,7 @@ SERVER_ADDRESS, ROBOT_ADDRESS = "192.0.2.1", "192.0.2.2"
 CONTROL_SOCKETS = Path("/var/run/wireguard")
 
 
-class Vpn(PlainWay):
+class Vpn(PlainTransport):
     """A network of the server and the robot, in which both have addresses that stay."""
 
     # The device at each end.
@@ -190,9 +190,9 @@ class Nebula(Vpn):
         self._setting("robot", known, f'am_lighthouse: false, hosts: ["{SERVER_ADDRESS}"]', 0)
 
     def _setting(self, name: str, known: str, lighthouse: str, port: int) -> None:
-        place = self.folder
+        position = self.folder
         text = f"""
-            pki: {{ca: {place}/ca.crt, cert: {place}/{name}.crt, key: {place}/{name}.key}}
+            pki: {{ca: {position}/ca.crt, cert: {position}/{name}.crt, key: {position}/{name}.key}}
             static_host_map: {known}
             lighthouse: {{{lighthouse}, interval: 60}}
             listen: {{host: 0.0.0.0, port: {port}}}

@@ -34,13 +34,13 @@ from paper.peer_plan import (
     plan_of,
 )
 from paper.peer_ssh import AutoSsh
+from paper.peer_transport import PlainTransport, Straight, Transport
 from paper.peer_vpn import Nebula, OpenVpn, WireGuard
-from paper.peer_way import PlainWay, Straight, Way
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
 
-PEERS: dict[str, type[PlainWay]] = {
-    way.key: way for way in (Straight, AutoSsh, WireGuard, OpenVpn, Nebula)
+PEERS: dict[str, type[PlainTransport]] = {
+    transport.key: transport for transport in (Straight, AutoSsh, WireGuard, OpenVpn, Nebula)
 }
 MEASURES = {
     LATENCY: "round trips and pictures",
@@ -51,14 +51,14 @@ MEASURES = {
 
 
 @contextmanager
-def way_of(world: World, key: str) -> Iterator[Way]:
+def transport_of(world: World, key: str) -> Iterator[Transport]:
     """A way over a link of its own, whose robot's side has not been started."""
     if key != OURS:
         ensure(PEERS[key].packages)
     with world.uplinks([LINK]) as [uplink]:
-        way = Robotether(world, uplink) if key == OURS else PEERS[key](uplink)
-        with way:
-            yield way
+        transport = Robotether(world, uplink) if key == OURS else PEERS[key](uplink)
+        with transport:
+            yield transport
 
 
 def ensure(packages: Sequence[str]) -> None:
@@ -70,63 +70,65 @@ def ensure(packages: Sequence[str]) -> None:
             raise RuntimeError(f"cannot install {' '.join(packages)}: {done.stderr.strip()}")
 
 
-async def must_connect(way: Way) -> float:
+async def must_connect(transport: Transport) -> float:
     """Start the robot's side; seconds until a message has passed."""
-    took_s = await connect_s(way)
+    took_s = await connect_s(transport)
     if took_s is None:
-        raise RuntimeError(f"{way.title}: no message has passed; the robot's side:\n{way.words()}")
+        raise RuntimeError(
+            f"{transport.title}: no message has passed; the robot's side:\n{transport.words()}"
+        )
     return took_s
 
 
 def measure_latency(plan: Plan, key: str, world: World) -> Values:
     """Round trips idle and behind each video, with the pictures' ages."""
 
-    async def measure(way: Way) -> Values:
-        took_s = await must_connect(way)
-        idle = await round_trips(way, plan.seconds)
+    async def measure(transport: Transport) -> Values:
+        took_s = await must_connect(transport)
+        idle = await round_trips(transport, plan.seconds)
         videos: dict[str, Any] = {}
-        for video in way.videos[: plan.videos]:
-            videos[video] = await behind_video(way, video, plan.seconds, plan.settle_s)
+        for video in transport.videos[: plan.videos]:
+            videos[video] = await behind_video(transport, video, plan.seconds, plan.settle_s)
         return {"connect_s": took_s, "idle_ms": idle, "videos": videos}
 
-    with way_of(world, key) as way:
-        return asyncio.run(measure(way))
+    with transport_of(world, key) as transport:
+        return asyncio.run(measure(transport))
 
 
 def measure_load(plan: Plan, key: str, world: World) -> Values:
     """What comes from the robot, and what it costs."""
 
-    async def measure(way: Way) -> Values:
-        await must_connect(way)
-        return await throughput(way, plan.load_s, plan.load_settle_s)
+    async def measure(transport: Transport) -> Values:
+        await must_connect(transport)
+        return await throughput(transport, plan.load_s, plan.load_settle_s)
 
-    with way_of(world, key) as way:
-        return asyncio.run(measure(way))
+    with transport_of(world, key) as transport:
+        return asyncio.run(measure(transport))
 
 
 def measure_changes(plan: Plan, key: str, world: World) -> Values:
     """Starts of the robot's side, and new addresses of the robot, as many of each as planned."""
-    with way_of(world, key) as way:
-        connects = asyncio.run(_starts(way, plan.connects))
+    with transport_of(world, key) as transport:
+        connects = asyncio.run(_starts(transport, plan.connects))
     return {"connect_s": connects, "recover_s": _new_addresses(world, key, plan.recovers_of(key))}
 
 
 def measure_patience(_plan: Plan, key: str, world: World) -> Values:
     """A new address, with an operator who waits for it."""
 
-    async def measure(way: Way) -> Values:
-        await must_connect(way)
-        return {"patient_s": [await recover_patiently_s(way)]}
+    async def measure(transport: Transport) -> Values:
+        await must_connect(transport)
+        return {"patient_s": [await recover_patiently_s(transport)]}
 
-    with way_of(world, key) as way:
-        return asyncio.run(measure(way))
+    with transport_of(world, key) as transport:
+        return asyncio.run(measure(transport))
 
 
-async def _starts(way: Way, how_many: int) -> list[float | None]:
+async def _starts(transport: Transport, how_many: int) -> list[float | None]:
     took: list[float | None] = []
     for _ in range(how_many):
-        await asyncio.to_thread(way.disconnect)
-        took.append(await connect_s(way))
+        await asyncio.to_thread(transport.disconnect)
+        took.append(await connect_s(transport))
     return took
 
 
@@ -134,18 +136,18 @@ def _new_addresses(world: World, key: str, how_many: int) -> list[float | None]:
     took: list[float | None] = []
     # One that did not come back tells nothing more: the next has everything new.
     while len(took) < how_many:
-        with way_of(world, key) as way:
-            took += asyncio.run(_until_lost(way, how_many - len(took)))
+        with transport_of(world, key) as transport:
+            took += asyncio.run(_until_lost(transport, how_many - len(took)))
     return took
 
 
-async def _until_lost(way: Way, how_many: int) -> list[float | None]:
-    rng = random.Random(way.key)
-    await must_connect(way)
+async def _until_lost(transport: Transport, how_many: int) -> list[float | None]:
+    rng = random.Random(transport.key)
+    await must_connect(transport)
     took: list[float | None] = []
     while len(took) < how_many and None not in took:
         # A change comes at any moment of a heartbeat.
-        took.append(await recover_s(way, rng.uniform(1, 2)))
+        took.append(await recover_s(transport, rng.uniform(1, 2)))
     return took
 
 

@@ -36,13 +36,13 @@ Ros = Literal["bus", "simulator"]
 # both have to share here, what is measured would be how that is decided; so the server comes first.
 ASIDE = ("nice", "-n", "19")
 ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
-PLACES = [
-    ROOT / place for place in ("agent", "images/sim_robot", "tests/support", "tests/experiments")
+FOLDERS = [
+    ROOT / folder for folder in ("agent", "images/sim_robot", "tests/support", "tests/experiments")
 ]
 # It publishes zeros for half a second when it was moving, and closes its tunnels.
 ENDS_WITHIN_S = 5.0
 # Each look costs the server a list of all its robots.
-LOOKS_EVERY_S = 0.25
+POLL_EVERY_S = 0.25
 LOG_LINES = 30
 
 
@@ -237,7 +237,7 @@ def wait_all_online(robots: Sequence[WholeRobot], seconds: float = 60) -> None:
                 f"{len(missing)} of {len(robots)} robots are not ready: {why}\n"
                 + "\n".join(robot.logs() for robot in shown)
             )
-        time.sleep(LOOKS_EVERY_S)
+        time.sleep(POLL_EVERY_S)
 
 
 def not_ready(world: World, robots: Sequence[WholeRobot]) -> list[WholeRobot]:
@@ -268,12 +268,12 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 def clean_environment() -> dict[str, str]:
     """This process's environment, with nothing in it that the agent or the simulator would take for settings."""
-    kept = {
+    stored = {
         name: value
         for name, value in os.environ.items()
         if not name.startswith(("ROBOTETHER_", "SIM_"))
     }
-    return {**kept, "PYTHONPATH": os.pathsep.join(map(str, PLACES))}
+    return {**stored, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
 
 
 def tail(log: Path) -> str:

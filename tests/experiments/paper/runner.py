@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from paper import circumstances
-from paper.journal import Journal, Kept, now, scale_name
 from paper.progress import Progress
 from paper.step import Outcome, Part, Scale, Step
+from paper.store import ResultStore, StoredOutcome, now, scale_name
 
 if TYPE_CHECKING:
     from paper.world import World
@@ -45,7 +45,7 @@ class Runner:
     """One process's work on the chosen parts."""
 
     scale: Scale
-    journal: Journal
+    store: ResultStore
     # Makes the stack, or finds the one that runs; called only when a step has to run.
     open_world: Callable[[], AbstractContextManager[World]]
     # Kept beside machine and commit: how the stack came to be, for instance.
@@ -60,16 +60,16 @@ class Runner:
         Raises StackGoneError, and JournalBusyError if another process measures one of these parts.
         """
         steps = {part.name: checked_steps(part, self.scale) for part in parts}
-        with self.journal.held(parts):
+        with self.store.held(parts):
             if restart or not any(some for _, some in self._waiting(parts, steps)):
                 for part in parts:
-                    self.journal.set_aside(part)
+                    self.store.set_aside(part)
             self._run(self._waiting(parts, steps))
 
     def _waiting(self, parts: Sequence[Part], steps: Mapping[str, Sequence[Step]]) -> Waiting:
         waiting = []
         for part in parts:
-            known = self.journal.read(part, [step.name for step in steps[part.name]])
+            known = self.store.read(part, [step.name for step in steps[part.name]])
             waiting.append((part, [step for step in steps[part.name] if step.name not in known]))
         return waiting
 
@@ -77,21 +77,21 @@ class Runner:
         expected_s = sum(step.expected_s for _, some in waiting for step in some)
         with Progress(expected_s) as progress:
             count = sum(len(some) for _, some in waiting)
-            progress.say(f"{count} steps to run; what is kept of them is in {self.journal.folder}")
-            sitting = {
+            progress.say(f"{count} steps to run; what is kept of them is in {self.store.folder}")
+            invocation = {
                 "began": now(),
                 "scale": scale_name(self.scale),
                 "commit": self.commit,
                 **circumstances.machine(),
                 **self.notes,
             }
-            self.journal.write_sitting(sitting)
+            self.store.write_invocation(invocation)
             with self.open_world() as world:
-                sitting["versions"] = dict(self.versions(world))
-                self.journal.write_sitting(sitting)
+                invocation["versions"] = dict(self.versions(world))
+                self.store.write_invocation(invocation)
                 for part, some in waiting:
                     self._run_part(part, some, world, progress)
-            self.journal.write_sitting({**sitting, "ended": now()})
+            self.store.write_invocation({**invocation, "ended": now()})
 
     def _run_part(
         self, part: Part, steps: Sequence[Step], world: World, progress: Progress
@@ -111,18 +111,20 @@ class Runner:
         try:
             values = step.run(world)
             outcome = Outcome(values=values, took_s=time.monotonic() - start, load=load)
-            self.journal.write(part, step.name, self._kept(outcome, began))
+            self.store.write(part, step.name, self._stored(outcome, began))
         # A task that was cancelled by nobody's Ctrl-C is this step's failure, too.
         except (Exception, asyncio.CancelledError) as error:  # noqa: BLE001 (the border of a step)
             failure = error
             self._log(f"{part.name}, {step.name}")
         if failure is not None:
             outcome = Outcome(failure=sentence(failure), took_s=time.monotonic() - start, load=load)
-            self.journal.write(part, step.name, self._kept(outcome, began))
+            self.store.write(part, step.name, self._stored(outcome, began))
         return outcome
 
-    def _kept(self, outcome: Outcome, began: str) -> Kept:
-        return Kept(outcome=outcome, commit=self.commit, began=began, sitting=self.journal.sitting)
+    def _stored(self, outcome: Outcome, began: str) -> StoredOutcome:
+        return StoredOutcome(
+            outcome=outcome, commit=self.commit, began=began, invocation=self.store.invocation
+        )
 
     def _check_answers(self, world: World, before: str) -> None:
         end = time.monotonic() + self.answer_s
@@ -136,7 +138,7 @@ class Runner:
 
     def _log(self, where: str) -> None:
         text = f"{now()} {where}\n{traceback.format_exc()}\n"
-        with self.journal.log.open("a") as log:
+        with self.store.log.open("a") as log:
             log.write(text)
         if self.scale.quick:
             # Continuous integration keeps what is printed, and no files.

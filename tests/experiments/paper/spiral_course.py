@@ -58,8 +58,8 @@ def along(pose: Pose, velocity: Velocity, seconds: float) -> Pose:
     speed, turn = velocity.linear_x, velocity.angular_z
     theta = pose.theta + turn * seconds
     if turn == 0:
-        way = speed * seconds
-        return Pose(pose.x + way * math.cos(theta), pose.y + way * math.sin(theta), theta)
+        path = speed * seconds
+        return Pose(pose.x + path * math.cos(theta), pose.y + path * math.sin(theta), theta)
     radius = speed / turn
     return Pose(
         pose.x + radius * (math.sin(theta) - math.sin(pose.theta)),
@@ -76,7 +76,7 @@ def end_of(changes: Sequence[Change]) -> Pose:
     return pose
 
 
-def way_of(changes: Sequence[Change], points: int = 10) -> Iterator[tuple[float, float]]:
+def path_of(changes: Sequence[Change], points: int = 10) -> Iterator[tuple[float, float]]:
     """(x, y) along the exact way, `points` of them between two changes."""
     pose = START
     for change, following in pairwise(changes):

@@ -16,7 +16,7 @@ from paper.spiral_plan import NETWORKS
 from paper.step import Results, spread, succeeded
 
 # Of runs that failed; the file has all.
-MOST_TOLD = 3
+MAX_REPORTED = 3
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Run:
     steps: int
     travelled_m: float
     # (x, y) of every third step, seen from its start.
-    way: Sequence[tuple[float, float]]
+    path: Sequence[tuple[float, float]]
 
     @property
     def latencies_ms(self) -> list[float]:
@@ -83,8 +83,8 @@ def ends(given: Sequence[Run]) -> list[Pose]:
 
 def arrival_end(run: Run, wanted: Sequence[Velocity]) -> Pose:
     """Where a robot without steps ends that follows this run's commands as they arrived."""
-    told = zip(run.arrived_ms, [*wanted, STANDING], strict=True)
-    return end_of([Change(at_ms / 1000, velocity) for at_ms, velocity in told])
+    reported = zip(run.arrived_ms, [*wanted, STANDING], strict=True)
+    return end_of([Change(at_ms / 1000, velocity) for at_ms, velocity in reported])
 
 
 def intervals_ms(times_ms: Sequence[float]) -> list[float]:
@@ -111,13 +111,15 @@ def failed(network: str, given: Sequence[Run]) -> str:
     lost = [run for run in here if run.failure]
     if not lost:
         return ""
-    told = [f"repetition {run.repetition}, pair {run.pair}: {run.failure}" for run in lost]
+    reported = [f"repetition {run.repetition}, pair {run.pair}: {run.failure}" for run in lost]
     more = (
-        f"; and {len(told) - MOST_TOLD} more, see spiral-ends.csv" if len(told) > MOST_TOLD else ""
+        f"; and {len(reported) - MAX_REPORTED} more, see spiral-ends.csv"
+        if len(reported) > MAX_REPORTED
+        else ""
     )
     return (
         f"{len(lost)} of {len(here)} spirals on {NETWORKS[network].name} were not driven to the end: "
-        f"{'; '.join(told[:MOST_TOLD])}{more}."
+        f"{'; '.join(reported[:MAX_REPORTED])}{more}."
     )
 
 
@@ -132,5 +134,5 @@ def _run(repetition: int, pair: Mapping[str, Any]) -> Run:
         end=None if pair["end"] is None else Pose(*pair["end"]),
         steps=pair["steps"],
         travelled_m=pair["travelled_m"],
-        way=[(x, y) for x, y in pair["way"]],
+        path=[(x, y) for x, y in pair["way"]],
     )

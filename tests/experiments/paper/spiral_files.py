@@ -14,7 +14,7 @@ from paper.spiral_plan import NETWORKS, Plan
 from paper.step import Data
 
 # Of each way every sixth step goes to the file, 10 a second: each second one of those that were kept.
-STEPS_KEPT, THIN = 3, 2
+MAX_STEPS, THIN = 3, 2
 # A millimetre.
 DIGITS = 3
 
@@ -23,8 +23,10 @@ def files(plan: Plan, runs: Sequence[Run]) -> list[Data]:
     """The ends of all runs, when their commands arrived, and each network's ways."""
     if not runs:
         return []
-    ways = [_ways(network, here) for network in NETWORKS if (here := spiral_ends.on(network, runs))]
-    return [_ends(plan, runs), _arrivals(runs), *ways]
+    paths = [
+        _paths(network, here) for network in NETWORKS if (here := spiral_ends.on(network, runs))
+    ]
+    return [_ends(plan, runs), _arrivals(runs), *paths]
 
 
 def _ends(plan: Plan, runs: Sequence[Run]) -> Data:
@@ -61,15 +63,15 @@ def _end_row(plan: Plan, run: Run) -> list[object]:
         run.repetition,
         run.pair,
         run.failure,
-        *_place(run.end),
+        *_pose(run.end),
         theta,
         run.steps,
         f"{run.travelled_m:.6f}",
-        *_place(arrivals),
+        *_pose(arrivals),
     ]
 
 
-def _place(pose: Pose | None) -> tuple[str, str]:
+def _pose(pose: Pose | None) -> tuple[str, str]:
     return ("", "") if pose is None else (f"{pose.x:.6f}", f"{pose.y:.6f}")
 
 
@@ -87,13 +89,13 @@ def _arrivals(runs: Sequence[Run]) -> Data:
     )
 
 
-def _ways(network: str, runs: Sequence[Run]) -> Data:
+def _paths(network: str, runs: Sequence[Run]) -> Data:
     columns = [
-        [f"{point[axis]:.{DIGITS}f}" for point in run.way[::THIN]]
+        [f"{point[axis]:.{DIGITS}f}" for point in run.path[::THIN]]
         for run in runs
         for axis in (0, 1)
     ]
-    step_s = STEP_S * STEPS_KEPT * THIN
+    step_s = STEP_S * MAX_STEPS * THIN
     return Data(
         name=f"spiral-ways-{network}",
         about=(

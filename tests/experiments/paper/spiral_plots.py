@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sim_robot.kinematics import Pose
 
 from paper import spiral_ends
-from paper.spiral_course import end_of, punctual, stepped_ends, way_of
+from paper.spiral_course import end_of, path_of, punctual, stepped_ends
 from paper.spiral_ends import Run
 from paper.spiral_plan import NETWORKS, Plan
 from paper.step import Plot
@@ -28,7 +28,7 @@ def plots(plan: Plan, runs: Sequence[Run]) -> list[Plot]:
     """One for each network on which a robot was seen to drive."""
     found = []
     for network, profile in NETWORKS.items():
-        if here := [run for run in spiral_ends.on(network, runs) if run.way]:
+        if here := [run for run in spiral_ends.on(network, runs) if run.path]:
             done = len(spiral_ends.completed(here))
             caption = (
                 f"Spirals over {profile.name}: the ways of {len(here)} robot(s), {done} of them driven to the end, one "
@@ -49,18 +49,18 @@ def plots(plan: Plan, runs: Sequence[Run]) -> list[Plot]:
 def draw(drawing: Drawing, *, plan: Plan, runs: Sequence[Run], title: str) -> None:
     """Draw one network's runs, those that failed included."""
     drawing.set_size_inches(*SIZE_INCH)
-    ways, near = drawing.subplots(1, 2)
+    paths, near = drawing.subplots(1, 2)
     drawing.suptitle(title)
-    _draw_ways(ways, plan, runs)
+    _draw_paths(paths, plan, runs)
     _draw_ends(near, plan, runs)
 
 
-def _draw_ways(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
+def _draw_paths(axes: Axes, plan: Plan, runs: Sequence[Run]) -> None:
     for number, run in enumerate(runs):
-        xs, ys = zip(*run.way, strict=True)
+        xs, ys = zip(*run.path, strict=True)
         label = f"{len(runs)} robot(s)" if number == 0 else None
         axes.plot(xs, ys, color=OURS, linewidth=0.8, alpha=0.6, label=label)
-    ideal = list(way_of(punctual(plan.wanted)))
+    ideal = list(path_of(punctual(plan.wanted)))
     axes.plot(*zip(*ideal, strict=True), color=IDEAL, linewidth=0.8, linestyle="--", label="ideal")
     axes.set_aspect("equal")
     axes.set(xlabel="x, m", ylabel="y, m", title="all ways")

@@ -78,7 +78,7 @@ def _ends_row(plan: Plan, network: str, runs: Sequence[Run]) -> str:
     head = f"| {NETWORKS[network].name} | {len(done)} of {plan.runs} "
     if not done:
         return head + f"| {NONE} " * 7 + "|"
-    off = [way * 1000 for way in spiral_ends.off_m(runs, _ideal(plan))]
+    off = [path * 1000 for path in spiral_ends.off_m(runs, _ideal(plan))]
     travelled = [run.travelled_m for run in done]
     return head + (
         f"| {_sigmas(spiral_ends.ends(runs))} | {quantile(off, 0.5):.1f} | {max(off):.1f} "
@@ -179,7 +179,7 @@ def _sigma_comparisons(network: str, ours: Spread) -> list[Comparison]:
 
 def _failed(runs: Sequence[Run]) -> list[str]:
     """Of drives that failed as a whole the page tells itself."""
-    return [told for network in NETWORKS if (told := spiral_ends.failed(network, runs))]
+    return [reported for network in NETWORKS if (reported := spiral_ends.failed(network, runs))]
 
 
 def _explained(plan: Plan, runs: Sequence[Run]) -> list[str]:

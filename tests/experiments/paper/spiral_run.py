@@ -68,13 +68,13 @@ class Driver:
         except (OSError, aiohttp.ClientError, RefusedByServerError) as error:
             self.problem = f"the operator could not connect: {type(error).__name__}: {error}"
 
-    async def drive(self, wanted: Sequence[Velocity], begin_s: float) -> None:
+    async def drive(self, wanted: Sequence[Velocity], start_s: float) -> None:
         """Send one command an interval from `begin_s` (time.monotonic()) on, then the standstill."""
         if self.problem:
             return
         try:
             for number, velocity in enumerate([*wanted, STANDING]):
-                await asyncio.sleep(begin_s + number * INTERVAL_S - time.monotonic())
+                await asyncio.sleep(start_s + number * INTERVAL_S - time.monotonic())
                 text = twist(velocity)
                 self.sent_ns.append(time.monotonic_ns())
                 await self._operator.send(text)
@@ -125,8 +125,8 @@ def drive(world: World, plan: Plan, what: Drive) -> Values:
                     Pair(network, number % plan.pairs + 1, robot, operators[network])
                     for number, (network, robot) in enumerate(zip(everywhere, robots, strict=True))
                 ]
-                told = asyncio.run(_drive_all(world, pairs, plan.wanted))
-                return {"repetition": what.repetition, "pairs": told}
+                reported = asyncio.run(_drive_all(world, pairs, plan.wanted))
+                return {"repetition": what.repetition, "pairs": reported}
     finally:
         world.remove(enrolled)
 
@@ -146,11 +146,11 @@ async def _drive_all(
     async with AsyncExitStack() as opened:
         watcher = await opened.enter_async_context(_watching([pair.robot for pair in pairs]))
         await asyncio.gather(*(driver.connect(opened) for driver in drivers))
-        begin_s = time.monotonic() + LEAD_S
+        start_s = time.monotonic() + LEAD_S
         # People are not in step: their moments lie evenly within an interval.
         await asyncio.gather(
             *(
-                driver.drive(wanted, begin_s + INTERVAL_S * number / len(drivers))
+                driver.drive(wanted, start_s + INTERVAL_S * number / len(drivers))
                 for number, driver in enumerate(drivers)
             )
         )
@@ -179,7 +179,7 @@ async def _watching(robots: Sequence[WholeRobot]) -> AsyncIterator[Process]:
         targets = [
             {"namespace": robot.uplink.inside.name, "url": robot.ros_url} for robot in robots
         ]
-        await _tell(watcher, json.dumps(targets))
+        await _send(watcher, json.dumps(targets))
         await _answer(watcher, BEGINS_WITHIN_S + ANSWER_S)
         yield watcher
     finally:
@@ -189,14 +189,14 @@ async def _watching(robots: Sequence[WholeRobot]) -> AsyncIterator[Process]:
 
 
 async def _finished(watcher: Process) -> list[Mapping[str, Any]]:
-    await _tell(watcher, "finish")
+    await _send(watcher, "finish")
     records: list[Mapping[str, Any]] = json.loads(
         await _answer(watcher, STANDS_WITHIN_S + ANSWER_S)
     )
     return records
 
 
-async def _tell(watcher: Process, line: str) -> None:
+async def _send(watcher: Process, line: str) -> None:
     assert watcher.stdin is not None
     watcher.stdin.write(f"{line}\n".encode())
     await watcher.stdin.drain()
@@ -230,7 +230,7 @@ def outcome(
         "end": _seen(start, record["end"]),
         "steps": record["steps"],
         "travelled_m": round(record["travelled_m"], 6),
-        "way": [_seen(start, place)[:2] for place in record["way"]] if start else [],
+        "way": [_seen(start, pose)[:2] for pose in record["way"]] if start else [],
     }
 
 
@@ -249,8 +249,8 @@ def failure(problem: str, record: Mapping[str, Any], wanted: Sequence[Velocity])
     return "" if record["stands"] else "the robot does not stand after the last command"
 
 
-def _seen(start: Pose | None, place: Sequence[float] | None) -> list[float] | None:
-    if start is None or place is None:
+def _seen(start: Pose | None, pose: Sequence[float] | None) -> list[float] | None:
+    if start is None or pose is None:
         return None
-    seen = in_frame_of(start, Pose(*place))
+    seen = in_frame_of(start, Pose(*pose))
     return [round(part, 6) for part in (seen.x, seen.y, seen.theta)]

@@ -24,9 +24,9 @@ from sim_robot.kinematics import STEP_S
 CMD_VEL, POSE = "/cmd_vel", "/pose"
 TYPES = {CMD_VEL: "geometry_msgs/Twist", POSE: "turtlesim/Pose"}
 BEGINS_WITHIN_S, STANDS_WITHIN_S = 15.0, 5.0
-LOOK_S = 0.02
+POLL_S = 0.02
 # Of the way every third step is kept, 21 a second.
-KEEP_EVERY = 3
+STEPS_A_POINT = 3
 
 
 class Watch:
@@ -85,17 +85,17 @@ class Watch:
         newest = self._newest
         return bool(self.problem) or (newest is not None and not newest["linear_velocity"])
 
-    def told(self) -> dict[str, Any]:
+    def reported(self) -> dict[str, Any]:
         """What was seen: poses are [x, y, theta] in the simulator's frame, times in time.monotonic_ns()."""
         return {
             "problem": self.problem,
             "arrived": self._arrived,
-            "start": _place(self._before),
-            "end": _place(self._newest),
+            "start": _pose(self._before),
+            "end": _pose(self._newest),
             "stands": self.stands,
             "steps": len(self._moved),
             "travelled_m": sum(each["linear_velocity"] for each in self._moved) * STEP_S,
-            "way": [_place(each) for each in self._moved[::KEEP_EVERY]],
+            "way": [_pose(each) for each in self._moved[::STEPS_A_POINT]],
         }
 
     def _socket(self, address: Any) -> socket.socket:
@@ -104,7 +104,7 @@ class Watch:
             return socket.socket(family, kind, protocol)
 
 
-def _place(pose: Mapping[str, float] | None) -> list[float] | None:
+def _pose(pose: Mapping[str, float] | None) -> list[float] | None:
     # turtlesim's numbers are exact to a micrometre and no further.
     return None if pose is None else [round(pose[part], 6) for part in ("x", "y", "theta")]
 
@@ -120,7 +120,7 @@ async def wait_all(watches: Sequence[Watch], what: str, seconds: float) -> bool:
     while not all(getattr(watch, what) for watch in watches):
         if time.monotonic() > end:
             return False
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(POLL_S)
     return True
 
 
@@ -133,7 +133,7 @@ async def watch_all(targets: Sequence[Mapping[str, str]], lines: asyncio.StreamR
         _answer("watching")
         if await lines.readline():
             await wait_all(watches, "stands", STANDS_WITHIN_S)
-            _answer(json.dumps([watch.told() for watch in watches]))
+            _answer(json.dumps([watch.reported() for watch in watches]))
     finally:
         for task in tasks:
             task.cancel()

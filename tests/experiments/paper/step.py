@@ -148,10 +148,10 @@ def failures(results: Results) -> list[str]:
 def quantile(values: Sequence[float], part: float) -> float:
     """The value that `part` (0 to 1) of them stay below or reach; linear between neighbours."""
     ordered = sorted(values)
-    place = part * (len(ordered) - 1)
-    low = int(place)
+    position = part * (len(ordered) - 1)
+    low = int(position)
     high = min(low + 1, len(ordered) - 1)
-    return ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+    return ordered[low] + (ordered[high] - ordered[low]) * (position - low)
 
 
 def spread(values: Sequence[float]) -> float:

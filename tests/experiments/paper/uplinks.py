@@ -30,9 +30,9 @@ from namespaces import Namespace, ip
 from paper.profiles import Profile
 
 # The addresses that carriers give to phones behind their translation (RFC 6598): 16 for each uplink.
-FIRST, BLOCK, PLACES = IPv4Address("100.64.0.0"), 16, 1 << 18
+FIRST, BLOCK, SLOTS = IPv4Address("100.64.0.0"), 16, 1 << 18
 # Where a process looks first for free places; others may stand there, then it looks on.
-PLACES_A_PROCESS = 8
+SLOTS_A_PROCESS = 8
 LINK_PREFIX, CABLE_PREFIX = 29, 30
 CABLE = "machine"
 # Making one is mostly waiting for the kernel and for the link's process.
@@ -44,12 +44,12 @@ _numbers = count(1)
 class Addresses:
     """What one uplink has of the machine's addresses, by its place."""
 
-    place: int
+    slot: int
 
     @property
     def device(self) -> str:
         """The machine's end of the cable; that no two have this name keeps two uplinks from one place."""
-        return f"rtup{self.place}"
+        return f"rtup{self.slot}"
 
     @property
     def peer(self) -> str:
@@ -77,13 +77,13 @@ class Addresses:
         return self._at(9), self._at(10)
 
     def _at(self, number: int) -> str:
-        return str(FIRST + self.place * BLOCK + number)
+        return str(FIRST + self.slot * BLOCK + number)
 
 
-def places(pid: int) -> Iterator[int]:
+def slots(pid: int) -> Iterator[int]:
     """All places, from the one on that is this process's first."""
-    first = pid * PLACES_A_PROCESS % PLACES
-    return chain(range(first, PLACES), range(first))
+    first = pid * SLOTS_A_PROCESS % SLOTS
+    return chain(range(first, SLOTS), range(first))
 
 
 class Uplink:
@@ -177,8 +177,8 @@ class Uplink:
 
 def allot(made: ExitStack) -> Addresses:
     """Take a free place by making its cable, both ends still here; the kernel gives each name once."""
-    for place in places(os.getpid()):
-        addresses = Addresses(place)
+    for slot in slots(os.getpid()):
+        addresses = Addresses(slot)
         ends = (addresses.device, "type", "veth", "peer", "name", addresses.peer)
         done = subprocess.run(
             ["ip", "link", "add", *ends], capture_output=True, text=True, check=False
@@ -188,7 +188,7 @@ def allot(made: ExitStack) -> Addresses:
             return addresses
         if "File exists" not in done.stderr:
             raise RuntimeError(f"cannot lay a cable for an uplink: {done.stderr.strip()}")
-    raise RuntimeError(f"cannot make an uplink: all {PLACES} places are taken")
+    raise RuntimeError(f"cannot make an uplink: all {SLOTS} places are taken")
 
 
 def unplug(device: str, index: int) -> None:
@@ -226,11 +226,11 @@ def uplinks(profiles: Sequence[Profile], machine: str) -> Iterator[list[Uplink]]
     wanted = [Uplink(profile, machine) for profile in profiles]
     with ExitStack() as made, ThreadPoolExecutor(AT_ONCE) as threads:
         # All that were made are removed, also when one of them cannot be.
-        begun = [threads.submit(one.__enter__) for one in wanted]
-        wait(begun)
-        for one, future in zip(wanted, begun, strict=True):
+        started = [threads.submit(one.__enter__) for one in wanted]
+        wait(started)
+        for one, future in zip(wanted, started, strict=True):
             if future.exception() is None:
                 made.push(one)
-        for future in begun:
+        for future in started:
             future.result()
         yield wanted

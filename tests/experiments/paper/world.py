@@ -40,7 +40,7 @@ from paper.profiles import Profile
 from paper.uplinks import Uplink, uplinks
 
 # The containers' own, whatever they are published as.
-DOOR, SSH = "8443/tcp", "2222/tcp"
+HTTPS, SSH = "8443/tcp", "2222/tcp"
 ANSWERS_WITHIN_S = 30
 # A statement must fit into one argument of a command.
 ROWS_A_STATEMENT = 500
@@ -69,7 +69,7 @@ class World:
     @contextmanager
     def own(cls) -> Iterator[World]:
         """A stack of this run alone, without simulated robots."""
-        with _told_to_end(), _folder() as folder:
+        with _on_terminate(), _folder() as folder:
             stack = Stack(folder / "stack")
             try:
                 stack.up(robots=False)
@@ -81,7 +81,7 @@ class World:
     @contextmanager
     def on_demo(cls) -> Iterator[World]:
         """The stack that runs on this machine already."""
-        with _told_to_end(), _folder() as folder:
+        with _on_terminate(), _folder() as folder:
             world = cls(Demo().container, folder)
             try:
                 yield world
@@ -98,9 +98,9 @@ class World:
         return str(bridge.attrs["IPAM"]["Config"][0]["Gateway"])
 
     @cached_property
-    def door_port(self) -> int:
+    def https_port(self) -> int:
         """The published https port."""
-        return self._published("nginx", DOOR)
+        return self._published("nginx", HTTPS)
 
     @cached_property
     def ssh_port(self) -> int:
@@ -108,15 +108,15 @@ class World:
         return self._published("sshd", SSH)
 
     @property
-    def door(self) -> str:
+    def address(self) -> str:
         """HOST:PORT of the site, the same from here and from every uplink."""
-        return f"{self.machine}:{self.door_port}"
+        return f"{self.machine}:{self.https_port}"
 
     @cached_property
     def tls_fingerprint(self) -> str:
         """The SHA-256 of the site's certificate, which robots pin."""
         certificate = ssl.get_server_certificate(
-            (self.machine, self.door_port), timeout=ANSWERS_WITHIN_S
+            (self.machine, self.https_port), timeout=ANSWERS_WITHIN_S
         )
         return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate)).hexdigest()
 
@@ -137,7 +137,7 @@ class World:
     def api(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
         """One request to /api/v1 + `path` as an admin; the parsed answer, None when it is empty."""
         request = urllib.request.Request(
-            f"https://{self.door}/api/v1{path}",
+            f"https://{self.address}/api/v1{path}",
             method=method,
             data=None if body is None else json.dumps(body).encode(),
             headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
@@ -221,7 +221,7 @@ class World:
             name=name,
             number=number,
             mac=local_mac(os.getpid(), number),
-            server=self.door,
+            server=self.address,
             tls_fingerprint=self.tls_fingerprint,
             folder=self.folder / name,
         )
@@ -234,7 +234,7 @@ class World:
 
 
 @contextmanager
-def _told_to_end() -> Iterator[None]:
+def _on_terminate() -> Iterator[None]:
     """Let a SIGTERM end what runs as a Ctrl-C does, with all robots and rows; threads but the main one cannot."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -22,8 +22,8 @@ def test_a_robot_gets_the_text_that_was_sent_to_it(arrivals):
     values = arrivals.values()
     assert values["message_s"] == [2.0, None]
     assert (values["published"], values["received"], values["wrong"]) == (2, 2, 0)
-    assert arrivals.has_come("one")
-    assert not arrivals.has_come("two")
+    assert arrivals.has_arrived("one")
+    assert not arrivals.has_arrived("two")
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def test_how_busy_the_machine_was():
 
 def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
     """Seconds of processor time a second."""
-    looked = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
-    group = one(looked, run(1.0, 2.0))
+    measured = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
+    group = one(measured, run(1.0, 2.0))
     assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
     assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None

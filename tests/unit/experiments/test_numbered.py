@@ -137,8 +137,8 @@ def test_a_run_is_the_sum_of_its_pairs() -> None:
         "dial_failures": ["4505"],
         "lateness": {"0.10": 1, "9.00": 2},
     }
-    came = [{**account(0, 1, 2, 3).as_json(), **steady}, {**account(0, 2).as_json(), **cut}]
-    run = joined([sender, late], came)
+    arrived = [{**account(0, 1, 2, 3).as_json(), **steady}, {**account(0, 2).as_json(), **cut}]
+    run = joined([sender, late], arrived)
     assert (run["sent"], run["unsent"], run["received"], run["lost"]) == (7, 1, 6, 1)
     assert (run["redials"], run["endings"], run["missing"]) == (3, ["1006", "4408"], {"1": [1, 3]})
     assert (run["failed_dials"], run["dial_failures"]) == (1, ["4505"])

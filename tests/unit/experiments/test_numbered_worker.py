@@ -74,23 +74,28 @@ async def test_each_message_arrives_once(port: int) -> None:
     """In order, and with a latency."""
     async with BusRobot(ADDRESS, port), one_pair(port, 100, 500) as pair:
         sent = await pair.send_all()
-        came = await pair.received(100)
+        arrived = await pair.received(100)
     assert (sent["sent"], sent["unsent"], sent["redials"]) == (100, 0, 0)
-    assert (came["received"], came["duplicated"], came["reordered"], came["missing"]) == (
+    assert (
+        arrived["received"],
+        arrived["duplicated"],
+        arrived["reordered"],
+        arrived["missing"],
+    ) == (
         100,
         0,
         0,
         [],
     )
-    assert Histogram.of(came["latency"]).total == Histogram.of(sent["lateness"]).total == 100
+    assert Histogram.of(arrived["latency"]).total == Histogram.of(sent["lateness"]).total == 100
 
 
 async def test_messages_are_sent_when_they_are_due(port: int) -> None:
     """The last of 50 at 100 Hz is due after 0.49 s, and none is sent before."""
     async with BusRobot(ADDRESS, port), one_pair(port, 50, 100) as pair:
-        begun = time.monotonic()
+        started = time.monotonic()
         sent = await pair.send_all()
-        assert time.monotonic() - begun >= 0.49
+        assert time.monotonic() - started >= 0.49
     assert min(ms for ms, _ in Histogram.of(sent["lateness"]).rows()) >= 0
 
 
@@ -102,8 +107,8 @@ async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
         # The loop of this test is that of the sender.
         time.sleep(0.3)  # noqa: ASYNC251
         await sending
-        came = await pair.received(50)
-    assert (Histogram.of(came["latency"]).quantile_ms(0.7) or 0) > 50
+        arrived = await pair.received(50)
+    assert (Histogram.of(arrived["latency"]).quantile_ms(0.7) or 0) > 50
 
 
 async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -> None:
@@ -117,12 +122,12 @@ async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -
             sent = await sending
             keeping.cancel()
             await asyncio.gather(keeping, return_exceptions=True)
-            came = pair.receiver.result()
+            arrived = pair.receiver.result()
     assert (sent["sent"], sent["unsent"]) == (400, 0)
     assert sent["redials"] >= 1
-    assert came["redials"] >= 1
+    assert arrived["redials"] >= 1
     assert sent["endings"] == ["close code 1001"]
-    assert came["duplicated"] == 0
+    assert arrived["duplicated"] == 0
 
 
 async def test_a_connection_that_fails_before_the_start_is_dialled_again_and_counted(

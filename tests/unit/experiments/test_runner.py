@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 from paper import __main__ as program
-from paper.journal import Journal
 from paper.runner import Runner
 from paper.step import Comparison, Part, Report, Scale, Step
+from paper.store import ResultStore
 
 QUICK = Scale(quick=True)
 
@@ -25,11 +25,11 @@ class FakeWorld:
         return {"name": "admin"}
 
 
-class Bench:
+class Rig:
     """A journal in a folder, worlds that are counted, and steps that say that they ran."""
 
     def __init__(self, folder: Path) -> None:
-        self.journal = Journal(folder, QUICK)
+        self.store = ResultStore(folder, QUICK)
         self.ran: list[str] = []
 
     @contextmanager
@@ -39,7 +39,7 @@ class Bench:
     def runner(self, commit: str = "abc") -> Runner:
         return Runner(
             scale=QUICK,
-            journal=self.journal,
+            store=self.store,
             open_world=self.world,  # type: ignore[arg-type]
             versions=lambda _world: {"nginx": "1.2"},
             commit=commit,
@@ -53,9 +53,9 @@ class Bench:
 
         return Step(name=name, title=f"step {name}", expected_s=1, run=noted)
 
-    def kept(self, of: Part) -> dict[str, Any]:
+    def stored(self, of: Part) -> dict[str, Any]:
         names = [step.name for step in of.steps(QUICK)]
-        return {name: one.outcome for name, one in self.journal.read(of, names).items()}
+        return {name: one.outcome for name, one in self.store.read(of, names).items()}
 
 
 def part(*steps: Step) -> Part:
@@ -75,22 +75,22 @@ def raises(error: BaseException) -> Callable[[Any], Any]:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path)
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
 
 
-def test_failed_step_is_kept_and_the_next_one_runs(bench: Bench) -> None:
+def test_failed_step_is_kept_and_the_next_one_runs(rig: Rig) -> None:
     """One failure is one failure: its reason is kept, and the others are measured."""
-    one = part(bench.step("bad", raises(RuntimeError("no tunnel"))), bench.step("good"))
-    bench.runner().run([one])
-    kept = bench.kept(one)
-    assert kept["bad"].values is None
-    assert kept["bad"].failure == "RuntimeError: no tunnel"
-    assert kept["good"].values == {"value": 1}
-    assert "no tunnel" in bench.journal.log.read_text()
+    one = part(rig.step("bad", raises(RuntimeError("no tunnel"))), rig.step("good"))
+    rig.runner().run([one])
+    stored = rig.stored(one)
+    assert stored["bad"].values is None
+    assert stored["bad"].failure == "RuntimeError: no tunnel"
+    assert stored["good"].values == {"value": 1}
+    assert "no tunnel" in rig.store.log.read_text()
 
 
-def test_interrupted_run_goes_on_and_runs_nothing_twice(bench: Bench) -> None:
+def test_interrupted_run_goes_on_and_runs_nothing_twice(rig: Rig) -> None:
     """Ctrl-C leaves its step out; the next run starts with it, and failed steps stay as they are."""
     interrupt: list[BaseException] = [KeyboardInterrupt()]
 
@@ -99,34 +99,32 @@ def test_interrupted_run_goes_on_and_runs_nothing_twice(bench: Bench) -> None:
             raise interrupt.pop()
         return {"value": 2}
 
-    one = part(
-        bench.step("bad", raises(ValueError("bad"))), bench.step("cut", once), bench.step("last")
-    )
+    one = part(rig.step("bad", raises(ValueError("bad"))), rig.step("cut", once), rig.step("last"))
     with pytest.raises(KeyboardInterrupt):
-        bench.runner("abc").run([one])
-    assert list(bench.kept(one)) == ["bad"]
-    bench.runner("def").run([one])
-    assert bench.ran == ["bad", "cut", "cut", "last"]
-    kept = bench.journal.read(one, ["bad", "cut", "last"])
-    assert [step.commit for step in kept.values()] == ["abc", "def", "def"]
+        rig.runner("abc").run([one])
+    assert list(rig.stored(one)) == ["bad"]
+    rig.runner("def").run([one])
+    assert rig.ran == ["bad", "cut", "cut", "last"]
+    stored = rig.store.read(one, ["bad", "cut", "last"])
+    assert [step.commit for step in stored.values()] == ["abc", "def", "def"]
 
 
 def test_failed_step_or_unmet_figure_fails_the_command(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Continuous integration reads the exit status alone; the page is written all the same."""
-    monkeypatch.setattr(program, "JOURNALS", tmp_path / "journals")
+    monkeypatch.setattr(program, "STORES", tmp_path / "journals")
     monkeypatch.setattr(program, "QUICK_PAGE", tmp_path / "page")
-    monkeypatch.setattr(program, "world_of", lambda _on_demo: bench.world())
+    monkeypatch.setattr(program, "world_of", lambda _on_demo: rig.world())
     monkeypatch.setattr(program, "Runner", partial(Runner, versions=lambda _world: {}))
     lost = Comparison(
         what="success", against="paper", reference=100, ours=99.9, unit="%", better="equal"
     )
     unmet = replace(
-        part(bench.step("one")),
+        part(rig.step("one")),
         report=lambda _scale, _results: Report(sections=(), comparisons=[lost]),
     )
-    parts = (part(bench.step("one")), part(bench.step("bad", raises(OSError("gone")))), unmet)
+    parts = (part(rig.step("one")), part(rig.step("bad", raises(OSError("gone")))), unmet)
     chosen = program.arguments(["--quick"])
     chosen.only = ["test"]
     assert [program.run(chosen, {"test": one}) for one in parts] == [0, 1, 1]

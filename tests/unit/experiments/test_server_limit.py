@@ -53,14 +53,14 @@ def test_both_ends_share_the_line() -> None:
     """Two uploads at once take as long as the line needs for both."""
     with server_line(4, MACHINE) as line, socket.create_server((MACHINE, 0)) as one:
         with socket.create_server((MACHINE, 0)) as other:
-            begun = time.monotonic()
+            started = time.monotonic()
             ends = ((one, line.operators.inside), (other, line.robots.inside))
             threads = [threading.Thread(target=upload, args=pair) for pair in ends]
             for thread in threads:
                 thread.start()
             for thread in threads:
                 thread.join(30)
-            took_s = time.monotonic() - begun
+            took_s = time.monotonic() - started
         counts = line.counts()
     assert 2 * SENT_BYTES < counts.to_server_bytes < 2.4 * SENT_BYTES
     assert counts.from_server_bytes < SENT_BYTES / 5

@@ -52,14 +52,14 @@ def test_the_way_ends_at_the_end() -> None:
     """The drawn way's last point is the closed form's end."""
     changes = spiral_course.punctual(spiral_course.velocities())
     end = spiral_course.end_of(changes)
-    assert list(spiral_course.way_of(changes))[-1] == pytest.approx((end.x, end.y))
+    assert list(spiral_course.path_of(changes))[-1] == pytest.approx((end.x, end.y))
 
 
 def test_the_spiral_fits_into_the_simulators_world() -> None:
     """Started in its middle, the robot keeps a metre from every wall."""
     room = Settings(name="test").world_size_m / 2 - 1
     changes = spiral_course.punctual(spiral_course.velocities())
-    assert all(max(abs(x), abs(y)) < room for x, y in spiral_course.way_of(changes))
+    assert all(max(abs(x), abs(y)) < room for x, y in spiral_course.path_of(changes))
 
 
 def test_fine_steps_would_come_to_the_exact_end() -> None:

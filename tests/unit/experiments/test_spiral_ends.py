@@ -23,7 +23,7 @@ def run(pair: int = 1, **changes: object) -> Run:
         "end": Pose(1.0, 2.0, 0.5),
         "steps": 125,
         "travelled_m": 2.15,
-        "way": [(0.0, 0.0), (1.0, 1.0)],
+        "path": [(0.0, 0.0), (1.0, 1.0)],
     }
     return Run(**{**usual, **changes})  # type: ignore[arg-type]
 
@@ -42,7 +42,7 @@ def test_outcomes_become_runs_and_failed_drives_none() -> None:
     }
     first, second = spiral_ends.runs(results)
     assert (first.network, first.repetition, first.pair) == ("4g", 7, 3)
-    assert (first.end, first.way, first.latencies_ms) == (Pose(1, 2, 3), [(6, 7)], [9])
+    assert (first.end, first.path, first.latencies_ms) == (Pose(1, 2, 3), [(6, 7)], [9])
     assert second.end is None
 
 

@@ -3,12 +3,12 @@
 import io
 
 import pytest
+from frame_stamp import READ_STAMP, NoStampError, read_stamp
 from pages import chromium
 from PIL import Image
 from playwright.sync_api import sync_playwright
 from sim_robot import camera, stamp
 from sim_robot.kinematics import Pose, Velocity
-from stamped_picture import READ_STAMP, NoStampError, read_stamp
 
 MOMENT_NS = 1_795_332_801_234_567_891
 MOMENT_S = 1_795_332_801.2345

@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator
 
 import aiohttp
 import pytest
+from frame_stamp import read_stamp
 from PIL import Image
 from sim_client import WAIT_S, until
 from sim_robot.simulator import Simulator
-from stamped_picture import read_stamp
 from yarl import URL
 
 TOPIC = "/camera/image_raw"

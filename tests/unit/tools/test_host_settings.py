@@ -29,7 +29,7 @@ ELSEWHERE = {
     "tests/experiments/behind_video.py": "a network namespace's own",
     "tests/experiments/picture_age.py": "a network namespace's own",
     "tests/experiments/paper/operators.py": "a network namespace's own",
-    "tests/experiments/paper/peer_way.py": "a network namespace's own",
+    "tests/experiments/paper/peer_transport.py": "a network namespace's own",
     "tests/experiments/paper/server_limit.py": "a network namespace's own",
     "tests/experiments/paper/uplinks.py": "a network namespace's own",
     "tests/images/test_nginx.py": "a container's own, and only read",

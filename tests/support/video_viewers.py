@@ -14,17 +14,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
-from stamped_picture import read_stamp
+from frame_stamp import read_stamp
 
 HEADER = struct.Struct("!BBHId")
 CREDITS = 2
 
 
 @dataclass(frozen=True)
-class Picture:
+class Frame:
     """One picture and the Unix time in s at which it was whole; a stream does not tell what only frames do."""
 
-    came_at: float
+    received_at: float
     jpeg: bytes
     # Grows by one with each picture that the camera gave, seen or not.
     number: int | None = None
@@ -34,34 +34,34 @@ class Picture:
     @property
     def age_ms(self) -> float:
         """How old what it shows was by then; NoStampError when it does not tell."""
-        return (self.came_at - read_stamp(self.jpeg)) * 1000
+        return (self.received_at - read_stamp(self.jpeg)) * 1000
 
 
-Taker = Callable[[Picture], None]
+OnFrame = Callable[[Frame], None]
 
 
-async def look_at_frames(
+async def view_frames(
     http: aiohttp.ClientSession,
     url: str,
-    take: Taker,
-    want: Mapping[str, Any] | None = None,
+    on_frame: OnFrame,
+    stream_request: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> None:
     """Take pictures by credit until the connection ends or the task is cancelled; `how` goes to ws_connect."""
     async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
-        await socket.send_json({"op": "want", **(want or {})})
+        await socket.send_json({"op": "want", **(stream_request or {})})
         await socket.send_json({"op": "credit", "frames": CREDITS})
         async for message in socket:
             if message.type is aiohttp.WSMsgType.BINARY:
-                came_at = time.time()
+                received_at = time.time()
                 _, _, quality, number, _ = HEADER.unpack_from(message.data)
                 credit = {"op": "credit", "frames": 1, "taken": number}
                 await socket.send_str(json.dumps(credit))
-                take(Picture(came_at, message.data[HEADER.size :], number, quality))
+                on_frame(Frame(received_at, message.data[HEADER.size :], number, quality))
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 
-async def look_at_stream(http: aiohttp.ClientSession, url: str, take: Taker, **how: Any) -> None:
+async def view_stream(http: aiohttp.ClientSession, url: str, on_frame: OnFrame, **how: Any) -> None:
     """Take pictures out of a multipart stream until it ends or the task is cancelled; `how` goes to get."""
     timeout = aiohttp.ClientTimeout(total=None)
     async with http.get(url, timeout=timeout, **how) as answer:
@@ -73,6 +73,6 @@ async def look_at_stream(http: aiohttp.ClientSession, url: str, take: Taker, **h
                 length = int(value)
             elif length and not line.strip():
                 jpeg = await answer.content.readexactly(length)
-                take(Picture(time.time(), jpeg))
+                on_frame(Frame(time.time(), jpeg))
                 length = 0
     raise ConnectionError("the stream ended")

@@ -4,7 +4,7 @@
 another scale have a folder of their own. Nothing is ever deleted: what is measured anew is moved to `old` before.
 
     FOLDER/SCALE/PART/STEP.json     outcome, commit and date of one step
-    FOLDER/SCALE/sittings/*.json    one file a process that ran steps: machine, versions, when
+    FOLDER/SCALE/invocations/*.json one file a process that ran steps: machine, versions, when
     FOLDER/SCALE/log                tracebacks of what failed
     FOLDER/SCALE/old/               what was measured before, by date
 """
@@ -23,15 +23,15 @@ from typing import Any
 
 from paper.step import Outcome, Part, Scale
 
-SITTINGS, OLD = "sittings", "old"
+INVOCATIONS, OLD = "invocations", "old"
 
 
-class JournalBusyError(Exception):
+class StoreBusyError(Exception):
     """Another process is measuring the same part."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kept:
+class StoredOutcome:
     """An outcome as it stands in its file."""
 
     outcome: Outcome
@@ -40,7 +40,7 @@ class Kept:
     # RFC 3339, UTC.
     began: str
     # The process that measured it, as `Journal.sittings` calls it.
-    sitting: str
+    invocation: str
 
 
 def now() -> str:
@@ -67,7 +67,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     beside.replace(path)
 
 
-class Journal:
+class ResultStore:
     """The kept outcomes of one scale."""
 
     def __init__(self, folder: Path, scale: Scale) -> None:
@@ -75,38 +75,40 @@ class Journal:
         self.folder.mkdir(parents=True, exist_ok=True)
         started = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
         # What this process's sitting is called.
-        self.sitting = f"{started}-{os.getpid()}"
+        self.invocation = f"{started}-{os.getpid()}"
 
     @property
     def log(self) -> Path:
         """Where tracebacks go."""
         return self.folder / "log"
 
-    def write(self, part: Part, step: str, kept: Kept) -> None:
+    def write(self, part: Part, step: str, stored: StoredOutcome) -> None:
         """Keep an outcome; raises ValueError or TypeError if its values are not JSON."""
-        write_json(self.folder / part.name / f"{step}.json", asdict(kept))
+        write_json(self.folder / part.name / f"{step}.json", asdict(stored))
 
-    def read(self, part: Part, steps: Sequence[str]) -> dict[str, Kept]:
+    def read(self, part: Part, steps: Sequence[str]) -> dict[str, StoredOutcome]:
         """What is kept of these steps, in their order; those that have not run are left out."""
         files = {name: self.folder / part.name / f"{name}.json" for name in steps}
-        return {name: _kept(path) for name, path in files.items() if path.exists()}
+        return {name: _stored(path) for name, path in files.items() if path.exists()}
 
     def set_aside(self, part: Part) -> None:
         """Move what is kept of a part away, so that it is measured anew."""
         source = self.folder / part.name
         if any(source.glob("*.json")):
-            target = self.folder / OLD / self.sitting / part.name
+            target = self.folder / OLD / self.invocation / part.name
             target.parent.mkdir(parents=True, exist_ok=True)
             source.rename(target)
 
-    def write_sitting(self, sitting: Mapping[str, Any]) -> None:
+    def write_invocation(self, invocation: Mapping[str, Any]) -> None:
         """Keep on what, and with which versions, this process measures; again when more is known."""
-        write_json(self.folder / SITTINGS / f"{self.sitting}.json", sitting)
+        write_json(self.folder / INVOCATIONS / f"{self.invocation}.json", invocation)
 
-    def sittings(self, kept: Iterable[Kept]) -> list[Mapping[str, Any]]:
+    def invocations(self, stored: Iterable[StoredOutcome]) -> list[Mapping[str, Any]]:
         """What is known of the processes that measured these, the first first."""
-        names = sorted({one.sitting for one in kept})
-        return [json.loads((self.folder / SITTINGS / f"{name}.json").read_text()) for name in names]
+        names = sorted({one.invocation for one in stored})
+        return [
+            json.loads((self.folder / INVOCATIONS / f"{name}.json").read_text()) for name in names
+        ]
 
     @contextmanager
     def held(self, parts: Sequence[Part]) -> Iterator[None]:
@@ -132,11 +134,11 @@ def _lock(descriptor: int, part: str) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise JournalBusyError(
+        raise StoreBusyError(
             f"cannot measure {part}: another run of the same scale is measuring it; wait or stop it"
         ) from error
 
 
-def _kept(path: Path) -> Kept:
+def _stored(path: Path) -> StoredOutcome:
     content = json.loads(path.read_text())
-    return Kept(outcome=Outcome(**content.pop("outcome")), **content)
+    return StoredOutcome(outcome=Outcome(**content.pop("outcome")), **content)

@@ -11,7 +11,7 @@ from paper.peer_changes import connect_s, recover_s
 from paper.peer_echo import RATE_HZ, round_trips
 from paper.peer_load import per_mb, throughput
 from paper.peer_plan import LINK
-from paper.peer_way import Straight, Way
+from paper.peer_transport import Straight, Transport
 from paper.uplinks import uplinks
 
 needs_root = pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
@@ -20,13 +20,13 @@ NO_MACHINE = "192.0.2.9"
 
 
 @pytest.fixture(scope="module")
-def straight() -> Iterator[Way]:
-    with uplinks([LINK], NO_MACHINE) as [uplink], Straight(uplink) as way:
-        yield way
+def straight() -> Iterator[Transport]:
+    with uplinks([LINK], NO_MACHINE) as [uplink], Straight(uplink) as transport:
+        yield transport
 
 
 @needs_root
-def test_round_trips_are_those_of_the_link(straight: Way) -> None:
+def test_round_trips_are_those_of_the_link(straight: Transport) -> None:
     """Every message that was sent has come back, none sooner than the link lets it."""
     trips = asyncio.run(round_trips(straight, seconds=1.0))
     assert len(trips) == RATE_HZ
@@ -34,7 +34,7 @@ def test_round_trips_are_those_of_the_link(straight: Way) -> None:
 
 
 @needs_root
-def test_a_load_fills_the_link_and_no_more(straight: Way) -> None:
+def test_a_load_fills_the_link_and_no_more(straight: Transport) -> None:
     """Without a tunnel there is no program whose time could be told."""
     got = asyncio.run(throughput(straight, seconds=2.0, settle_s=1.0))
     assert LINK.up_mbit_s is not None
@@ -43,7 +43,7 @@ def test_a_load_fills_the_link_and_no_more(straight: Way) -> None:
 
 
 @needs_root
-def test_a_message_passes_again_after_a_new_address(straight: Way) -> None:
+def test_a_message_passes_again_after_a_new_address(straight: Transport) -> None:
     """On a new connection, as the old one is to an address that is gone."""
     assert asyncio.run(connect_s(straight)) is not None
     before = straight.inside.address

@@ -22,7 +22,7 @@ import aiohttp
 from demo import ROOT
 from namespaces import Namespace
 from openssh_server import listens, wait_until
-from picture_viewers import Taker, look_at_stream
+from video_viewers import OnFrame, view_stream
 
 from paper.peer_plan import DEFAULT_QUALITY, FITTING_QUALITY, STRAIGHT, TITLES
 from paper.peer_program import Program
@@ -39,7 +39,7 @@ STARTS_WITHIN_S = 20.0
 CONGESTION_CONTROL = "cubic"
 
 
-class Way(ABC):
+class Transport(ABC):
     """One way; inside `with` the server's side stands and the robot's ROS runs, `connect` starts the robot's side."""
 
     # In TITLES.
@@ -126,7 +126,7 @@ class Way(ABC):
         return f"ws://127.0.0.1:{ROS_PORT}/"
 
     @abstractmethod
-    async def look(self, http: aiohttp.ClientSession, video: str, take: Taker) -> None:
+    async def view(self, http: aiohttp.ClientSession, video: str, on_frame: OnFrame) -> None:
         """Look at the camera, as one of `videos`, until it ends or the task is cancelled."""
 
     def connector(self) -> aiohttp.TCPConnector:
@@ -142,7 +142,7 @@ class Way(ABC):
         """The processes that carry on the server's side."""
 
 
-class PlainWay(Way):
+class PlainTransport(Transport):
     """A way at whose operator's end both ports of the robot are found at one address."""
 
     @abstractmethod
@@ -153,10 +153,10 @@ class PlainWay(Way):
         # Who has such a way may do everything.
         return f"ws://{self.robot_address()}:{ROS_PORT}/"
 
-    async def look(self, http: aiohttp.ClientSession, video: str, take: Taker) -> None:
+    async def view(self, http: aiohttp.ClientSession, video: str, on_frame: OnFrame) -> None:
         quality = video.removeprefix("quality ")
         base = f"http://{self.robot_address()}:{VIDEO_PORT}"
-        await look_at_stream(http, f"{base}/stream?topic={CAMERA}&quality={quality}", take)
+        await view_stream(http, f"{base}/stream?topic={CAMERA}&quality={quality}", on_frame)
 
     def simulator(self, made: ExitStack) -> None:
         """Start the simulated robot, at all of its addresses, and wait until both ports answer."""
@@ -176,7 +176,7 @@ class PlainWay(Way):
         return Program(namespace, words, self.folder / f"{name}.log")
 
 
-class Straight(PlainWay):
+class Straight(PlainTransport):
     """No tunnel: the operator reaches the robot's own address over the link. The limit of all others."""
 
     key = STRAIGHT
