@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from crew import release_all
+from page_users import release_all
 from pages import open_page, open_robot, take_control
 from playwright.sync_api import Page, expect
 from sim_service import frozen_cameras

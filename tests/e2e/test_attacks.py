@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import pytest
 from attackers import OPEN, UPGRADE, Person, open_ros, raw, refusal_of
-from crew import release_all
 from itsdangerous.timed import TimestampSigner
+from page_users import release_all
 from robotether_server.tickets import Ticket, TicketSigner
 from sim_watch import SimWatch
 from stack import Stack

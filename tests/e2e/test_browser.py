@@ -7,7 +7,7 @@ import re
 import time
 
 import pytest
-from crew import Crew
+from page_users import PageUsers
 from pages import drive_robot, expect_armed, open_robot
 from playwright.sync_api import Browser, Page, expect
 from sim_service import call_sim
@@ -157,10 +157,10 @@ def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
 
 def test_observer_sees_and_cannot_drive(stack: Stack, browser: Browser) -> None:
     """A user with the level observe sees the robot live, without controls."""
-    crew = Crew(stack, browser)
-    crew.let("otto", "observe", "sim1")
+    page_users = PageUsers(stack, browser)
+    page_users.let("otto", "observe", "sim1")
     try:
-        watching = crew.visit("otto")
+        watching = page_users.open_fleet("otto")
         expect(watching.get_by_test_id("robot-card-sim1")).to_be_visible()
         expect(watching.get_by_test_id("robot-card-sim2")).to_have_count(0)
         open_robot(watching, stack, "sim1")
@@ -172,4 +172,4 @@ def test_observer_sees_and_cannot_drive(stack: Stack, browser: Browser) -> None:
             watching.keyboard.up("w")
             assert watch.commands() == []
     finally:
-        crew.close()
+        page_users.close()

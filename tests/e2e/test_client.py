@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from crew import release_all
+from page_users import release_all
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import LAB, ROOT, Stack

@@ -12,8 +12,8 @@ from contextlib import closing
 
 import page_holds
 import pytest
-from crew import Crew
 from gamepad_double import LB, LEFT_Y, GamepadDouble
+from page_users import PageUsers
 from pages import answer, expect_armed, expect_live, expect_mode, take_control
 from playwright.sync_api import Browser, Page, Route, expect
 from sim_watch import SimWatch
@@ -33,10 +33,10 @@ NOTE_TAKING = """() => {
 
 
 @pytest.fixture
-def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
+def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
     """Ann and Ben, who may drive, and Olga, who may watch; nobody drives yet."""
     stack.wait_until_drivable(ROBOT)
-    with closing(Crew(stack, browser)) as people:
+    with closing(PageUsers(stack, browser)) as people:
         for name, level in (("ann", "drive"), ("ben", "drive"), ("olga", "observe")):
             people.let(name, level, ROBOT)
         yield people
@@ -51,17 +51,17 @@ def usual_policy(stack: Stack) -> Iterator[None]:
 
 
 @pytest.fixture
-def ann(crew: Crew) -> Page:
+def ann(page_users: PageUsers) -> Page:
     """Ann's page: she drives."""
-    page = crew.drive("ann", ROBOT)
+    page = page_users.drive("ann", ROBOT)
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
     return page
 
 
 @pytest.fixture
-def ben(crew: Crew, ann: Page) -> Page:
+def ben(page_users: PageUsers, ann: Page) -> Page:
     """Ben's page, which watches."""
-    page = crew.open("ben", ROBOT)
+    page = page_users.open("ben", ROBOT)
     expect_mode(page, "observe")
     return page
 
@@ -89,14 +89,16 @@ def _assert_drives_only_after_a_word(page: Page, stack: Stack) -> None:
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
 
 
-def test_the_second_one_watches_and_reads_who_drives(crew: Crew, ann: Page, ben: Page) -> None:
+def test_the_second_one_watches_and_reads_who_drives(
+    page_users: PageUsers, ann: Page, ben: Page
+) -> None:
     """Who comes second reads who drives since when and may ask; who may only watch reads the same."""
     drives = re.compile(r"ann drives since \d\d:\d\d")
     expect(ben.get_by_test_id("driver")).to_have_text(drives)
     expect(ben.get_by_test_id("control-ask")).to_be_visible()
     expect(ben.get_by_test_id("control-take")).to_be_hidden()
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
-    olga = crew.open("olga", ROBOT)
+    olga = page_users.open("olga", ROBOT)
     expect(olga.get_by_test_id("driver")).to_have_text(drives)
     expect(olga.get_by_test_id("control-ask")).to_be_hidden()
     expect(ann.get_by_test_id("driver")).to_contain_text("You drive since")
@@ -154,9 +156,11 @@ def test_a_driver_who_leaves_leaves_the_control_to_who_asked(ann: Page, ben: Pag
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
 
 
-def test_a_manager_takes_the_control_after_a_second_thought(crew: Crew, ann: Page) -> None:
+def test_a_manager_takes_the_control_after_a_second_thought(
+    page_users: PageUsers, ann: Page
+) -> None:
     """Taking asks once more; no changes nothing, yes ends the driver's lease at once."""
-    admin = crew.open("admin", ROBOT)
+    admin = page_users.open("admin", ROBOT)
     expect_mode(admin, "observe")
     admin.get_by_test_id("control-take").click()
     expect(admin.get_by_test_id("take-sure")).to_contain_text("Take the control from ann?")
@@ -171,10 +175,10 @@ def test_a_manager_takes_the_control_after_a_second_thought(crew: Crew, ann: Pag
     expect(ann.get_by_test_id("control-note")).to_contain_text("You no longer drive")
 
 
-def test_who_opens_a_robot_takes_nothing(crew: Crew, stack: Stack) -> None:
+def test_who_opens_a_robot_takes_nothing(page_users: PageUsers, stack: Stack) -> None:
     """Two who look: nobody drives, and no drive begins; the first to press Drive does."""
     before = _newest_fence(stack)
-    pages = [crew.open(name, ROBOT) for name in ("ann", "ben")]
+    pages = [page_users.open(name, ROBOT) for name in ("ann", "ben")]
     for page in pages:
         expect_mode(page, "observe")
         expect(page.get_by_test_id("driver")).to_have_text("Nobody drives.")
@@ -242,10 +246,10 @@ class Pad:
 
 @pytest.mark.parametrize("means", [Key, Stick, Pad])
 def test_the_first_held_input_takes_the_control_and_drives(
-    crew: Crew, stack: Stack, means: type[Key | Stick | Pad]
+    page_users: PageUsers, stack: Stack, means: type[Key | Stick | Pad]
 ) -> None:
     """In one press, as soon as the control is there, and the page says so."""
-    page = crew.open("ann", ROBOT)
+    page = page_users.open("ann", ROBOT)
     held = means(page)
     _wait_for_picture(page)
     page.evaluate(NOTE_TAKING)
@@ -286,10 +290,10 @@ def _was_held_up(page: Page) -> bool:
 
 
 def test_a_key_that_is_let_go_before_the_control_comes_moves_nothing(
-    crew: Crew, stack: Stack
+    page_users: PageUsers, stack: Stack
 ) -> None:
     """A tap takes the control; the robot stands."""
-    page = crew.open("ann", ROBOT)
+    page = page_users.open("ann", ROBOT)
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
     page.route("**/api/v1/tickets", lambda route: _late(route, 0.4))
     with SimWatch(stack, ROBOT) as watch:
@@ -300,9 +304,11 @@ def test_a_key_that_is_let_go_before_the_control_comes_moves_nothing(
         assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
 
 
-def test_a_key_that_was_held_for_too_long_has_to_be_pressed_anew(crew: Crew, stack: Stack) -> None:
+def test_a_key_that_was_held_for_too_long_has_to_be_pressed_anew(
+    page_users: PageUsers, stack: Stack
+) -> None:
     """Control that comes late moves nothing that was pressed long ago."""
-    page = crew.open("ann", ROBOT)
+    page = page_users.open("ann", ROBOT)
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
     page.route("**/api/v1/tickets", lambda route: _late(route, 1.5))
     with SimWatch(stack, ROBOT) as watch:
@@ -346,11 +352,11 @@ def test_a_key_while_somebody_drives_takes_and_asks_nothing(
 
 
 def test_a_second_window_watches_until_its_person_goes_on_there(
-    crew: Crew, ann: Page, stack: Stack
+    page_users: PageUsers, ann: Page, stack: Stack
 ) -> None:
     """Neither opening it nor a key takes the control from the first; its button does, and says so."""
     second = ann.context.new_page()
-    crew.go(second, ROBOT)
+    page_users.go(second, ROBOT)
     expect_mode(second, "observe")
     expect(second.get_by_test_id("driver")).to_contain_text("You drive in another window")
     second.keyboard.press("w", delay=500)
@@ -367,21 +373,23 @@ def test_a_second_window_watches_until_its_person_goes_on_there(
 
 
 def test_a_reload_while_driving_drives_on_and_a_visit_does_not(
-    crew: Crew, ann: Page, ben: Page
+    page_users: PageUsers, ann: Page, ben: Page
 ) -> None:
     """The page that is loaded anew has the control again, armed; opened from the list it watches."""
     ann.reload()
     expect_mode(ann, "drive")
     expect_armed(ann)
     expect(ben.get_by_test_id("driver")).to_contain_text("ann drives")
-    crew.go(ann, ROBOT)
+    page_users.go(ann, ROBOT)
     expect_mode(ann, "observe")
     expect(ben.get_by_test_id("driver")).to_have_text("Nobody drives.")
     ann.reload()
     expect_mode(ann, "observe")
 
 
-def test_a_drive_enters_the_list_when_the_robot_moved(ann: Page, crew: Crew, stack: Stack) -> None:
+def test_a_drive_enters_the_list_when_the_robot_moved(
+    ann: Page, page_users: PageUsers, stack: Stack
+) -> None:
     """Who took the control and gave it back is not in it; who moved the robot is."""
     ann.get_by_test_id("control-leave").click()
     expect_mode(ann, "observe")

@@ -15,14 +15,14 @@ from typing import Any
 
 import page_holds
 import pytest
-from crew import release_all
-from fingers import Fingers
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble, Way
+from page_users import release_all
 from pages import drive_live, drive_robot, expect_armed, expect_no_sideways_scroll
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
 from stopwatch import Stopwatch
+from touch_screen import TouchScreen
 
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 ROBOT = "sim1"
@@ -315,19 +315,19 @@ def test_two_thumbs_drive_on_a_phone(page: Page, stack: Stack, watch: SimWatch) 
     drive_robot(page, stack, ROBOT)
     _choose_two_sticks(page)
     expect_no_sideways_scroll(page)
-    fingers = Fingers(page)
-    fingers.put("joystick", up=0.9, left=0.5)
+    touch_screen = TouchScreen(page)
+    touch_screen.put("joystick", up=0.9, left=0.5)
     watch.wait_pose("going straight", lambda pose: _moving(pose) and pose["angular_velocity"] == 0)
-    fingers.put("joystick-turn", up=0.5, left=0.9)
+    touch_screen.put("joystick-turn", up=0.5, left=0.9)
     watch.wait_pose(
         "turning as it goes", lambda pose: _moving(pose) and pose["angular_velocity"] > 0.1
     )
-    fingers.lift("joystick")
+    touch_screen.lift("joystick")
     watch.wait_pose(
         "turning on the spot",
         lambda pose: pose["linear_velocity"] == 0 and pose["angular_velocity"] > 0.1,
     )
-    fingers.lift("joystick-turn")
+    touch_screen.lift("joystick-turn")
     _stands(watch)
     drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("joystick-turn")).to_be_visible()

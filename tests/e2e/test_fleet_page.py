@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from crew import release_all
 from events_double import double_events
+from page_users import release_all
 from pages import expect_no_sideways_scroll, log_in, open_page
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack

@@ -11,7 +11,7 @@ from typing import Any
 
 import page_holds
 import pytest
-from crew import Crew, release_all
+from page_users import PageUsers, release_all
 from pages import (
     drive_live,
     expect_armed,
@@ -73,11 +73,11 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture
-def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
+def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
     """Dora, who may drive, and Olga, who may watch; nobody drives yet, and afterwards the robot is not stopped."""
     stack.wait_until_drivable(ROBOT)
     try:
-        with closing(Crew(stack, browser)) as people:
+        with closing(PageUsers(stack, browser)) as people:
             people.let("dora", "drive", ROBOT)
             people.let("olga", "observe", ROBOT)
             yield people
@@ -87,9 +87,9 @@ def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
 
 
 @pytest.fixture
-def dora(crew: Crew) -> Page:
+def dora(page_users: PageUsers) -> Page:
     """Dora's page: she drives."""
-    return crew.drive("dora", ROBOT)
+    return page_users.drive("dora", ROBOT)
 
 
 class Subscriptions:
@@ -219,14 +219,14 @@ def test_the_space_bar_on_a_button_stops_and_presses_nothing(dora: Page) -> None
     expect(dora.get_by_test_id("buttons")).to_contain_text("These work while you drive.")
 
 
-def test_who_watches_presses_no_button(crew: Crew, dora: Page, stack: Stack) -> None:
+def test_who_watches_presses_no_button(page_users: PageUsers, dora: Page, stack: Stack) -> None:
     """A second driver's buttons do nothing until she drives; an observer has none."""
-    crew.let("eva", "drive", ROBOT)
-    eva = crew.open("eva", ROBOT)
+    page_users.let("eva", "drive", ROBOT)
+    eva = page_users.open("eva", ROBOT)
     expect_mode(eva, "observe")
     expect(_button(eva, SET_LIGHTS)).to_have_attribute("aria-disabled", "true")
     _button(eva, SET_LIGHTS).dispatch_event("click")
-    olga = crew.open("olga", ROBOT)
+    olga = page_users.open("olga", ROBOT)
     expect(olga.get_by_test_id("buttons")).to_have_count(0)
     expect(eva.get_by_test_id("button-outcome")).to_have_text("")
     dora.get_by_test_id("control-leave").click()
@@ -255,9 +255,9 @@ def test_what_the_policy_refuses_is_said(dora: Page, stack: Stack) -> None:
         _set(stack, policy__drive=ALLOWED, buttons=BUTTONS)
 
 
-def test_no_topic_is_asked_for_until_it_is_opened(crew: Crew, stack: Stack) -> None:
+def test_no_topic_is_asked_for_until_it_is_opened(page_users: PageUsers, stack: Stack) -> None:
     """Neither by the closed list nor by the open one; a hidden page ends what was opened."""
-    page = crew.visit("dora")
+    page = page_users.open_fleet("dora")
     subscribed = Subscriptions(page)
     open_live(page, stack, ROBOT)
     expect(_open_topics(page, "no such topic")).to_have_count(0)
@@ -339,9 +339,9 @@ def test_a_picture_comes_only_when_it_is_asked_for(dora: Page) -> None:
     assert subscribed.topics == ["/camera/image_raw/compressed"]
 
 
-def test_an_observer_looks_at_topics(crew: Crew) -> None:
+def test_an_observer_looks_at_topics(page_users: PageUsers) -> None:
     """What the policy lets observers subscribe to."""
-    olga = crew.open("olga", ROBOT)
+    olga = page_users.open("olga", ROBOT)
     look = _look(olga, "/odom")
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from crew import Crew
+from page_users import PageUsers
 from pages import drive_live, expect_armed, expect_mode
 from playwright.sync_api import Browser, FloatRect, Page, expect
 from stack import Stack
@@ -46,7 +46,7 @@ def asking(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> It
     """Somebody new, as the server lets nobody ask again and again."""
     stack.wait_until_drivable(ROBOT)
     name = f"ben{request.node.callspec.id}"
-    with closing(Crew(stack, browser)) as people:
+    with closing(PageUsers(stack, browser)) as people:
         people.let(name, "drive", ROBOT)
     yield Asking(stack, name)
     stack.wait_until_free(ROBOT)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from crew import Crew, release_all
+from page_users import PageUsers, release_all
 from pages import expect_armed, expect_mode, expect_no_sideways_scroll, take_control
 from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 from sim_watch import SimWatch
@@ -49,11 +49,11 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture
-def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
+def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
     """Ann, who may drive, and Olga, who may watch; nobody drives yet, and afterwards no robot is stopped."""
     stack.wait_until_drivable(ROBOT)
     try:
-        with closing(Crew(stack, browser)) as people:
+        with closing(PageUsers(stack, browser)) as people:
             people.let("ann", "drive", ROBOT)
             people.let("olga", "observe", ROBOT)
             yield people
@@ -62,9 +62,9 @@ def crew(stack: Stack, browser: Browser) -> Iterator[Crew]:
 
 
 @pytest.fixture
-def ann(crew: Crew) -> Page:
+def ann(page_users: PageUsers) -> Page:
     """Ann's page: she drives."""
-    return crew.drive("ann", ROBOT)
+    return page_users.drive("ann", ROBOT)
 
 
 def _expect_stopped(page: Page, by: str) -> None:
@@ -111,10 +111,10 @@ def _standing(pose: dict[str, float]) -> bool:
 
 
 def test_an_observers_stop_is_seen_by_the_driver_at_once(
-    crew: Crew, ann: Page, stack: Stack
+    page_users: PageUsers, ann: Page, stack: Stack
 ) -> None:
     """The driver's page shows it within 0.3 s, the robot stands, and a held key drives it no more."""
-    olga = crew.open("olga", ROBOT)
+    olga = page_users.open("olga", ROBOT)
     for page in (olga, ann):
         page.evaluate(NOTE_TIMES)
     with SimWatch(stack, ROBOT) as watch:
@@ -155,7 +155,7 @@ def test_the_space_bar_stops_whatever_has_the_focus(ann: Page, focus: str) -> No
     expect(ann.get_by_test_id("control-note")).to_contain_text("The robot was stopped")
 
 
-def test_a_release_has_to_be_held(crew: Crew, ann: Page, stack: Stack) -> None:
+def test_a_release_has_to_be_held(page_users: PageUsers, ann: Page, stack: Stack) -> None:
     """Half a second does nothing; a whole one releases, and the page of who drove drives again."""
     ann.keyboard.press("Space")
     _expect_stopped(ann, "ann")
@@ -175,9 +175,11 @@ def test_a_release_has_to_be_held(crew: Crew, ann: Page, stack: Stack) -> None:
         ann.keyboard.up("w")
 
 
-def test_a_release_by_somebody_else_leaves_the_control_free(crew: Crew, ann: Page) -> None:
+def test_a_release_by_somebody_else_leaves_the_control_free(
+    page_users: PageUsers, ann: Page
+) -> None:
     """Who did not drive releases the robot and watches on; so does who drove, until one of them takes it."""
-    admin = crew.open("admin", ROBOT)
+    admin = page_users.open("admin", ROBOT)
     ann.keyboard.press("Space")
     _expect_stopped(admin, "ann")
     expect(admin.get_by_test_id("release")).to_have_text("Hold to release")
@@ -190,10 +192,10 @@ def test_a_release_by_somebody_else_leaves_the_control_free(crew: Crew, ann: Pag
 
 
 def test_a_release_does_not_end_a_stop_that_its_person_did_not_see(
-    crew: Crew, ann: Page, stack: Stack, token: str
+    page_users: PageUsers, ann: Page, stack: Stack, token: str
 ) -> None:
     """Two people stop: who holds the release of the first stop releases nothing, and reads the second's name."""
-    olga = crew.open("olga", ROBOT)
+    olga = page_users.open("olga", ROBOT)
     ann.keyboard.press("Space")
     _expect_stopped(ann, "ann")
     path, headers = f"/api/v1/robots/{ROBOT}", {"Authorization": f"Bearer {token}"}
@@ -226,11 +228,11 @@ def test_a_release_can_be_held_by_a_key(ann: Page, key: str) -> None:
     expect_mode(ann, "drive")
 
 
-def test_a_stop_outlives_the_page(crew: Crew, ann: Page) -> None:
+def test_a_stop_outlives_the_page(page_users: PageUsers, ann: Page) -> None:
     """Who opens a stopped robot watches it, reads who stopped it, and can release it."""
     ann.keyboard.press("Space")
     _expect_stopped(ann, "ann")
-    crew.go(ann, ROBOT)
+    page_users.go(ann, ROBOT)
     expect_mode(ann, "observe")
     _expect_stopped(ann, "ann")
     expect(ann.get_by_test_id("release")).to_be_visible()
@@ -238,7 +240,7 @@ def test_a_stop_outlives_the_page(crew: Crew, ann: Page) -> None:
 
 
 def test_a_stop_goes_through_the_connection_when_the_api_is_out_of_reach(
-    crew: Crew, ann: Page
+    page_users: PageUsers, ann: Page
 ) -> None:
     """Without an answer to the request the robot is stopped all the same."""
     ann.route("**/api/v1/robots/*/stop", lambda route: route.abort())
@@ -246,9 +248,11 @@ def test_a_stop_goes_through_the_connection_when_the_api_is_out_of_reach(
     _expect_stopped(ann, "ann")
 
 
-def test_a_stop_goes_through_the_api_when_the_connection_carries_nothing(crew: Crew) -> None:
+def test_a_stop_goes_through_the_api_when_the_connection_carries_nothing(
+    page_users: PageUsers,
+) -> None:
     """A page whose connection is stuck stops the robot all the same."""
-    page = crew.visit("ann")
+    page = page_users.open_fleet("ann")
 
     def without_stops(socket: WebSocketRoute) -> None:
         server = socket.connect_to_server()
@@ -257,13 +261,15 @@ def test_a_stop_goes_through_the_api_when_the_connection_carries_nothing(crew: C
         )
 
     page.route_web_socket("**/ros?*", without_stops)
-    crew.go(page, ROBOT)
+    page_users.go(page, ROBOT)
     take_control(page)
     page.get_by_test_id("stop").click()
     _expect_stopped(page, "ann")
 
 
-def test_a_stop_that_nobody_heard_is_said_to_be_none_and_tried_again(crew: Crew, ann: Page) -> None:
+def test_a_stop_that_nobody_heard_is_said_to_be_none_and_tried_again(
+    page_users: PageUsers, ann: Page
+) -> None:
     """Without a network the page says that nothing is stopped, and stops as soon as there is one."""
     ann.context.set_offline(True)
     # Until the page knows, its connection may still carry a word.
@@ -275,9 +281,9 @@ def test_a_stop_that_nobody_heard_is_said_to_be_none_and_tried_again(crew: Crew,
     expect(ann.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "stopped", timeout=10_000)
 
 
-def test_a_card_stops_its_robot(crew: Crew) -> None:
+def test_a_card_stops_its_robot(page_users: PageUsers) -> None:
     """Everybody has the button on the fleet page, and reads there who stopped the robot."""
-    olga = crew.visit("olga")
+    olga = page_users.open_fleet("olga")
     card = olga.get_by_test_id(f"robot-card-{ROBOT}")
     card.get_by_test_id("card-stop").click()
     expect(card).to_have_attribute("data-stop", "stopped", timeout=5_000)
@@ -286,9 +292,9 @@ def test_a_card_stops_its_robot(crew: Crew) -> None:
     expect(olga.get_by_test_id("stop-all")).to_be_hidden()
 
 
-def test_a_manager_stops_all_and_reads_what_became_of_each(crew: Crew) -> None:
+def test_a_manager_stops_all_and_reads_what_became_of_each(page_users: PageUsers) -> None:
     """The list names every robot; the cards follow."""
-    admin = crew.visit("admin")
+    admin = page_users.open_fleet("admin")
     for name in ("sim1", "sim2", "sim3"):
         card = admin.get_by_test_id(f"robot-card-{name}")
         expect(card).to_have_attribute("data-online", "true", timeout=30_000)
@@ -300,12 +306,12 @@ def test_a_manager_stops_all_and_reads_what_became_of_each(crew: Crew) -> None:
         expect(card).to_have_attribute("data-stop", "stopped")
 
 
-def test_a_manager_stops_a_site_alone(crew: Crew, stack: Stack) -> None:
+def test_a_manager_stops_a_site_alone(page_users: PageUsers, stack: Stack) -> None:
     """Robots elsewhere go on."""
     stack.robotether("site", "add", "lab")
     try:
         stack.robotether("site", "place", "sim2", "lab")
-        admin = crew.visit("admin")
+        admin = page_users.open_fleet("admin")
         card = admin.get_by_test_id("robot-card-sim2")
         expect(card).to_have_attribute("data-online", "true", timeout=30_000)
         admin.get_by_test_id("stop-site-lab").click(timeout=15_000)
@@ -316,7 +322,9 @@ def test_a_manager_stops_a_site_alone(crew: Crew, stack: Stack) -> None:
 
 
 @pytest.mark.parametrize("size", [(360, 640), (390, 844), (740, 360), (1280, 800)], ids=str)
-def test_stop_is_on_the_screen_at_every_size(crew: Crew, ann: Page, size: tuple[int, int]) -> None:
+def test_stop_is_on_the_screen_at_every_size(
+    page_users: PageUsers, ann: Page, size: tuple[int, int]
+) -> None:
     """Wherever the page is scrolled to, and without scrolling sideways."""
     width, height = size
     ann.set_viewport_size({"width": width, "height": height})

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import processes
 import pytest
-from crew import Crew, release_all
+from page_users import PageUsers, release_all
 from pages import drive_robot, expect_armed, expect_live
 from playwright.sync_api import Browser, Page, expect
 from sim_service import frozen_cameras
@@ -150,18 +150,18 @@ def test_who_is_logged_out_reads_that_and_nothing_else(page: Page, stack: Stack)
 
 def test_whoever_watches_is_held_by_nothing(stack: Stack, browser: Browser) -> None:
     """An observer's banner stays, whatever the camera does, and the driver's page counts who watches."""
-    crew = Crew(stack, browser)
-    crew.let("olga", "observe", ROBOT)
+    page_users = PageUsers(stack, browser)
+    page_users.let("olga", "observe", ROBOT)
     try:
-        driver = crew.drive("admin", ROBOT)
-        watching = crew.open("olga", ROBOT)
+        driver = page_users.drive("admin", ROBOT)
+        watching = page_users.open("olga", ROBOT)
         expect(driver.get_by_test_id("watchers")).to_have_text("1 watching.", timeout=10_000)
         expect(watching.get_by_test_id("driver")).to_contain_text("admin drives since")
         with frozen_cameras(stack, ROBOT):
             _expect_shown(driver, "held", "Paused", seconds=5)
             _expect_shown(watching, "live", "You are watching.")
     finally:
-        crew.close()
+        page_users.close()
 
 
 def test_the_readings_tell_ages_and_where_the_round_trip_goes(page: Page, stack: Stack) -> None:

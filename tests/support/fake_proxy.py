@@ -16,7 +16,7 @@ from base64 import b64encode
 from contextlib import suppress
 from typing import Literal, Self
 
-from door_server import DoorServer
+from tcp_service import TcpService
 
 Mode = Literal["joins", "refuses", "needs_password", "silent", "only_443", "closes", "babbles"]
 
@@ -24,7 +24,7 @@ USER, PASSWORD = "robot", "s3cret/@:"
 SECRET = b64encode(f"{USER}:{PASSWORD}".encode()).decode()
 
 
-class FakeProxy(DoorServer):
+class FakeProxy(TcpService):
     """One proxy; `asked` are the authorities that it was asked for."""
 
     def __init__(self, mode: Mode = "joins", *, behind_443: int = 0) -> None:

@@ -16,8 +16,8 @@ PACKAGES = {
     "agent": ROOT / "agent" / "robotether_agent",
     "sim_robot": ROOT / "images" / "sim_robot" / "sim_robot",
 }
-# The agent's test files are named after what a user relies on, in folders as the package has them. The simulated robot is
-# a double, tested by its use.
+# The agent's test files are named after what a user relies on, in folders as the package has them.
+# The simulated robot is a double, tested by its use.
 BY_MODULE = ("server",)
 # A layer may import from itself and from those before it. Names that no layer claims are `base`.
 LAYERS = ("base", "db", "services", "api", "web", "relay", "cli")

@@ -15,7 +15,7 @@ from sim_robot import camera
 
 log = logging.getLogger(__name__)
 
-FORMATS_KEPT = 8
+MAX_FORMATS = 8
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Frame:
 class FrameFeed:
     """The camera's frames. `look` gives the scene as it is now."""
 
-    def __init__(self, look: Callable[[], camera.Scene], fps: float) -> None:
-        self._look = look
+    def __init__(self, scene_of: Callable[[], camera.Scene], fps: float) -> None:
+        self._scene = scene_of
         self._fps = fps
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
         self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[Frame]]] = OrderedDict()
@@ -88,18 +88,18 @@ class FrameFeed:
         task = asyncio.create_task(self._draw(wanted, number))
         self._newest[wanted] = (number, task)
         self._newest.move_to_end(wanted)
-        if len(self._newest) > FORMATS_KEPT:
+        if len(self._newest) > MAX_FORMATS:
             self._newest.popitem(last=False)
         return task
 
     async def _draw(self, wanted: FrameFormat, number: int) -> Frame:
-        scene = self._look()
+        scene = self._scene()
         loop = asyncio.get_running_loop()
-        data = await loop.run_in_executor(self._thread, _picture, scene, wanted)
+        data = await loop.run_in_executor(self._thread, _frame, scene, wanted)
         self.drawn += 1
         return Frame(number, scene.stamp_ns, data)
 
 
-def _picture(scene: camera.Scene, wanted: FrameFormat) -> bytes:
+def _frame(scene: camera.Scene, wanted: FrameFormat) -> bytes:
     image = camera.draw(scene, (wanted.width, wanted.height))
     return camera.jpeg(image, wanted.quality)

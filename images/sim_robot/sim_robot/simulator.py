@@ -37,7 +37,7 @@ class Simulator:
         self.graph = make_graph(settings.ros_version)
         self.robot = Robot(self.graph, settings.world_size_m, kind=settings.kind)
         self.feeds = {
-            topic: FrameFeed(partial(self._look, camera), settings.camera_fps)
+            topic: FrameFeed(partial(self._scene, camera), settings.camera_fps)
             for topic, camera in CAMERAS.items()
         }
         self.devices = Devices(self.graph, self.robot, tuple(self.feeds.values()))
@@ -105,7 +105,7 @@ class Simulator:
             if self.robot.steps % steps == 0:
                 action()
 
-    def _look(self, camera: str) -> Scene:
+    def _scene(self, camera: str) -> Scene:
         return Scene(
             name=self._settings.name,
             world_size_m=self._settings.world_size_m,

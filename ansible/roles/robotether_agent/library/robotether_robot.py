@@ -65,12 +65,12 @@ def main() -> None:
             "public_key": {"type": "str"},
             "hostname": {"type": "str"},
             "agent_version": {"type": "str"},
-            "state": {"type": "str", "choices": list(DEEDS), "default": "present"},
+            "state": {"type": "str", "choices": list(ACTIONS), "default": "present"},
         },
         required_if=[("state", "present", ("mac", "public_key"))],
         supports_check_mode=True,
     )
-    act = DEEDS[module.params["state"]]
+    act = ACTIONS[module.params["state"]]
     try:
         result = act(Server.of(module.params), module.params, check_mode=module.check_mode)
     except ServerError as problem:
@@ -143,15 +143,15 @@ def _path(name: str) -> str:
     return f"/api/v1/robots/{quote(name, safe='')}"
 
 
-def _refusal(deed: str, status: int, answer: dict[str, Any]) -> ServerError:
+def _refusal(action: str, status: int, answer: dict[str, Any]) -> ServerError:
     code = str(answer.get("code", "answer_invalid"))
     detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
-    sentence = detail if detail.startswith("cannot ") else f"cannot {deed}: {detail}"
+    sentence = detail if detail.startswith("cannot ") else f"cannot {action}: {detail}"
     advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
     return ServerError(f"{sentence}; {advice} [{code}]", code)
 
 
-DEEDS = {"present": _present, "absent": _absent, "known": _known}
+ACTIONS = {"present": _present, "absent": _absent, "known": _known}
 
 if __name__ == "__main__":
     main()

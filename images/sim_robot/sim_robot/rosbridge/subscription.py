@@ -1,6 +1,6 @@
 """One client's subscription to one topic, which may come from several calls of `subscribe`.
 
-As in the real rosbridge, each call may have an id and its own wishes; what goes out satisfies all of them.
+As in the real rosbridge, each call may have an id and its own requests; what goes out satisfies all of them.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from sim_robot.rosbridge.delivery import Delivery
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class SubscribeRequest:
     """What one call of `subscribe` asked for."""
 
     throttle_ms: int
@@ -19,34 +19,34 @@ class Wish:
 
 
 class Subscription:
-    """All wishes for one topic and the delivery that they share."""
+    """All requests for one topic and the delivery that they share."""
 
     def __init__(self, delivery: Delivery) -> None:
         self._delivery = delivery
-        self._wishes: dict[str | int | None, Wish] = {}
+        self._requests: dict[str | int | None, SubscribeRequest] = {}
         self.offer = delivery.offer
 
     def __len__(self) -> int:
-        """Count the wishes."""
-        return len(self._wishes)
+        """Count the requests."""
+        return len(self._requests)
 
     @property
     def compression(self) -> str:
-        """How messages are encoded: CBOR as soon as one wish wants it."""
-        wanted = {wish.compression for wish in self._wishes.values()}
+        """How messages are encoded: CBOR as soon as one request asks for it."""
+        wanted = {request.compression for request in self._requests.values()}
         return encoding.CBOR if encoding.CBOR in wanted else encoding.NONE
 
-    def add(self, identity: str | int | None, wish: Wish) -> None:
-        """Add a wish, or replace the one with this id."""
-        self._wishes[identity] = wish
+    def add(self, identity: str | int | None, request: SubscribeRequest) -> None:
+        """Add a request, or replace the one with this id."""
+        self._requests[identity] = request
         self._apply()
 
     def remove(self, identity: str | int | None) -> None:
-        """Remove the wish with this id; without an id, all."""
+        """Remove the request with this id; without an id, all."""
         if identity is None:
-            self._wishes.clear()
+            self._requests.clear()
         else:
-            self._wishes.pop(identity, None)
+            self._requests.pop(identity, None)
         self._apply()
 
     def close(self) -> None:
@@ -54,7 +54,7 @@ class Subscription:
         self._delivery.close()
 
     def _apply(self) -> None:
-        if self._wishes:
-            throttle_ms = min(wish.throttle_ms for wish in self._wishes.values())
-            queue_length = min(wish.queue_length for wish in self._wishes.values())
+        if self._requests:
+            throttle_ms = min(request.throttle_ms for request in self._requests.values())
+            queue_length = min(request.queue_length for request in self._requests.values())
             self._delivery.configure(throttle_ms, queue_length)

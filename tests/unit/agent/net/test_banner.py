@@ -7,7 +7,7 @@ from robotether_agent.net import server_dialer
 from robotether_agent.net.server_dialer import Banner
 from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
-from ssh_doors import BANNER, Door
+from ssh_ports import BANNER, SshPort
 
 
 @pytest.fixture(autouse=True)
@@ -17,14 +17,14 @@ def in_haste(monkeypatch):
     monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
 
 
-async def check(door: Door, checker: Banner) -> bool:
+async def check(door: SshPort, checker: Banner) -> bool:
     with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
         return await checker.check(connection, door.port, "the door")
 
 
 async def test_one_that_speaks_leaves_the_connection_unused():
     """Not a word is said to it, and its own is still there."""
-    async with Door() as door, Door() as other:
+    async with SshPort() as door, SshPort() as other:
         with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
             assert await Banner().check(connection, door.port, "the door")
             assert connection.recv(100) == BANNER
@@ -34,7 +34,7 @@ async def test_one_that_speaks_leaves_the_connection_unused():
 
 async def test_a_shy_one_is_spoken_to_and_remembered():
     """The connection is spent; the next time nobody waits for it to begin."""
-    async with Door("shy") as door:
+    async with SshPort("shy") as door:
         checker = Banner()
         assert not await check(door, checker)
         assert door.heard.startswith(b"SSH-2.0-")
@@ -45,13 +45,13 @@ async def test_a_shy_one_is_spoken_to_and_remembered():
 async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
     """Nginx is there, and waits for the client's first words."""
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 60.0)
-    async with Door("shy") as door:
+    async with SshPort("shy") as door:
         assert not await check(door, Banner(https_port=door.port))
 
 
 async def test_a_silent_one():
     """What accepts and says nothing is as good as no answer."""
-    async with Door("silent") as door:
+    async with SshPort("silent") as door:
         with pytest.raises(NoAnswer, match="the door: it accepts the connection and says nothing"):
             await check(door, Banner())
 
@@ -60,13 +60,13 @@ async def test_a_silent_one():
     ("mode", "told"), [("babbles", "no SSH server .*302 Log in"), ("closes", "closes the conn")]
 )
 async def test_one_that_is_no_ssh_server(mode, told):
-    async with Door(mode) as door:
+    async with SshPort(mode) as door:
         with pytest.raises(ServerUnreachable, match=told):
             await check(door, Banner())
 
 
 @pytest.mark.parametrize("mode", ["full", "full_before_10"])
 async def test_a_server_that_lets_no_more_log_ins_begin(mode):
-    async with Door(mode) as door:
+    async with SshPort(mode) as door:
         with pytest.raises(ServerBusy, match="as many log-ins are under way"):
             await check(door, Banner())

@@ -9,7 +9,7 @@ from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
 from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
 from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswer, ServerUnreachable
-from ssh_doors import BANNER, Door
+from ssh_ports import BANNER, SshPort
 
 WITH_LOGIN = "http://robot:s3cret%2F%40%3A@127.0.0.1:{port}"
 
@@ -86,7 +86,7 @@ async def through(
 
 async def test_what_the_server_says_with_the_answer_is_left_there():
     """Not a byte of the server's is taken, also when it came in the same packet."""
-    async with Door() as door, FakeProxy() as proxy:
+    async with SshPort() as door, FakeProxy() as proxy:
         with await through(proxy, door.port) as connection:
             assert connection.recv(100) == BANNER
         assert proxy.asked == [f"127.0.0.1:{door.port}"]
@@ -104,7 +104,7 @@ async def test_a_proxy_that_does_not_join(mode, told):
 
 
 async def test_a_proxy_that_wants_a_password():
-    async with Door() as door, FakeProxy("needs_password") as proxy:
+    async with SshPort() as door, FakeProxy("needs_password") as proxy:
         with pytest.raises(ServerUnreachable, match="USER:PASSWORD"):
             await through(proxy, door.port)
         (await through(proxy, door.port, WITH_LOGIN)).close()

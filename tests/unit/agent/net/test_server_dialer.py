@@ -15,7 +15,7 @@ from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, Target
 from robotether_agent.net.tcp import Resolver
 from robotether_agent.problems import NoAnswer, ServerUnreachable
-from ssh_doors import BANNER, Door
+from ssh_ports import BANNER, SshPort
 
 WAIT_S = 20.0
 
@@ -69,23 +69,23 @@ class QuietNetwork:
 
 async def test_what_was_found_is_what_is_opened():
     """One connection is made, and its first word is still there for ssh."""
-    async with Door() as door:
+    async with SshPort() as door:
         dialer = ServerDialer()
         target = await dialer.find([at(door.port)])
         assert await words(await dialer.open(target)) == BANNER
-        assert door.visitors == 1
+        assert door.connections == 1
 
 
 async def test_the_first_port_is_taken_when_it_answers():
-    async with Door() as first, Door() as second:
+    async with SshPort() as first, SshPort() as second:
         assert await ServerDialer().find([at(first.port), at(second.port)]) == at(first.port)
-        assert second.visitors == 0
+        assert second.connections == 0
 
 
 async def test_a_port_that_drops_everything_costs_little(silent_port):
     """The next port is tried after half a second, and not after a time-out."""
     loop = asyncio.get_running_loop()
-    async with Door("shy") as door:
+    async with SshPort("shy") as door:
         started = loop.time()
         dialer = ServerDialer()
         dialer._banner._silent_ports.add(door.port)
@@ -95,7 +95,7 @@ async def test_a_port_that_drops_everything_costs_little(silent_port):
 
 async def test_a_shy_port_gets_a_fresh_connection():
     """The one on which the agent spoke is not given to ssh."""
-    async with Door("shy") as door:
+    async with SshPort("shy") as door:
         dialer = ServerDialer()
         dialer._banner._silent_ports.add(door.port)
         target = await dialer.find([at(door.port)])
@@ -126,7 +126,7 @@ async def test_it_is_found_soon_after_it_answers():
         return [(socket.AF_INET, ("127.0.0.1", port))]
 
     loop = asyncio.get_running_loop()
-    async with Door() as door:
+    async with SshPort() as door:
         finding = asyncio.ensure_future(
             ServerDialer(rng=Random(1), resolver=Resolver(lookup)).find([at(door.port, "h")])
         )
@@ -140,23 +140,23 @@ async def test_it_is_found_soon_after_it_answers():
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
     """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
     monkeypatch.setattr(server_dialer, "BUSY_FIND_TIMEOUT_S", 8.0)
-    async with Door("silent") as busy, Door("silent") as other:
+    async with SshPort("silent") as busy, SshPort("silent") as other:
         finding = asyncio.ensure_future(
             ServerDialer(rng=Random(1)).find([at(busy.port), at(other.port)])
         )
         await asyncio.wait({finding}, timeout=1.5)
-        assert (busy.visitors, other.visitors) == (1, 0)
+        assert (busy.connections, other.connections) == (1, 0)
         with pytest.raises(NoAnswer):
             await finding
         # One more each, to a server that may have lost the first.
-        assert busy.visitors + other.visitors <= 3
+        assert busy.connections + other.connections <= 3
 
 
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
     """The connection that it has taken is used as soon as it speaks, however late that is."""
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.0)
     monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
-    async with Door("late") as door, asyncio.timeout(WAIT_S):
+    async with SshPort("late") as door, asyncio.timeout(WAIT_S):
         dialer = ServerDialer()
         with dialer._counted_silent():
             finding = asyncio.ensure_future(dialer.find([at(door.port)]))
@@ -164,7 +164,7 @@ async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
             await until(lambda: dialer._silent_connections > 1)
         door.may_speak.set()
         assert await words(await dialer.open(await finding)) == BANNER
-        assert door.visitors == 1
+        assert door.connections == 1
 
 
 async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
@@ -172,25 +172,25 @@ async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypa
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.2)
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
     monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
-    async with Door("silent") as door:
+    async with SshPort("silent") as door:
         with pytest.raises(NoAnswer):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
 
 
 async def test_a_connection_in_hand_is_used_for_the_next_dial():
     """What reach has tried, the next dial need not try again."""
-    async with Door() as door:
+    async with SshPort() as door:
         dialer = ServerDialer()
         await dialer.find([at(door.port)])
         await dialer.find([at(free_port()), at(door.port)])
         (await dialer.open(at(door.port))).close()
-        assert door.visitors == 1
+        assert door.connections == 1
 
 
 async def test_a_connection_in_hand_that_ended_is_not_used():
     """A server that has gone meanwhile is asked anew."""
     dialer = ServerDialer()
-    async with Door() as door:
+    async with SshPort() as door:
         target = await dialer.find([at(door.port)])
     with pytest.raises(ServerUnreachable):
         await dialer.open(target)
@@ -199,7 +199,7 @@ async def test_a_connection_in_hand_that_ended_is_not_used():
 async def test_nothing_is_kept_for_long(monkeypatch):
     """A connection that nobody wants is let go."""
     monkeypatch.setattr(server_dialer, "SPARE_S", 0.05)
-    async with Door() as door:
+    async with SshPort() as door:
         dialer = ServerDialer()
         await dialer.find([at(door.port)])
         deadline = asyncio.get_running_loop().time() + 5
@@ -210,7 +210,7 @@ async def test_nothing_is_kept_for_long(monkeypatch):
 
 async def test_the_end_of_the_dialer_leaves_no_connection():
     """Also an agent that stops between a find and an open."""
-    async with Door() as door:
+    async with SshPort() as door:
         dialer = ServerDialer()
         await dialer.find([at(door.port)])
         [spare] = dialer._spares
@@ -221,7 +221,7 @@ async def test_the_end_of_the_dialer_leaves_no_connection():
 
 async def test_through_a_proxy():
     """The proxy is asked for the server's name, and the server's first word is still there."""
-    async with Door() as door, FakeProxy() as proxy:
+    async with SshPort() as door, FakeProxy() as proxy:
         dialer = ServerDialer(proxy_of(proxy.url))
         assert dialer.is_proxied
         target = await dialer.find([at(door.port, "localhost")])
@@ -231,7 +231,7 @@ async def test_through_a_proxy():
 
 async def test_a_proxy_that_lets_only_443_out():
     """A refusal for the first port leads to the next one at once."""
-    async with Door("shy") as door, FakeProxy("only_443", behind_443=door.port) as proxy:
+    async with SshPort("shy") as door, FakeProxy("only_443", behind_443=door.port) as proxy:
         dialer = ServerDialer(proxy_of(proxy.url))
         assert await dialer.find([at(2222), at(443)]) == at(443)
         assert proxy.asked == ["127.0.0.1:2222", "127.0.0.1:443"]

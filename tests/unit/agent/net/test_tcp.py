@@ -23,7 +23,7 @@ from robotether_agent.net.tcp import (
     resolve,
 )
 from robotether_agent.problems import NoAnswer, ServerUnreachable
-from ssh_doors import BANNER, Door
+from ssh_ports import BANNER, SshPort
 
 FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
 SIX = [(socket.AF_INET6, (f"2001:db8::{number}", 22, 0, 0)) for number in (1, 2, 3)]
@@ -186,7 +186,7 @@ def pair():
 
 
 async def test_an_address_that_refuses_is_passed_over():
-    async with Door() as door:
+    async with SshPort() as door:
         with await connect("h", door.port, at("127.0.0.2", "127.0.0.1"), "it") as connection:
             assert connection.getpeername() == ("127.0.0.1", door.port)
             assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

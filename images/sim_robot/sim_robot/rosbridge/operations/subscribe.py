@@ -12,7 +12,7 @@ from sim_robot.problems import FieldInvalid
 from sim_robot.rosbridge import encoding, fields
 from sim_robot.rosbridge.client import Client
 from sim_robot.rosbridge.delivery import Delivery
-from sim_robot.rosbridge.subscription import Subscription, Wish
+from sim_robot.rosbridge.subscription import SubscribeRequest, Subscription
 
 
 def subscribe(client: Client, operation: dict[str, Any]) -> None:
@@ -20,14 +20,14 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     as_written = fields.text(operation, "topic")
     topic = full_name(as_written)
     type_name = fields.optional_text(operation, "type")
-    wish = _wish(operation)
+    request = _request(operation)
     fields.count(operation, "fragment_size")
     client.check_limit()
     known = client.subscriptions.get(topic)
     subscription = known or Subscription(Delivery(partial(_deliver, client, topic, as_written)))
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
-    subscription.add(fields.identity(operation), wish)
+    subscription.add(fields.identity(operation), request)
     latched = client.graph.bus.latched(topic)
     if known is None and latched is not None:
         subscription.offer(latched)
@@ -48,14 +48,14 @@ def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
         client.graph.bus.unsubscribe(topic, client.node)
 
 
-def _wish(operation: dict[str, Any]) -> Wish:
+def _request(operation: dict[str, Any]) -> SubscribeRequest:
     compression = fields.optional_text(operation, "compression") or encoding.NONE
     if compression not in encoding.COMPRESSIONS:
         raise FieldInvalid(
             f"cannot send with compression {compression!r:.40}:"
             f" the simulated robot has {' and '.join(encoding.COMPRESSIONS)}"
         )
-    return Wish(
+    return SubscribeRequest(
         throttle_ms=fields.count(operation, "throttle_rate"),
         queue_length=fields.count(operation, "queue_length"),
         compression=compression,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from playwright.sync_api import Page
 
 
-class Fingers:
+class TouchScreen:
     """Fingers on the screen, each on a stick; Chromium itself makes the events."""
 
     def __init__(self, page: Page) -> None:

@@ -13,7 +13,7 @@ PASSWORD = "a long enough password"
 DESKTOP: ViewportSize = {"width": 1280, "height": 800}
 
 
-class Crew:
+class PageUsers:
     """Makes users when they are first needed, and opens their pages; `close` closes those."""
 
     def __init__(self, stack: Stack, browser: Browser) -> None:
@@ -29,7 +29,7 @@ class Crew:
         if admin.grant(name, robot, level):
             self.stack.wait_for_right(name, robot)
 
-    def visit(self, name: str) -> Page:
+    def open_fleet(self, name: str) -> Page:
         """A user's own browser on the fleet page; `admin` is there from the beginning."""
         context = self._open.enter_context(self._context())
         page = context.new_page()
@@ -38,7 +38,7 @@ class Crew:
 
     def open(self, name: str, robot: str) -> Page:
         """A user's own browser on a robot's page, whose connection stands."""
-        page = self.visit(name)
+        page = self.open_fleet(name)
         self.go(page, robot)
         return page
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import asyncio
 from typing import Literal
 
-from door_server import DoorServer
+from tcp_service import TcpService
 
 Mode = Literal["speaks", "late", "shy", "silent", "babbles", "closes", "full", "full_before_10"]
 
@@ -26,18 +26,18 @@ REFUSALS = {
 }
 
 
-class Door(DoorServer):
-    """One port; `visitors` counts the connections, `heard` is what they said."""
+class SshPort(TcpService):
+    """One port; `connections` counts them, `heard` is what they said."""
 
     def __init__(self, mode: Mode = "speaks") -> None:
         super().__init__()
         self.mode = mode
-        self.visitors = 0
+        self.connections = 0
         self.heard = b""
         self.may_speak = asyncio.Event()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.visitors += 1
+        self.connections += 1
         if self.mode == "closes":
             return
         if self.mode == "late":

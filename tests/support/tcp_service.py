@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Self
 
 
-class DoorServer:
+class TcpService:
     """One port; a subclass says in `_talk` what happens behind it."""
 
     def __init__(self) -> None:
