@@ -5,6 +5,8 @@ VENV := .venv
 PYTEST := $(VENV)/bin/pytest
 # Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
 BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
+# Where programs that are no tests find the modules of tests/support.
+SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
 comma := ,
 
@@ -41,8 +43,8 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread -m "not alone" tests/unit tests/fuzz
-	@$(PYTEST) --timeout 120 --timeout-method thread -m alone tests/unit
+	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread -m "not alone" tests/unit benchmarks/tests tests/fuzz
+	@$(PYTEST) --timeout 120 --timeout-method thread -m alone tests/unit benchmarks/tests
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@tools/lint quick
@@ -81,20 +83,20 @@ test-server: venv images ## server.yml on a machine of its own with a Docker eng
 
 enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
 	@tools/ensure_robot_host_image
-	@PYTHONPATH=tests/support $(VENV)/bin/python tests/experiments/enrol_times.py
+	@PYTHONPATH=$(SUPPORT):server $(VENV)/bin/python benchmarks/enrol_times.py
 
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
-	@PYTHONPATH=tests/support:agent:server $(VENV)/bin/python tests/experiments/bench.py $(BENCH)
+	@PYTHONPATH=$(SUPPORT):agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
 experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes PYTHONPATH=tests/support:tests/experiments:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
+	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):benchmarks:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only) $(if $(ONLY),--only $(ONLY))
 
 screenshots: venv ## pictures of all pages and states into docs/screenshots; needs make demo
 	@tools/ensure_test_hosts
-	@$(VENV)/bin/python tests/support/screenshots.py
+	@PYTHONPATH=$(SUPPORT) $(VENV)/bin/python tests/support/browser/screenshots.py
 
 clean: ## remove what tests and tools made here (not the stack's data)
 	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache tests/artifacts ansible/build

@@ -137,7 +137,7 @@ def write_settings(tree: Path, subject: Subject) -> None:
         "pytest_add_cli_args_test_selection": subject.tests,
         "pytest_add_cli_args": [
             *("-m", "not daemon"),
-            *("-o", "pythonpath=. tests/support tests/experiments"),
+            *("-o", "pythonpath=. benchmarks tests/support/fakes tests/support/networks tests/support/stack tests/support/browser"),
             *("-p", "no:cacheprovider"),
         ],
     }

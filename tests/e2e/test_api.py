@@ -85,7 +85,7 @@ def test_api_keeps_to_its_description(api: Api, tmp_path: Path) -> None:
     command += ["--generation-database", "none", "--warnings", "off"]
     hooks = {
         "SCHEMATHESIS_HOOKS": "schemathesis_hooks",
-        "PYTHONPATH": str(ROOT / "tests" / "support"),
+        "PYTHONPATH": str(ROOT / "tests" / "support" / "stack"),
         "PROTECTED": json.dumps(protected),
     }
     done = subprocess.run(

@@ -1,6 +1,6 @@
 """The moment of a picture, drawn into the picture itself so that a machine can read it back at the other end.
 
-Used by camera.py for each picture; tests/support/frame_stamp.py reads it. Two rows of 32 cells fill the lowest
+Used by camera.py for each picture; tests/support/fakes/frame_stamp.py reads it. Two rows of 32 cells fill the lowest
 twentieth of the picture, black for 0 and white for 1: 48 bits of Unix time in tenths of a millisecond, then CRC-16 of
 those six bytes (CCITT, begun with 0xffff), the highest bit first, the upper row first. Cells are large and grey alone,
 and found by parts of the picture's size and not by pixels: they outlive poor JPEG quality and half the size.

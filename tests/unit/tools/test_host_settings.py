@@ -23,15 +23,15 @@ FRESH = {INOTIFY: "128", ALLOWED: "reno cubic", "net/ipv4/tcp_congestion_control
 NAMED = re.compile(r"/proc/sys/\w|\bsysctl\b|\bsysctls\b")
 # These name some, and why none of them is the machine's.
 ELSEWHERE = {
-    "tests/support/namespaces.py": "a network namespace's own",
-    "tests/support/browser_network.py": "a network namespace's own",
-    "tests/support/roaming.py": "a network namespace's own",
-    "tests/experiments/behind_video.py": "a network namespace's own",
-    "tests/experiments/picture_age.py": "a network namespace's own",
-    "tests/experiments/paper/operators.py": "a network namespace's own",
-    "tests/experiments/paper/peer_transport.py": "a network namespace's own",
-    "tests/experiments/paper/server_limit.py": "a network namespace's own",
-    "tests/experiments/paper/uplinks.py": "a network namespace's own",
+    "tests/support/networks/namespaces.py": "a network namespace's own",
+    "tests/support/browser/browser_network.py": "a network namespace's own",
+    "tests/support/networks/roaming.py": "a network namespace's own",
+    "benchmarks/behind_video.py": "a network namespace's own",
+    "benchmarks/picture_age.py": "a network namespace's own",
+    "benchmarks/paper/operators.py": "a network namespace's own",
+    "benchmarks/paper/peer_transport.py": "a network namespace's own",
+    "benchmarks/paper/server_limit.py": "a network namespace's own",
+    "benchmarks/paper/uplinks.py": "a network namespace's own",
     "tests/images/test_nginx.py": "a container's own, and only read",
 }
 # Each network has these for itself, so a namespace's change is no change of the machine.
@@ -140,7 +140,7 @@ def test_continuous_integration_starts_from_the_kernels_defaults() -> None:
 def named_by_us() -> dict[str, list[str]]:
     """Every line of tools, tests and benchmarks that names a setting of the kernel, by file."""
     found: dict[str, list[str]] = {}
-    for folder in ("tools", "tests", ".ci"):
+    for folder in ("tools", "tests", "benchmarks", ".ci"):
         for path in sorted((ROOT / folder).rglob("*")):
             # What runs on a robot or server of the playbooks' tests is theirs: /proc/sys is read-only there.
             is_other = "ansible" in path.parts or path.suffix == ".pyc"
@@ -177,6 +177,9 @@ def test_rules_that_a_killed_benchmark_left_are_removed(
         "-A OUTPUT -p tcp -m tcp --sport 1 -j DROP"
     ]
     users = [
-        path.name for path in (ROOT / "tests").rglob("*.py") if '"iptables"' in path.read_text()
+        path.name
+        for folder in ("tests", "benchmarks")
+        for path in (ROOT / folder).rglob("*.py")
+        if '"iptables"' in path.read_text()
     ]
     assert set(users) == {"stopping.py", Path(__file__).name}

@@ -3,10 +3,26 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
-from paper.operators_values import Run, longest_pause_ms, summary
-from seen_robot import seen
+from paper.operators_values import Run, Seen, longest_pause_ms, summary
+
+
+def seen(**changed: Any) -> Seen:
+    """A robot with a picture of 20 KB each 100 ms and two commands."""
+    values: dict[str, Any] = {
+        "pictures": [(100.0 * number, 20_000, 50.0 + number) for number in range(10)],
+        "camera_fps": 10.0,
+        "quality": 80.0,
+        "width_px": 640.0,
+        "commands_ms": [20.0, 30.0],
+        "driven_ms": [0.0, 50.0, 700.0],
+        "refused": 0,
+        "simulator_cpu": 0.1,
+        "agent_cpu": 0.2,
+    }
+    return Seen(**{**values, **changed})
 
 
 def test_rates_are_those_of_one_robot() -> None:

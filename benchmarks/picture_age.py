@@ -32,7 +32,7 @@ from robotether_server.relay.main import Timing
 from sections import Section, percentile
 from video_viewers import Frame, OnFrame, view_frames, view_stream
 
-SIM_ROBOT = Path(__file__).resolve().parents[2] / "images" / "sim_robot"
+SIM_ROBOT = Path(__file__).resolve().parents[1] / "images" / "sim_robot"
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
 SECONDS = 12.0
 SETTLE_S = 5.0

@@ -18,7 +18,7 @@ from docker.models.containers import Container
 from inside import run_inside
 from robotether_server.settings import DatabaseSettings
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 IMAGE_DIR = ROOT / "images" / "mysql"
 # The base of all our images.
 SUITE = "trixie"

@@ -31,7 +31,7 @@ from docker.models.containers import Container
 from inside import run_inside
 from local_network import free_port
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PREFIX = f"robot-host-{os.getpid()}"
 IMAGE = "robotether/robot_host:bookworm"
 USER = "pi"

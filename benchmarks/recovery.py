@@ -2,8 +2,8 @@
 
 Real agents, each in a network of its own (roaming.py), with a real sshd and the real relay. The time runs from the
 moment in which the robot has a network again until a new drive connection through the relay has passed a message and
-its answer. All cuts are made side by side, each on a robot of its own. Used by `bench`; alone, as root:
-`PYTHONPATH=tests/support:tests/experiments:agent:server .venv/bin/python tests/experiments/recovery.py`.
+its answer. All cuts are made side by side, each on a robot of its own. Used by `bench`;
+alone, as root, with the PYTHONPATH that the Makefile gives to `bench`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from robotether_server.db.fleet import Robot
 from robotether_server.relay.main import Timing
 from sections import Section, percentile
 
-AGENT = Path(__file__).resolve().parents[2] / "agent"
+AGENT = Path(__file__).resolve().parents[1] / "agent"
 REPEAT = 50
 AIM_S = 2.0
 # Nobody waits longer: it counts as a failure.

@@ -24,7 +24,7 @@ import aiohttp
 from guard_process import KEY, GuardProcess
 from sections import Section, percentile
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 FRAME_BYTES = 200
 RATE_HZ = 100
 COUNT = 2000

@@ -14,7 +14,7 @@ from typing import Any, Self
 import aiohttp
 from robotether_agent.clock import robot_time
 
-AGENT = Path(__file__).resolve().parents[2] / "agent"
+AGENT = Path(__file__).resolve().parents[3] / "agent"
 KEY = "the key of this test"
 TICK_EVERY_S = 0.2
 WAIT_S = 5.0

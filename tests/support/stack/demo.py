@@ -17,7 +17,7 @@ import docker
 from docker.models.containers import Container
 from local_network import insecure_tls
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 TOKEN_NAME = "bench"
 
 

@@ -24,7 +24,7 @@ from image_names import image
 from inside import run_inside
 from local_network import insecure_tls
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DOMAIN = "robots.example.test"
 AUTHORITY, OTHER = "authority", "other"
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from local_network import free_port, insecure_tls
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PASSWORD = re.compile(r"password  (\S+)")
 
 

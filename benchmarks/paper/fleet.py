@@ -26,7 +26,6 @@ from weakref import WeakKeyDictionary
 
 import aiohttp
 from local_network import insecure_tls
-from stack import ROOT
 
 from paper.enrolled import Enrolled
 from paper.fleet_arrivals import Arrivals
@@ -35,11 +34,10 @@ from paper.fleet_groups import FAILED_AFTER_S
 from paper.fleet_operators import FleetEvents, Operators
 from paper.fleet_worker import LINE_BYTES, allow_files
 from paper.profiles import PLAIN
-from paper.robots import ASIDE
+from paper.robots import ASIDE, FOLDERS
 from paper.uplinks import Uplink
 from paper.world import World
 
-PATHS = ("tests/support", "tests/experiments", "agent", "server", "images/sim_robot")
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
@@ -114,7 +112,7 @@ class Worker:
     @classmethod
     async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> Worker:
         """Start it in the uplink's namespace."""
-        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in PATHS)}
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
         process = await asyncio.create_subprocess_exec(
             *uplink.inside.command(*ASIDE, sys.executable, "-m", "paper.fleet_worker"),
             stdin=subprocess.PIPE,

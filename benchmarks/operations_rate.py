@@ -2,7 +2,7 @@
 
 The relay's own Gate, in this process and without a network, is given the same message again and again: a
 command, a subscription, a publish of 10 KB; then the largest that a robot's default limits let pass. Used by
-`bench`; `python tests/experiments/operations_rate.py` prints the table. It measures nothing but the check.
+`bench`; `python benchmarks/operations_rate.py` prints the table. It measures nothing but the check.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sections import Section
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "server"))
 
 from robotether_server.relay.rosbridge.drive_commands import stamped
 from robotether_server.relay.rosbridge.message_validator import MessageValidator

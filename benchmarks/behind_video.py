@@ -2,7 +2,7 @@
 
 Over an emulated link like the worst of the paper's (link.py), with real OpenSSH at both ends and the robot's TCP left
 at cubic, a message of 200 bytes goes to the robot and comes back, 20 times a second and without waiting for the one
-before. Used by `bench`; alone: `PYTHONPATH=tests/support .venv/bin/python tests/experiments/behind_video.py`.
+before. Used by `bench`, which runs it alone with `--only behind_video`.
 Needs root. No sample may be dropped: a message that is still out at the end of a way is waited for.
 """
 
@@ -31,7 +31,7 @@ from sections import Section, percentile
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
 HERE = Path(__file__).resolve().parent
-AGENT = HERE.parents[1] / "agent"
+AGENT = HERE.parent / "agent"
 UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
 UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)

@@ -10,7 +10,7 @@ from types import CodeType, FunctionType, ModuleType
 
 import pytest
 
-TESTS = str(Path(__file__).resolve().parents[1])
+TESTS = str(Path(__file__).resolve().parents[2])
 # Of each mark: modules, and functions and classes of any module.
 NAMES = {
     "daemon": {

@@ -25,7 +25,7 @@ from inside import run_inside
 from local_network import free_port, insecure_tls
 from stack_admin import Admin
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 # Two runs beside each other are two projects.
 PROJECT = f"robotether-test-{os.getpid()}"
 # The site whose pages may connect to this stack's robots, for tests of pages of others.
