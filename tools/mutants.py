@@ -25,6 +25,7 @@ PACKAGES = {
     "robotether_server": "server/robotether_server",
     "sim_robot": "images/sim_robot/sim_robot",
 }
+SUPPORT = tuple(f"tests/support/{name}" for name in ("fakes", "networks", "stack", "browser"))
 AT_ONCE = 2
 # A mutant may take so many times as long as its tests and this many seconds do.
 TIMES_AS_LONG = 5
@@ -44,29 +45,24 @@ class Subject:
 
 
 RELAY = "robotether_server/relay/"
-
-
-def relay_tests(*names: str) -> tuple[str, ...]:
-    """Test files of the relay."""
-    return tuple(f"tests/unit/server/relay/test_{name}.py" for name in names)
-
+RELAY_TESTS = ("tests/unit/server/relay",)
 
 # mutmut runs of these tests those that execute the changed function.
 SUBJECTS = {
     "guard": Subject(("robotether_agent/guard/*.py",), ("tests/unit/agent/guard",)),
-    "leases": Subject(
-        (f"{RELAY}leases.py", f"{RELAY}leasing.py"), relay_tests("leases", "leasing", "control_api")
-    ),
-    "access": Subject(
-        (f"{RELAY}access.py",),
-        relay_tests("access", "app", "credentials", "rosbridge", "control_api", "video", "frames"),
-    ),
+    "leases": Subject((f"{RELAY}control/leases.py", f"{RELAY}control/leasing.py"), RELAY_TESTS),
+    "access": Subject((f"{RELAY}auth/access.py",), RELAY_TESTS),
     "policy": Subject(
         # The table itself is data, which is not changed; these apply it.
-        (f"{RELAY}operations.py", f"{RELAY}fields.py", "robotether_server/globs.py"),
-        (*relay_tests("operations", "policy", "fields"), "tests/unit/server/test_globs.py"),
+        (
+            f"{RELAY}rosbridge/message_validator.py",
+            f"{RELAY}rosbridge/policy.py",
+            f"{RELAY}rosbridge/fields.py",
+            "robotether_server/globs.py",
+        ),
+        (*RELAY_TESTS, "tests/unit/server/test_globs.py"),
     ),
-    "stops": Subject((f"{RELAY}stops.py",), relay_tests("stops", "control_api")),
+    "stops": Subject((f"{RELAY}control/stops.py",), RELAY_TESTS),
     "tickets": Subject(("robotether_server/tickets.py",), ("tests/unit/server/test_tickets.py",)),
 }
 
@@ -137,7 +133,7 @@ def write_settings(tree: Path, subject: Subject) -> None:
         "pytest_add_cli_args_test_selection": subject.tests,
         "pytest_add_cli_args": [
             *("-m", "not daemon"),
-            *("-o", "pythonpath=. benchmarks tests/support/fakes tests/support/networks tests/support/stack tests/support/browser"),
+            *("-o", f"pythonpath=. benchmarks {' '.join(SUPPORT)}"),
             *("-p", "no:cacheprovider"),
         ],
     }
