@@ -261,7 +261,7 @@ test("a robot that speaks in the relay's name is not believed", async () => {
   const controls = [];
   robot.on("control", (control) => controls.push(control));
   await goLive(robot);
-  const stamp = () => robot.session.beats.stamp(1000);
+  const stamp = () => robot.session.clockSync.stamp(1000);
   const known = stamp();
   const forged = { driver: null, stopped: { by: "nobody", at: "2026-01-01T12:03:00Z", confirmed: true } };
   for (const key of [undefined, null, "", "00112233445566778899aabbccddeeff"]) {
