@@ -381,10 +381,15 @@ class VideoDown(Problem):
     status = HTTPStatus.BAD_GATEWAY
 
 
+# Python 3.13 took new phrases from RFC 9110; a code must not change with Python.
+OLD_PHRASES = {413: "Request Entity Too Large", 422: "Unprocessable Entity"}
+
+
 class HttpProblem(Problem):
     """An error that HTTP itself has a status for, such as a path that does not exist."""
 
     def __init__(self, status: int, detail: str) -> None:
         super().__init__(detail)
         self.status = status
-        self.code = HTTPStatus(status).phrase.lower().replace(" ", "_").replace("-", "_")
+        phrase = OLD_PHRASES.get(status) or HTTPStatus(status).phrase
+        self.code = phrase.lower().replace(" ", "_").replace("-", "_")

@@ -276,6 +276,7 @@ async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     with pytest.raises(aiohttp.WSServerHandshakeError):
         await world.receive("/a")
     await first.leave()
+    await eventually(lambda: world.service._topics.total() == 2, lambda: "the place is free")
     await world.receive("/b")
 
 
