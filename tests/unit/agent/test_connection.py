@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import closing, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import pytest
+from door_server import DoorServer
 from fake_cloud import FakeCloud, eventually
 from fake_guard import fake_guard_command, heard
 from local_network import free_port
@@ -122,30 +123,27 @@ async def start_ssh(robot) -> AsyncIterator[Callable[[int], Awaitable[OpenSshSer
         await asyncio.to_thread(server.close)
 
 
+class Relay(DoorServer):
+    """Does what the test says with a connection, and then drops it."""
+
+    def __init__(self, serve: Serve) -> None:
+        super().__init__()
+        self._behave = serve
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        await self._behave(reader, writer)
+
+
 @pytest.fixture
 async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
-    """Starts relays that do what the test says with a connection and then drop it; returns their ports."""
-    relays: list[asyncio.Server] = []
-    serving: set[asyncio.Task[Any]] = set()
+    """Starts relays that do what the test says; returns their ports."""
+    async with AsyncExitStack() as relays:
 
-    async def start(serve: Serve) -> int:
-        async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            task = asyncio.current_task()
-            assert task is not None
-            serving.add(task)
-            with closing(writer):
-                await reader.readline()
-                await serve(reader, writer)
+        async def start(serve: Serve) -> int:
+            return (await relays.enter_async_context(Relay(serve))).port
 
-        relays.append(await asyncio.start_server(handle, "127.0.0.1", 0))
-        return int(relays[-1].sockets[0].getsockname()[1])
-
-    yield start
-    for relay in relays:
-        relay.close()
-    for task in serving:
-        task.cancel()
-    await asyncio.gather(*serving, return_exceptions=True)
+        yield start
 
 
 def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, object]:
