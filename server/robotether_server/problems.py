@@ -382,7 +382,12 @@ class VideoDown(Problem):
 
 
 # Python 3.13 took new phrases from RFC 9110; a code must not change with Python.
-OLD_PHRASES = {413: "Request Entity Too Large", 422: "Unprocessable Entity"}
+OLD_PHRASES = {
+    413: "Request Entity Too Large",
+    414: "Request-URI Too Long",
+    416: "Requested Range Not Satisfiable",
+    422: "Unprocessable Entity",
+}
 
 
 class HttpProblem(Problem):

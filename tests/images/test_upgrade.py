@@ -11,6 +11,8 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import docker
 import pytest
@@ -18,6 +20,7 @@ from attackers import Person
 from docker.models.containers import Container
 from image_names import image
 from local_network import free_port
+from openssh_server import wait_until
 from program_driver import TWIST as FORWARD
 from programs import Program
 from robots_back import wait_until_back
@@ -41,6 +44,15 @@ def run(*command: str | Path, cwd: Path = ROOT) -> str:
     return done.stdout
 
 
+def answers(url: str) -> bool:
+    """Whether somebody speaks HTTP there."""
+    try:
+        urlopen(url, timeout=1).close()
+    except (URLError, ConnectionError):
+        return False
+    return True
+
+
 def release_before() -> str:
     """The newest tag before this commit."""
     found = run("git", "tag", "--list", "v*", "--merged", "HEAD^", "--sort=-creatordate")
@@ -58,6 +70,8 @@ def registry() -> Iterator[str]:
         ports={"5000/tcp": ("127.0.0.1", port)}, volumes=["/var/lib/registry"],
     )  # fmt: skip
     try:
+        # The engine accepts at the port before the registry does.
+        wait_until(lambda: answers(f"http://127.0.0.1:{port}/v2/"), lambda: "the registry answers")
         for name in RUN:
             there = f"127.0.0.1:{port}/robotether/{name}:next"
             run("docker", "tag", image(name), there)

@@ -35,9 +35,9 @@ from robotether_agent.problems import (
 
 Kind = Literal["session", "media", "shell"]
 CONNECT_TIMEOUT_S = 10
-# What the network may know of each kind: heartbeats and control go first, a file copy gives way. OpenSSH's
-# own choice for a client without a terminal is the lowest class for all of them. 8 is "throughput", a name that OpenSSH
-# 10 takes for no class at all.
+# What the network may know of each kind: heartbeats and control go first, a file copy gives way.
+# OpenSSH's own choice for a client without a terminal is the lowest class for all of them.
+# 8 is "throughput", a name that OpenSSH 10 takes for no class at all.
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "8", "shell": "8"}
 # ssh ends with 255 for its own errors; any other status is that of the command on the server.
 SSH_FAILED = 255

@@ -45,7 +45,15 @@ def test_problem_is_rendered_as_in_the_contract() -> None:
 
 @pytest.mark.parametrize(
     ("status", "code"),
-    [(404, "not_found"), (405, "method_not_allowed"), (500, "internal_server_error")],
+    [
+        (404, "not_found"),
+        (405, "method_not_allowed"),
+        (413, "request_entity_too_large"),
+        (414, "request_uri_too_long"),
+        (416, "requested_range_not_satisfiable"),
+        (422, "unprocessable_entity"),
+        (500, "internal_server_error"),
+    ],
 )
 def test_http_errors_have_codes_too(status: int, code: str) -> None:
     """What HTTP names, the code names alike."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import closing, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -34,6 +34,7 @@ from robotether_agent.tunnel.connection import Connector, Report, Role, run_conn
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.session import Session, SessionConfig
 from robotether_agent.video.sources import SourceSettings
+from tcp_service import TcpService
 
 TIMEOUT_S = 15.0
 
@@ -134,30 +135,27 @@ async def start_ssh(robot) -> AsyncIterator[Callable[[int], Awaitable[OpenSshSer
         await asyncio.to_thread(server.close)
 
 
+class Relay(TcpService):
+    """Does what the test says with a connection, and then drops it."""
+
+    def __init__(self, serve: Serve) -> None:
+        super().__init__()
+        self._behave = serve
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        await self._behave(reader, writer)
+
+
 @pytest.fixture
 async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
-    """Starts relays that do what the test says with a connection and then drop it; returns their ports."""
-    relays: list[asyncio.Server] = []
-    serving: set[asyncio.Task[Any]] = set()
+    """Starts relays that do what the test says; returns their ports."""
+    async with AsyncExitStack() as relays:
 
-    async def start(serve: Serve) -> int:
-        async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            task = asyncio.current_task()
-            assert task is not None
-            serving.add(task)
-            with closing(writer):
-                await reader.readline()
-                await serve(reader, writer)
+        async def start(serve: Serve) -> int:
+            return (await relays.enter_async_context(Relay(serve))).port
 
-        relays.append(await asyncio.start_server(handle, "127.0.0.1", 0))
-        return int(relays[-1].sockets[0].getsockname()[1])
-
-    yield start
-    for relay in relays:
-        relay.close()
-    for task in serving:
-        task.cancel()
-    await asyncio.gather(*serving, return_exceptions=True)
+        yield start
 
 
 def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, object]:
