@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
 from playbooks import Site, build_wheel, pip_environment
-from robot_hosts import ROOT, RobotHosts
+from robot_hosts import IMAGE, ROOT, RobotHosts
 from stack import Stack
 
 
@@ -58,11 +57,15 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the agent needs as wheels, for robots without internet: this Python is the hosts' Python."""
+    """What the agent needs as wheels, for robots without internet; a host's own Python says what that is."""
     folder = tmp_path_factory.mktemp("wheelhouse")
+    bundle = pip_environment().get("PIP_CERT")
     command = [
-        sys.executable, "-m", "pip", "download", "--quiet", "--only-binary", ":all:", "--require-hashes",
-        "--python-version", "3.11", "--dest", str(folder), "-r", str(ROOT / "agent" / "requirements.txt"),
+        "docker", "run", "--rm", "--network", "host", "--volume", f"{folder}:/wheelhouse",
+        "--volume", f"{ROOT / 'agent' / 'requirements.txt'}:/requirements.txt:ro",
+        *(["--volume", f"{bundle}:/ca.pem:ro", "--env", "PIP_CERT=/ca.pem"] if bundle else []),
+        IMAGE, "/opt/sim_robot/venv/bin/pip", "download", "--quiet", "--only-binary", ":all:",
+        "--require-hashes", "--dest", "/wheelhouse", "--requirement", "/requirements.txt",
     ]  # fmt: skip
-    subprocess.run(command, check=True, timeout=180, env=pip_environment())
+    subprocess.run(command, check=True, timeout=180)
     return folder
