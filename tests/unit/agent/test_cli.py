@@ -508,7 +508,7 @@ def as_child(code: str) -> str:
 
 def child_in(place: Path, more: str) -> str:
     return as_child(
-        f"from pathlib import Path; from robotether_agent import users; {more.format(place=place)}; {WHO}"
+        f"from pathlib import Path; from robotether_agent import cli; {more.format(place=place)}; {WHO}"
     )
 
 
@@ -520,7 +520,7 @@ def test_root_becomes_the_owner_of_the_state(place):
     state = place / "state"
     state.mkdir()
     os.chown(state, nobody.pw_uid, nobody.pw_gid)
-    told = child_in(place, "users.act_as_agent(Path('{place}/state'))")
+    told = child_in(place, "cli.act_as_agent(Path('{place}/state'))")
     assert told.split()[:2] == [str(nobody.pw_uid), str(nobody.pw_gid)]
 
 
@@ -529,7 +529,7 @@ def test_a_missing_directory_is_made_for_the_agents_user(place):
     """Before the boot service ran for the first time there is none."""
     nobody = pwd.getpwnam("nobody")
     place.chmod(0o755)
-    more = "users.AGENT_USER = 'nobody'; cli.act_as_agent(Path('{place}/new/state'))"
+    more = "cli.AGENT_USER = 'nobody'; cli.act_as_agent(Path('{place}/new/state'))"
     assert child_in(place, more).split()[0] == str(nobody.pw_uid)
     made = (place / "new/state").stat()
     assert (made.st_uid, made.st_mode & 0o777) == (nobody.pw_uid, 0o700)

@@ -136,12 +136,12 @@ async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
 
 async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
     """It is refused when it comes, so that what waits for rosbridge still goes out."""
-    world.line.full = True
+    world.publisher.full = True
     await world.drive(0.3)
     await world.drive(0.9, age_ms=600)
-    world.line.full = False
-    await world.helm.step()
-    assert world.line.speeds == [0.3]
+    world.publisher.full = False
+    await world.controller.step()
+    assert world.publisher.speeds == [0.3]
     assert world.source.kinds == ["old"]
 
 
