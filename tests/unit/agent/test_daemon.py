@@ -24,6 +24,8 @@ async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent
     agent = start_agent(cloud)
     status = await agent.until_connected()
     assert status.robot == "sim1"
+    # The agent is connected before its guard is ready, and the port leads to the guard.
+    await eventually(lambda: listens(cloud.ports[0]), lambda: "the port of rosbridge is open")
     assert await echo(cloud.ports[0], "x" * 100_000) == "x" * 100_000
     async with (
         aiohttp.ClientSession() as http,
