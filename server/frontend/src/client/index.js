@@ -7,7 +7,7 @@ import { TicketRefused, requestTicket, Api } from "./api.js";
 import { Driver } from "./driver.js";
 import { FrameStream } from "./frames.js";
 import { twistType } from "./messages.js";
-import { RttMeter } from "./rtt.js";
+import { RttProbe } from "./rtt.js";
 import { Session } from "./session.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
@@ -46,7 +46,7 @@ export class Robot {
       mayQueue: () => this.session.mayQueue,
     });
     // Also what keeps a quiet link from looking like a dead one: the robot answers each second.
-    this.rtt = new RttMeter({
+    this.rtt = new RttProbe({
       call: (service, args) => this.session.connection.call(service, args),
       onReading: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
     });

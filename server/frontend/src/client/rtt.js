@@ -5,7 +5,7 @@ const PERIOD_MS = 1000;
 const LOST_MS = 5000;
 const SAMPLES = 5;
 
-export class RttMeter {
+export class RttProbe {
   // `call(service, request)` as of connection.js; `onReading` gets {medianMs, ageMs} or null for unknown.
   constructor({ call, onReading, now = () => performance.now() }) {
     Object.assign(this, { call, onReading, now });

@@ -2,7 +2,7 @@
 
 import { api } from "../pages/calls.js";
 import { byTestId, make, part, setText } from "../pages/page.js";
-import { summary as texts, endings, refusals } from "../texts/panels.js";
+import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 import { shortNumber, sizeText } from "../topics/samples.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
@@ -92,7 +92,7 @@ export const headline = (drive) => texts.headline(duration(drive), metres(drive.
 export function driveRows(drive) {
   const rows = {
     duration: duration(drive),
-    ended: endings[drive.end_code] ?? drive.end_code ?? texts.unknown,
+    ended: endReasons[drive.end_code] ?? drive.end_code ?? texts.unknown,
     distance: texts.commanded(metres(drive.distance_m)),
     speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
     latency: latencyText(drive),

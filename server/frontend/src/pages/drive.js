@@ -5,7 +5,7 @@ import { requestTicket } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { openLink } from "../client/link.js";
-import { RttMeter } from "../client/rtt.js";
+import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
 import { Arming } from "../control/arming.js";
 import { Banner } from "../control/banner.js";
@@ -73,7 +73,7 @@ const view = new View(root, {
   subscribe,
   onFreshness: (freshness) => interlock.receive(freshness),
 });
-const rtt = new RttMeter({
+const rtt = new RttProbe({
   call: (service, request) => connection.call(service, request),
   onReading: (reading) => readings.rtt(reading, { server: clockSync.roundTripMs, robot: facts.rttMs }),
 });

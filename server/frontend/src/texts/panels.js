@@ -75,7 +75,7 @@ export const summary = {
 };
 
 // By `end_code` of a drive's record.
-export const endings = {
+export const endReasons = {
   client_left: "you",
   client_vanished: "loss of this page's connection",
   client_silent: "silence of this page's connection",

@@ -1,16 +1,16 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { RttMeter, median } from "../../src/client/rtt.js";
+import { RttProbe, median } from "../../src/client/rtt.js";
 
-let clock, calls, reading, meter;
+let clock, calls, reading, probe;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
   clock = 0;
   calls = [];
-  meter = new RttMeter({
+  probe = new RttProbe({
     call: (service) => new Promise((resolve, reject) => calls.push({ service, resolve, reject })),
     onReading: (value) => (reading = value),
     now: () => clock,
@@ -34,25 +34,25 @@ test("the median ignores one slow answer", () => {
 });
 
 test("an answer that says that the service failed counts as well", async () => {
-  meter.start();
+  probe.start();
   clock += 40;
   await answer({ ok: false });
   assert.deepEqual(reading, { medianMs: 40, ageMs: 0 });
 });
 
 test("one call is under way at a time, and the age of the last answer grows while none comes", async () => {
-  meter.start();
+  probe.start();
   clock += 10;
   await answer();
   await pass(1000);
   await pass(1000);
   assert.equal(calls.length, 2);
   assert.equal(reading.ageMs, 2000);
-  meter.stop();
+  probe.stop();
 });
 
 test("a call without an answer is given up after five seconds, and its late answer ignored", async () => {
-  meter.start();
+  probe.start();
   for (let i = 0; i < 5; i++) await pass(1000);
   assert.equal(calls.length, 2);
   calls[0].resolve({ ok: true });
@@ -61,8 +61,8 @@ test("a call without an answer is given up after five seconds, and its late answ
 });
 
 test("stopping forgets what was measured", async () => {
-  meter.start();
+  probe.start();
   await answer();
-  meter.stop();
+  probe.stop();
   assert.equal(reading, null);
 });
