@@ -40,7 +40,7 @@ from robotether_agent.enrolment.enrolment_store import (
     parse_host_keys,
 )
 from robotether_agent.enrolment.keys import ensure_key
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
 from sections import Section, percentile
 
@@ -118,7 +118,7 @@ class Subject:
         self,
         site: Site,
         network: Network,
-        robot: Robot,
+        robot: RelayRobot,
         folder: Path,
         settings: Mapping[str, str],
     ) -> None:

@@ -12,7 +12,7 @@ from robotether_server.api.objects import grant_object
 from robotether_server.db.grants import LEVELS, Grant
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
-from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.services.names import MAX_NAME_LENGTH
 
 REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
@@ -31,7 +31,7 @@ def add_grant() -> tuple[Response, int]:
     """Give a grant, in place of an earlier one of the same two."""
     with auth.admin() as caller:
         body = fields.json_object(request, REQUEST)
-        given, is_new = _give(caller, _holder(body), _scope(body), body)
+        given, is_new = _give(caller, _grantee(body), _scope(body), body)
     return jsonify(grant_object(given)), HTTPStatus.CREATED if is_new else HTTPStatus.OK
 
 
@@ -39,7 +39,7 @@ def add_grant() -> tuple[Response, int]:
 def delete_grant(grant_id: int) -> tuple[str, int]:
     """Take one grant away."""
     with auth.admin() as caller:
-        grant_service.take(caller.tx, caller.source, grant_id)
+        grant_service.revoke_by_id(caller.tx, caller.source, grant_id)
     return "", HTTPStatus.NO_CONTENT
 
 
@@ -48,28 +48,28 @@ def give_grant(user: str, robot: str) -> Response:
     """Let the user do this with the robot, in place of an earlier grant."""
     with auth.admin() as caller:
         body = fields.json_object(request, ("level", "ends_at"))
-        given, _ = _give(caller, Holder("user", user), Scope("robot", robot), body)
+        given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
     return jsonify(grant_object(given))
 
 
 @blueprint.delete("/grants/<user>/<robot>")
-def take_grant(user: str, robot: str) -> tuple[str, int]:
+def revoke_grant(user: str, robot: str) -> tuple[str, int]:
     """Take the grant away."""
     with auth.admin() as caller:
         grant_service.revoke(caller.tx, caller.source, user, robot)
     return "", HTTPStatus.NO_CONTENT
 
 
-def _give(caller: Caller, holder: Holder, scope: Scope, body: Fields) -> tuple[Grant, bool]:
+def _give(caller: Caller, grantee: Grantee, scope: Scope, body: Fields) -> tuple[Grant, bool]:
     level = fields.choice(body, "level", LEVELS)
     ends_at = fields.optional_timestamp(body, "ends_at")
-    return grant_service.give(caller.tx, caller.source, holder, scope, level, ends_at=ends_at)
+    return grant_service.give(caller.tx, caller.source, grantee, scope, level, ends_at=ends_at)
 
 
-def _holder(body: Fields) -> Holder:
+def _grantee(body: Fields) -> Grantee:
     kind = _the_one(body, ("user", "group"))
     name = fields.text(body, kind, MAX_NAME_LENGTH)
-    return Holder("user", name) if kind == "user" else Holder("group", name)
+    return Grantee("user", name) if kind == "user" else Grantee("group", name)
 
 
 def _scope(body: Fields) -> Scope:

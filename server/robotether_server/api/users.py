@@ -38,8 +38,8 @@ def add_user() -> tuple[Response, int]:
         password = fields.secret(body, "password") if "password" in body else None
         given = password if password is not None else passwords.new_password()
         added = user_service.add(caller.tx, caller.source, name, given, role)
-    told = {} if password is not None else {"password": given}
-    return jsonify(user_object(added) | told), HTTPStatus.CREATED
+    password_once = {} if password is not None else {"password": given}
+    return jsonify(user_object(added) | password_once), HTTPStatus.CREATED
 
 
 @blueprint.get("/users/<user>")

@@ -15,7 +15,7 @@ from robotether_server.cli.common import (
 )
 from robotether_server.db.grants import LEVELS, Grant, Level
 from robotether_server.services import grants
-from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.grants import ALL, Grantee, Scope
 
 GIVE = "give"
 Command = Callable[..., None]
@@ -67,12 +67,12 @@ def give(
     words: tuple[str, ...], group: str | None, site: str | None, everything: bool, until: str | None
 ) -> None:
     """Let somebody observe, drive or manage something."""
-    holder, scope, rest = _pair(words, group, site, everything)
+    grantee, scope, rest = _pair(words, group, site, everything)
     level = _level(_next(rest, "LEVEL"))
     _check_end(rest)
     ends_at = times.day_or_timestamp("--until", until, is_end=True) if until else None
     with open_database().transaction() as tx:
-        given, _ = grants.give(tx, SOURCE, holder, scope, level, ends_at=ends_at)
+        given, _ = grants.give(tx, SOURCE, grantee, scope, level, ends_at=ends_at)
     end = f" until {timestamp(given.ends_at, '')} UTC" if given.ends_at else ""
     click.echo(f"{given.holder_words} may {level} {given.scope_words}{end}")
 
@@ -96,26 +96,26 @@ def revoke(words: tuple[str, ...], group: str | None, site: str | None, everythi
 
     Instead of USER: --group GROUP. Instead of ROBOT: --site SITE or --all.
     """
-    holder, scope, rest = _pair(words, group, site, everything)
+    grantee, scope, rest = _pair(words, group, site, everything)
     _check_end(rest)
     with open_database().transaction() as tx:
-        taken = grants.take_from(tx, SOURCE, holder, scope)
-    click.echo(f"{taken.holder_words} has no grant for {taken.scope_words} any more")
+        revoked = grants.revoke_from(tx, SOURCE, grantee, scope)
+    click.echo(f"{revoked.holder_words} has no grant for {revoked.scope_words} any more")
 
 
 def _pair(
     words: Sequence[str], group: str | None, site: str | None, everything: bool
-) -> tuple[Holder, Scope, list[str]]:
+) -> tuple[Grantee, Scope, list[str]]:
     """Return who and what, of the words in their order and of the options that stand in for one; and what is left."""
     if site is not None and everything:
         raise click.UsageError("--site and --all exclude each other.")
     rest = list(words)
-    holder = Holder("group", group) if group is not None else Holder("user", _next(rest, "USER"))
+    grantee = Grantee("group", group) if group is not None else Grantee("user", _next(rest, "USER"))
     if everything:
-        return holder, ALL, rest
+        return grantee, ALL, rest
     if site is not None:
-        return holder, Scope("site", site), rest
-    return holder, Scope("robot", _next(rest, "ROBOT")), rest
+        return grantee, Scope("site", site), rest
+    return grantee, Scope("robot", _next(rest, "ROBOT")), rest
 
 
 def _next(names: list[str], what: str) -> str:

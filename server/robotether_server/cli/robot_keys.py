@@ -80,7 +80,7 @@ def reject(name: str, fingerprint: str | None) -> None:
     database = open_database()
     chosen = fingerprint
     if chosen is None:
-        robot, waiting = _look(database, name)
+        robot, waiting = _find(database, name)
         one = _only(waiting, robot, "reject")
         print_fields(robot_texts.waiting_identity(one, robot))
         agree(f"reject {name}", "Turn this key away?", f"say --fingerprint {one.fingerprint}")
@@ -117,20 +117,20 @@ def rotate_key(name: str) -> None:
     click.echo(f"robot {name} makes a new key as soon as it is online")
 
 
-def _look(database: Database, name: str) -> tuple[Robot, list[PendingKey]]:
+def _find(database: Database, name: str) -> tuple[Robot, list[PendingKey]]:
     with database.transaction() as tx:
         robot = db_robots.get(tx, name)
         return robot, [one for one in pending.waiting(tx) if one.robot == name]
 
 
 def _has_shown_a_key(database: Database, name: str) -> bool | None:
-    robot, waiting = _look(database, name)
+    robot, waiting = _find(database, name)
     return bool(robot.fingerprint or waiting) or None
 
 
 def _choose(database: Database, name: str, *, yes: bool) -> str:
     """Return the key that is to be approved; ask, unless `yes`."""
-    robot, waiting = _look(database, name)
+    robot, waiting = _find(database, name)
     if not waiting and robot.state == "active" and robot.fingerprint:
         return robot.fingerprint
     _check_can_be_approved(robot)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from robotether_server.cli.common import timestamp
 from robotether_server.db.robots import Robot, SeenRobot
-from robotether_server.db.sessions import Session
+from robotether_server.db.sessions import RecordedSession
 from robotether_server.services.pending import PendingKey
 
 HEADS = ("NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "SHELL", "KEY")
@@ -86,7 +86,7 @@ def as_waiting_row(one: PendingKey) -> tuple[str, ...]:
     return (one.robot, one.mac, one.hostname, one.address, joined, why, one.fingerprint)
 
 
-def as_session_row(one: Session) -> tuple[str, ...]:
+def as_session_row(one: RecordedSession) -> tuple[str, ...]:
     """Return a row under SESSION_HEADS."""
     ended = timestamp(one.ended_at, "goes on")
     return (

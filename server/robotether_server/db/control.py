@@ -76,18 +76,20 @@ class DriveEntry:
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredControl:
     """What a relay finds when it starts: each robot's newest number, and who is stopped."""
 
     fences: dict[int, int]
     stops: list[Stop]
 
 
-def kept(tx: Transaction) -> Kept:
+def read_stored(tx: Transaction) -> StoredControl:
     """Read what outlived the relay before this one."""
     fences = tx.rows("SELECT robot_id, fence FROM control_leases")
     stops = tx.rows("SELECT robot_id, stopped_at AS at, by_name AS `by`, reason FROM robot_stops")
-    return Kept({row["robot_id"]: row["fence"] for row in fences}, [Stop(**row) for row in stops])
+    return StoredControl(
+        {row["robot_id"]: row["fence"] for row in fences}, [Stop(**row) for row in stops]
+    )
 
 
 @dataclass(frozen=True)
@@ -189,11 +191,11 @@ def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
 
 
 def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
-    columns, marks = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
+    columns, placeholders = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
     # The same row again: the answer to the first writing was lost with its connection.
     return tx.insert(
         f"INSERT INTO drives (robot_id, robot, user_name, fence, started_at, address, {columns})"  # noqa: S608 - as above
-        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, {marks})"
+        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, {placeholders})"
         " ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), ended_at = VALUES(ended_at),"
         " end_code = VALUES(end_code)",
         (

@@ -8,7 +8,7 @@ from robotether_server.db.database import Row, Transaction
 
 
 @dataclass(frozen=True)
-class Driver:
+class DrivenBy:
     """Who drives a robot, and since when."""
 
     user: str
@@ -27,7 +27,7 @@ class Stopped:
 class ControlState:
     """Who drives a robot, and who stopped it; None: nobody."""
 
-    driver: Driver | None = None
+    driver: DrivenBy | None = None
     stopped: Stopped | None = None
 
 
@@ -54,8 +54,8 @@ def of_all(tx: Transaction) -> Mapping[int, ControlState]:
     }
 
 
-def _driver(row: Row) -> Driver:
-    return Driver(row["user"], row["since"])
+def _driver(row: Row) -> DrivenBy:
+    return DrivenBy(row["user"], row["since"])
 
 
 def _stopped(row: Row) -> Stopped:

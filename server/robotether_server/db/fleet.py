@@ -35,7 +35,7 @@ MAX_ACTOR = 63
 
 
 @dataclass(frozen=True)
-class Robot:
+class RelayRobot:
     """A robot's row, as far as the relay needs it."""
 
     id: int
@@ -67,12 +67,12 @@ class Changes:
 class Snapshot:
     """All robots and all rights that hold, at one moment."""
 
-    robots: Mapping[int, Robot]
+    robots: Mapping[int, RelayRobot]
     grants: Mapping[tuple[int, int], Level]
     rights: str = ""
 
     @cached_property
-    def by_name(self) -> Mapping[str, Robot]:
+    def by_name(self) -> Mapping[str, RelayRobot]:
         """Robots by their names."""
         return {robot.name: robot for robot in self.robots.values()}
 
@@ -80,7 +80,7 @@ class Snapshot:
         """What the user may do with the robot, at most; None: not even see it."""
         return self.grants.get((user_id, robot_id))
 
-    def visible(self, user_id: int) -> list[Robot]:
+    def visible(self, user_id: int) -> list[RelayRobot]:
         """The robots that the user may see, by name."""
         robots = self.robots.values()
         seen = [robot for robot in robots if self.level(user_id, robot.id) is not None]
@@ -96,7 +96,7 @@ class Credential:
 
 
 @dataclass(frozen=True)
-class User:
+class RelayUser:
     """Who a credential belongs to."""
 
     id: int
@@ -169,10 +169,10 @@ def load(tx: Transaction) -> Snapshot:
     )
 
 
-def _robot_of(row: Row) -> Robot:
+def _robot_of(row: Row) -> RelayRobot:
     # MariaDB has no truth values of its own.
     rotate_key, settings = bool(row["rotate_key"]), _settings_of(row)
-    return Robot(**{**row, "rotate_key": rotate_key, "settings": settings})
+    return RelayRobot(**{**row, "rotate_key": rotate_key, "settings": settings})
 
 
 def _settings_of(row: Row) -> RobotSettings:
@@ -193,13 +193,13 @@ def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
     return [(row["robot_id"], row["since"]) for row in rows]
 
 
-def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, User]:
+def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
     """Read who these credentials belong to; those that no longer hold are left out."""
-    found: dict[Credential, User] = {}
+    found: dict[Credential, RelayUser] = {}
     for kind, view in _CREDENTIAL_VIEWS.items():
         digests = [credential.digest for credential in credentials if credential.kind == kind]
         for row in _holders(tx, view, digests):
-            user = User(id=row["user_id"], name=row["user_name"])
+            user = RelayUser(id=row["user_id"], name=row["user_name"])
             found[Credential(kind, bytes(row["token_hash"]))] = user
     return found
 
@@ -207,9 +207,9 @@ def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Crede
 def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[Row]:
     if not digests:
         return ()
-    marks = ", ".join(["%s"] * len(digests))
+    placeholders = ", ".join(["%s"] * len(digests))
     # `view` is a name out of this module, and the digests go in as values.
-    sql = f"SELECT token_hash, user_id, user_name FROM {view} WHERE token_hash IN ({marks})"  # noqa: S608
+    sql = f"SELECT token_hash, user_id, user_name FROM {view} WHERE token_hash IN ({placeholders})"  # noqa: S608
     return tx.rows(sql, digests)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from robotether_server.db.database import Transaction
 
 
-class Session(NamedTuple):
+class RecordedSession(NamedTuple):
     """One session; without `ended_at` it goes on."""
 
     started_at: dt.datetime
@@ -16,14 +16,14 @@ class Session(NamedTuple):
     agent_version: str | None
 
 
-def of_robot(tx: Transaction, robot_id: int, limit: int) -> list[Session]:
+def of_robot(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSession]:
     """Return a robot's sessions, the newest first, `limit` at most."""
     rows = tx.rows(
         "SELECT started_at, ended_at, end_code, address, agent_version FROM robot_sessions "
         "WHERE robot_id = %s ORDER BY id DESC LIMIT %s",
         (robot_id, limit),
     )
-    return [Session(**row) for row in rows]
+    return [RecordedSession(**row) for row in rows]
 
 
 def is_online(tx: Transaction, robot_id: int) -> bool:

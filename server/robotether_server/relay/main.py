@@ -167,7 +167,7 @@ class Relay:
             credentials_changed=self.credentials.recheck,
             check_new_credentials=self.credentials.check_new,
             last_seen=self.registry.remember,
-            kept=self.control.remember,
+            on_stored_control=self.control.remember,
             poll_every_s=self._timing.poll_every_s,
         )
         self.fleet_events = FleetEvents(

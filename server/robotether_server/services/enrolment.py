@@ -153,10 +153,12 @@ def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -
     )
 
 
-def free_name(tx: Transaction, mac: str, wish: str | None = None) -> str:
-    """Return the wish if it can be had, or robot- and as many of the MAC's digits as make it a new name."""
-    wishes = [wish] if wish is not None and ROBOT_NAME.fullmatch(wish) else []
-    names = chain(wishes, usual_names(mac))
+def free_name(tx: Transaction, mac: str, requested: str | None = None) -> str:
+    """Return the requested name if it can be had, or robot- and as many of the MAC's digits as make it a new name."""
+    requested_names = (
+        [requested] if requested is not None and ROBOT_NAME.fullmatch(requested) else []
+    )
+    names = chain(requested_names, usual_names(mac))
     return next(name for name in names if not robots.name_is_taken(tx, name))
 
 

@@ -10,7 +10,7 @@ from robotether_server.db.grants import Grant, Level, Pair
 from robotether_server.problems import RecordMissing
 
 
-class Holder(NamedTuple):
+class Grantee(NamedTuple):
     """Who a grant is for."""
 
     kind: Literal["user", "group"]
@@ -30,7 +30,7 @@ ALL = Scope("all")
 def give(
     tx: Transaction,
     source: Source,
-    holder: Holder,
+    grantee: Grantee,
     scope: Scope,
     level: Level,
     *,
@@ -42,7 +42,7 @@ def give(
     """
     if ends_at is not None:
         times.check_end("ends_at", ends_at)
-    pair = _pair(tx, holder, scope)
+    pair = _pair(tx, grantee, scope)
     before = grants.find(tx, pair)
     given = grants.get(tx, grants.put(tx, pair, level, ends_at))
     details = _about(given)
@@ -52,7 +52,7 @@ def give(
     return given, before is None
 
 
-def take(tx: Transaction, source: Source, grant_id: int) -> Grant:
+def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
     """Take a grant away; return it as it was. Raises RecordMissing."""
     found = grants.get(tx, grant_id)
     grants.remove(tx, found.id)
@@ -60,23 +60,23 @@ def take(tx: Transaction, source: Source, grant_id: int) -> Grant:
     return found
 
 
-def take_from(tx: Transaction, source: Source, holder: Holder, scope: Scope) -> Grant:
+def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
     """Take the grant of these two away; raise RecordMissing when there is none."""
-    found = grants.find(tx, _pair(tx, holder, scope))
+    found = grants.find(tx, _pair(tx, grantee, scope))
     if found is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
-        raise RecordMissing(f"cannot revoke: {holder.kind} {holder.name} has no grant for {what}")
-    return take(tx, source, found.id)
+        raise RecordMissing(f"cannot revoke: {grantee.kind} {grantee.name} has no grant for {what}")
+    return revoke_by_id(tx, source, found.id)
 
 
 def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
     """Let a user do this with a robot, without an end, in place of an earlier grant; raise RecordMissing."""
-    give(tx, source, Holder("user", user), Scope("robot", robot), level)
+    give(tx, source, Grantee("user", user), Scope("robot", robot), level)
 
 
 def revoke(tx: Transaction, source: Source, user: str, robot: str) -> None:
     """Take a user's own grant for a robot away; raise RecordMissing when there is none."""
-    take_from(tx, source, Holder("user", user), Scope("robot", robot))
+    revoke_from(tx, source, Grantee("user", user), Scope("robot", robot))
 
 
 def list_all(tx: Transaction) -> list[Grant]:
@@ -84,14 +84,14 @@ def list_all(tx: Transaction) -> list[Grant]:
     return grants.list_all(tx)
 
 
-def _pair(tx: Transaction, holder: Holder, scope: Scope) -> Pair:
-    is_user = holder.kind == "user"
+def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
+    is_user = grantee.kind == "user"
     return Pair(
         robot_id=robots.get(tx, scope.name).id if scope.kind == "robot" else None,
         site_id=sites.get(tx, scope.name).id if scope.kind == "site" else None,
         all_robots=scope.kind == "all",
-        user_id=users.get(tx, holder.name).id if is_user else None,
-        group_id=None if is_user else groups.get(tx, holder.name).id,
+        user_id=users.get(tx, grantee.name).id if is_user else None,
+        group_id=None if is_user else groups.get(tx, grantee.name).id,
     )
 
 

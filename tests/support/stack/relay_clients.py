@@ -8,7 +8,7 @@ import aiohttp
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer
-from robotether_server.db.fleet import AuditEntry, Robot
+from robotether_server.db.fleet import AuditEntry, RelayRobot
 
 # As the relay writes it anew.
 PUBLISH = '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}'
@@ -35,7 +35,7 @@ async def configured(session: RobotSession) -> RobotSession:
     return session
 
 
-async def misbehaving(relay: RelayServer, robot: Robot, mode: Mode) -> FakeRobot:
+async def misbehaving(relay: RelayServer, robot: RelayRobot, mode: Mode) -> FakeRobot:
     """Connect a robot that does not behave; the test stops it."""
     fake = FakeRobot(robot.id, SESSION_KEY, mode)
     await fake.start(relay.relay.session_port)

@@ -14,15 +14,15 @@ from datetime import datetime, timezone
 
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
-from robotether_server.db.control import Kept, NewLease, Stop
+from robotether_server.db.control import NewLease, Stop, StoredControl
 from robotether_server.db.fleet import (
     Changes,
     Credential,
     Entry,
-    Robot,
+    RelayRobot,
+    RelayUser,
     SessionEntry,
     Snapshot,
-    User,
 )
 from robotether_server.db.grants import Level
 from robotether_server.problems import StoreUnavailable
@@ -55,9 +55,9 @@ class MemoryDatabase:
     """Records in memory: robots, grants and credentials as a test sets them."""
 
     def __init__(self) -> None:
-        self.robots: dict[int, Robot] = {}
+        self.robots: dict[int, RelayRobot] = {}
         self.grants: dict[tuple[int, int], Level] = {}
-        self.credentials: dict[Credential, User] = {}
+        self.credentials: dict[Credential, RelayUser] = {}
         self.seen: list[tuple[int, datetime]] = []
         self.written: list[Entry] = []
         self.down = False
@@ -65,16 +65,16 @@ class MemoryDatabase:
         self.fences: dict[int, int] = {}
         self.stops: list[Stop] = []
 
-    def add_robot(self, robot_id: int, name: str, **grants: Level) -> Robot:
+    def add_robot(self, robot_id: int, name: str, **grants: Level) -> RelayRobot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
         ports = (free_port(), free_port())
-        robot = Robot(robot_id, name, "active", *ports, fingerprint=FINGERPRINT)
+        robot = RelayRobot(robot_id, name, "active", *ports, fingerprint=FINGERPRINT)
         self.robots = {**self.robots, robot_id: robot}
         for user, level in grants.items():
             self.grants[int(user.removeprefix("u")), robot_id] = level
         return robot
 
-    def add_credential(self, kind: CredentialKind, user: User) -> str:
+    def add_credential(self, kind: CredentialKind, user: RelayUser) -> str:
         """Add a login or token, and return its text."""
         text = secrets.token_urlsafe()
         self.credentials[credential_of(kind, text)] = user
@@ -96,14 +96,14 @@ class MemoryDatabase:
         self._ask()
         return self.seen
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
         self._ask()
         self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}
 
-    async def kept(self) -> Kept:
+    async def stored_control(self) -> StoredControl:
         self._ask()
-        return Kept(dict(self.fences), list(self.stops))
+        return StoredControl(dict(self.fences), list(self.stops))
 
     async def next_fence(self, lease: NewLease) -> int:
         self._ask()
@@ -147,29 +147,29 @@ class RelayServer:
 
     def ticket(
         self,
-        robot: Robot,
+        robot: RelayRobot,
         mode: Mode = "drive",
-        user: User | None = None,
+        user: RelayUser | None = None,
         credential: Credential | None = None,
     ) -> str:
         """Sign a ticket as web does, for a login of the user unless the test names a credential."""
-        user = user or User(1, "ann")
+        user = user or RelayUser(1, "ann")
         by = credential or self._login_of(user)
         fields = (user.id, user.name, robot.id, robot.name, mode, by.kind, by.digest.hex())
         return self.signer.sign(Ticket(secrets.token_hex(16), *fields))
 
     def ros_url(
         self,
-        robot: Robot,
+        robot: RelayRobot,
         mode: Mode = "drive",
-        user: User | None = None,
+        user: RelayUser | None = None,
         credential: Credential | None = None,
     ) -> str:
         """An address that opens one WebSocket to the robot."""
         ticket = self.ticket(robot, mode, user, credential)
         return f"{self.url}/robots/{robot.name}/ros?ticket={ticket}"
 
-    def _login_of(self, user: User) -> Credential:
+    def _login_of(self, user: RelayUser) -> Credential:
         login = credential_of("login", f"the login of {user.name}")
         if isinstance(self._memory_database, MemoryDatabase):
             self._memory_database.credentials.setdefault(login, user)

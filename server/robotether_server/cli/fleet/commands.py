@@ -32,7 +32,7 @@ MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
 
 
 T = TypeVar("T")
-ENDING_WITHIN_S = 3.0
+CLOSED_WITHIN_S = 3.0
 INTERRUPTED = 130  # what a shell says of a command that Ctrl-C ended
 MAX_PARALLEL = 200
 ON = click.option(
@@ -258,7 +258,7 @@ class FleetRun:
         except KeyboardInterrupt:
             self.interrupted = True
             self._connections.close_all()
-            outcomes.extend(self._workers.stop(ENDING_WITHIN_S))
+            outcomes.extend(self._workers.stop(CLOSED_WITHIN_S))
         finally:
             self._connections.close_all()
         missing = set(self._robots) - {outcome.robot for outcome in outcomes}

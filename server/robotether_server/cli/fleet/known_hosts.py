@@ -19,7 +19,7 @@ REVOKED = "@revoked"
 
 
 @dataclass(frozen=True)
-class HostKey:
+class KnownKey:
     """A host's public key: `ssh-ed25519` and its base64."""
 
     type: str
@@ -30,8 +30,8 @@ class HostKey:
 class Known:
     """What the files say of one name."""
 
-    trusted: frozenset[HostKey]
-    revoked: frozenset[HostKey]
+    trusted: frozenset[KnownKey]
+    revoked: frozenset[KnownKey]
 
 
 def find(files: Iterable[Path], name: str) -> Known:
@@ -48,7 +48,7 @@ def find(files: Iterable[Path], name: str) -> Known:
     return Known(frozenset(trusted), frozenset(revoked))
 
 
-def add(path: Path, name: str, key: HostKey) -> None:
+def add(path: Path, name: str, key: KnownKey) -> None:
     """Add a key to a file, which is made when it is missing; raise ConfigUnusable."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ def names(hosts: str, name: str) -> bool:
     return any(_fits(pattern, name) for pattern in patterns)
 
 
-def _entries(path: Path) -> Iterator[tuple[str, str, HostKey]]:
+def _entries(path: Path) -> Iterator[tuple[str, str, KnownKey]]:
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
@@ -86,7 +86,7 @@ def _entries(path: Path) -> Iterator[tuple[str, str, HostKey]]:
         marker = fields.pop(0) if fields[0].startswith("@") else ""
         match fields:
             case [hosts, kind, encoded, *_]:
-                yield marker, hosts, HostKey(kind, encoded)
+                yield marker, hosts, KnownKey(kind, encoded)
 
 
 def _fits(pattern: str, name: str) -> bool:

@@ -25,7 +25,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from paramiko.auth_strategy import AuthStrategy, InMemoryPrivateKey
 
 from robotether_server.cli.fleet import known_hosts
-from robotether_server.cli.fleet.known_hosts import HostKey, Known
+from robotether_server.cli.fleet.known_hosts import Known, KnownKey
 from robotether_server.cli.fleet.problems import (
     ConfigUnusable,
     FleetProblem,
@@ -165,7 +165,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
 
     def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
         """Let the connection go on, or raise HostKeyChanged or HostKeyUnknown."""
-        shown = HostKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
+        shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
         target = self._target
         if judge(self._known, shown, target):
             return
@@ -180,7 +180,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
             known_hosts.add(target.known_hosts[0], target.known_as, shown)
 
 
-def judge(known: Known, shown: HostKey, target: Target) -> bool:
+def judge(known: Known, shown: KnownKey, target: Target) -> bool:
     """Return whether the key is known (False: the host is new); raise HostKeyChanged when it is another one."""
     if shown in known.revoked:
         raise HostKeyChanged(f"cannot trust {target.name}: its host key is marked as revoked")
@@ -374,10 +374,10 @@ def explain(error: Exception, target: Target, identities: Identities) -> FleetPr
             f"cannot reach {target.name}: the server does not let you reach its shell; "
             "that takes a grant to manage it, and its shell must be on"
         )
-    return Unreachable(f"cannot reach {target.name}: {_why(error, target)}")
+    return Unreachable(f"cannot reach {target.name}: {_describe_error(error, target)}")
 
 
-def _why(error: Exception, target: Target) -> str:
+def _describe_error(error: Exception, target: Target) -> str:
     match error:
         case paramiko.ChannelException(code=code) if code == CONNECT_FAILED:
             why = "it is offline, the server has no tunnel of it"

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import ClientSession
 
-from robotether_server.db.fleet import Credential, Robot, Snapshot, User
+from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import Level
 from robotether_server.problems import (
     CsrfRefused,
@@ -57,7 +57,7 @@ class Request:
 class AuthenticatedUser:
     """A user, and the credential that showed it."""
 
-    user: User
+    user: RelayUser
     credential: Credential
 
 
@@ -65,8 +65,8 @@ class AuthenticatedUser:
 class Permit:
     """A user may use this robot so, as long as the credential holds."""
 
-    user: User
-    robot: Robot
+    user: RelayUser
+    robot: RelayRobot
     use: Use
     credential: Credential
     # What the connection may do: a manager's observing connection only observes.
@@ -226,7 +226,7 @@ class Access:
         return ticket, issued_at
 
     def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
-        user = User(ticket.user_id, ticket.user)
+        user = RelayUser(ticket.user_id, ticket.user)
         robot = self.visible_robot(user, name)
         if robot.id != ticket.robot_id:
             raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
@@ -237,7 +237,7 @@ class Access:
         level = granted if use == "drive" else "observe"
         return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 
-    def visible_robot(self, user: User, name: str) -> Robot:
+    def visible_robot(self, user: RelayUser, name: str) -> RelayRobot:
         """Return the robot; RobotUnknown when there is none for this user."""
         _check_name(name)
         snapshot = self._snapshot()

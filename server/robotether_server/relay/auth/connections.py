@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.grants import Level, includes
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -41,7 +41,7 @@ class Connection:
 
     user_id: int
     user: str
-    robot: Robot
+    robot: RelayRobot
     use: Use
     end: Callable[[CloseReason], None]
     connected: bool = False
@@ -164,7 +164,7 @@ class Connections:
         return [member for members in self._by_robot.values() for member in members]
 
 
-def _rules_of(robot: Robot) -> tuple[object, ...]:
+def _rules_of(robot: RelayRobot) -> tuple[object, ...]:
     guard = robot.settings.guard
     return robot.settings.policy, guard.drive_topics, guard.max_age_ms
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from robotether_server.db.digests import digest
-from robotether_server.db.fleet import Credential, User
+from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.tickets import CredentialKind
 
@@ -31,14 +31,14 @@ class Credentials:
 
     def __init__(self, database: RelayDatabase) -> None:
         self._database = database
-        self._kept: OrderedDict[Credential, tuple[float, User | None]] = OrderedDict()
+        self._kept: OrderedDict[Credential, tuple[float, RelayUser | None]] = OrderedDict()
         self._held: dict[Credential, set[Callable[[], None]]] = {}
-        self._unsure: set[Credential] = set()
+        self._unchecked: set[Credential] = set()
         # Of those held, whose they were when last asked for; what hangs on one ends when it does.
-        self._live: dict[Credential, User] = {}
+        self._live: dict[Credential, RelayUser] = {}
         self._rechecks = 0
 
-    async def user_of(self, credential: Credential) -> User | None:
+    async def user_of(self, credential: Credential) -> RelayUser | None:
         """Tell who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
         if (live := self._live.get(credential)) is not None:
             # Else nobody could stop a robot over HTTP while the database is away.
@@ -63,14 +63,14 @@ class Credentials:
         """Call `end` when the credential stops holding inside the block, or did so just before."""
         ends = self._held.setdefault(credential, set())
         ends.add(end)
-        self._unsure.add(credential)
+        self._unchecked.add(credential)
         try:
             yield
         finally:
             ends.discard(end)
             if not ends and self._held.get(credential) is ends:
                 del self._held[credential]
-                self._unsure.discard(credential)
+                self._unchecked.discard(credential)
                 self._live.pop(credential, None)
 
     async def recheck(self) -> None:
@@ -81,13 +81,13 @@ class Credentials:
 
     async def check_new(self) -> None:
         """Ask for those held since the last time: they may have ended while the way was long."""
-        await self._ask_again(list(self._unsure))
+        await self._ask_again(list(self._unchecked))
 
     async def _ask_again(self, asked: list[Credential]) -> None:
         if not asked:
             return
         valid = await self._database.users_of(asked)
-        self._unsure.difference_update(asked)
+        self._unchecked.difference_update(asked)
         for credential in asked:
             if credential in valid:
                 self._note_live(credential, valid[credential])
@@ -96,11 +96,11 @@ class Credentials:
                 for end in list(self._held.get(credential, ())):
                     end()
 
-    def _note_live(self, credential: Credential, user: User) -> None:
+    def _note_live(self, credential: Credential, user: RelayUser) -> None:
         if credential in self._held:
             self._live[credential] = user
 
-    def _keep(self, credential: Credential, now: float, user: User | None) -> None:
+    def _keep(self, credential: Credential, now: float, user: RelayUser | None) -> None:
         self._kept[credential] = (now, user)
         self._kept.move_to_end(credential)
         while len(self._kept) > MAX_KEPT:

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from robotether_server.db.control import Kept
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.control import StoredControl
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.grants import includes
 from robotether_server.relay.control.leases import Driver, Now, Reserved
 from robotether_server.relay.control.leasing import Leasing, now
@@ -69,10 +69,10 @@ class Control:
             if not watchers and self._watchers.get(robot_id) is watchers:
                 del self._watchers[robot_id]
 
-    def remember(self, kept: Kept) -> None:
+    def remember(self, stored: StoredControl) -> None:
         """Take over what the relay before this one kept."""
-        self.leasing.remember(kept.fences)
-        self.stops.remember(kept.stops)
+        self.leasing.remember(stored.fences)
+        self.stops.remember(stored.stops)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights or robots changed."""
@@ -111,7 +111,7 @@ class Control:
         if change.what != "heartbeat":
             self._notify_watchers(change.robot_id)
 
-    def _why_stopped(self, robot: Robot) -> CloseReason | None:
+    def _why_stopped(self, robot: RelayRobot) -> CloseReason | None:
         return self.stops.close_reason(robot)
 
     def _changed(self, robot_id: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from aiohttp import web
 
-from robotether_server.db.fleet import Robot, Snapshot, User
+from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import Level, includes
 from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
 from robotether_server.relay.auth.access import Access, request_of
@@ -34,7 +34,7 @@ class ControlApi:
         self._access = access
         self._control = control
         self._snapshot = snapshot
-        self._actions: Mapping[str, Callable[[Robot, leasing.LeaseRequester], None]] = {
+        self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
             "ask": control.leasing.ask,
             "withdraw": control.leasing.withdraw,
             "hand_over": control.leasing.hand_over,
@@ -94,7 +94,9 @@ class ControlApi:
         members = await _members(request, ("site", "reason"))
         site = _text(members, "site", MAX_SITE)
         reason = _text(members, "reason", MAX_REASON)
-        robots = [robot for robot in self._managed(user) if site is None or robot.site == site]
+        robots = [
+            robot for robot in self._managed_robots(user) if site is None or robot.site == site
+        ]
         if not robots:
             where = "" if site is None else f" of site {site}"
             raise GrantMissing(f"cannot stop all robots{where}: you manage none of them")
@@ -110,21 +112,21 @@ class ControlApi:
 
     def _handing_over_to(
         self, action: str | None, to: object
-    ) -> Callable[[Robot, leasing.LeaseRequester], None]:
+    ) -> Callable[[RelayRobot, leasing.LeaseRequester], None]:
         if action != "hand_over" or not isinstance(to, str):
             raise FieldInvalid("cannot use to: it is a user's name, and goes with hand_over alone")
         return partial(self._control.leasing.hand_over, to=to)
 
-    async def _who_and_what(self, request: web.Request) -> tuple[User, Robot]:
+    async def _who_and_what(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
         user = await self._changer(request)
         return user, self._access.visible_robot(user, request.match_info["name"])
 
-    async def _changer(self, request: web.Request) -> User:
+    async def _changer(self, request: web.Request) -> RelayUser:
         asked = request_of(request.headers, request.cookies, request.query)
         csrf_header = request.headers.get("X-CSRFToken", "")
         return (await self._access.for_change(asked, csrf_header)).user
 
-    def _managed(self, user: User) -> list[Robot]:
+    def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:
         snapshot = self._snapshot()
         return [
             robot
@@ -132,14 +134,14 @@ class ControlApi:
             if robot.state == "active" and snapshot.level(user.id, robot.id) == "manage"
         ]
 
-    def _check_level(self, user: User, robot: Robot, needed: Level, deed: str) -> None:
+    def _check_level(self, user: RelayUser, robot: RelayRobot, needed: Level, action: str) -> None:
         level = self._snapshot().level(user.id, robot.id)
         if level is None or not includes(level, needed):
             raise GrantMissing(
-                f"cannot {deed} at robot {robot.name}: you need the right to {needed}"
+                f"cannot {action} at robot {robot.name}: you need the right to {needed}"
             )
 
-    def _answer(self, robot: Robot) -> web.Response:
+    def _answer(self, robot: RelayRobot) -> web.Response:
         return web.json_response(self._control.describe(robot.id), headers=NO_STORE)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Protocol
 
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
 from robotether_server.relay.http.rate_limiter import RateLimiter
 
@@ -62,7 +62,7 @@ class Driver:
 class Waiting:
     """Who asked for the control."""
 
-    user: User
+    user: RelayUser
     since: Now
 
 
@@ -70,7 +70,7 @@ class Waiting:
 class Reserved:
     """For whom alone the lease is kept."""
 
-    user: User
+    user: RelayUser
     until: Now
 
 
@@ -79,7 +79,7 @@ class Passed:
     """The control went from a driver, if there was one, to a user that has yet to connect."""
 
     driver: Driver | None
-    to: User
+    to: RelayUser
 
 
 class HeldError(Exception):
@@ -155,7 +155,7 @@ class Lease:
         if self.driver is not None:
             self.driver.input = now
 
-    def ask(self, user: User, now: Now) -> bool:
+    def ask(self, user: RelayUser, now: Now) -> bool:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
@@ -168,26 +168,26 @@ class Lease:
         self.waiting = Waiting(user, now)
         return True
 
-    def withdraw(self, user: User) -> None:
+    def withdraw(self, user: RelayUser) -> None:
         """Take one's question back."""
         if self.waiting is None or self.waiting.user.id != user.id:
             raise NobodyAsks("cannot take the question back: you have not asked for the control")
         self.waiting = None
 
-    def refuse(self, user: User, now: Now) -> User:
+    def refuse(self, user: RelayUser, now: Now) -> RelayUser:
         """The driver says no; return to whom."""
         asker = self._asker_of(user, now)
         self.waiting = None
         return asker
 
-    def hand_over(self, user: User, now: Now, to: str | None = None) -> Passed:
+    def hand_over(self, user: RelayUser, now: Now, to: str | None = None) -> Passed:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         asker = self._asker_of(user, now)
         if to is not None and asker.name != to:
             raise NobodyAsks(f"cannot hand the control over: {asker.name} asks for it by now")
         return self._pass_to(asker, now)
 
-    def take(self, user: User, now: Now) -> Passed | None:
+    def take(self, user: RelayUser, now: Now) -> Passed | None:
         """Give a manager the control at once; None when it has it, or it is kept for it."""
         if self._is_for(user, now):
             return None
@@ -218,13 +218,13 @@ class Lease:
             self._reserved = None
         return before != (self.waiting, self._reserved)
 
-    def _is_for(self, user: User, now: Now) -> bool:
+    def _is_for(self, user: RelayUser, now: Now) -> bool:
         if self.driver is not None:
             return self.driver.holder.user_id == user.id
         kept = self.reserved(now)
         return kept is not None and kept.user.id == user.id
 
-    def _count_question(self, user: User, now: Now) -> None:
+    def _count_question(self, user: RelayUser, now: Now) -> None:
         fresh = RateLimiter(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
         limiter = self._questions.setdefault(user.id, fresh)
         if not limiter.allow(now.s):
@@ -243,19 +243,19 @@ class Lease:
             raise AlreadyAsked(f"cannot ask for the control: it is kept for {kept.user.name}")
         raise LeaseFree("cannot ask for the control: nobody drives; just connect")
 
-    def _asker_of(self, user: User, now: Now) -> User:
+    def _asker_of(self, user: RelayUser, now: Now) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
             raise LeaseNotYours("cannot answer for the driver: you do not drive this robot")
         if self.waiting is None:
             raise NobodyAsks("cannot answer: nobody asks for the control")
         return self.waiting.user
 
-    def _pass_to(self, user: User, now: Now) -> Passed:
+    def _pass_to(self, user: RelayUser, now: Now) -> Passed:
         driver, self.driver, self._claimant = self.driver, None, None
         self._keep_for(user, now)
         return Passed(driver, user)
 
-    def _keep_for(self, user: User, now: Now) -> None:
+    def _keep_for(self, user: RelayUser, now: Now) -> None:
         # Who got it asked with reason.
         self._questions.pop(user.id, None)
         self.waiting, self._reserved = None, Reserved(user, now.later(RESERVED_FOR_S))

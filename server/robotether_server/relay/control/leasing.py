@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, NewLease
-from robotether_server.db.fleet import AuditEntry, Robot, User
+from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control.leases import Driver, HeldError, Lease, Now, Passed
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 class LeaseRequester:
     """Who asks for a change of control, and from where."""
 
-    user: User
+    user: RelayUser
     address: str | None = None
 
 
@@ -44,7 +44,7 @@ class Leasing:
         database: RelayDatabase,
         event_writer: EventWriter,
         registry: SessionRegistry,
-        stopped: Callable[[Robot], CloseReason | None],
+        stopped: Callable[[RelayRobot], CloseReason | None],
         changed: Callable[[int], None],
     ) -> None:
         self._database = database
@@ -126,30 +126,30 @@ class Leasing:
             if lease.keep_only(_of_robot(may_drive, robot_id)):
                 self._notify(robot_id)
 
-    def ask(self, robot: Robot, asker: LeaseRequester) -> None:
+    def ask(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Ask the driver for the control."""
         if self.of(robot.id).ask(asker.user, now()):
             self._audit("lease_asked", robot, asker)
             self._notify(robot.id)
 
-    def withdraw(self, robot: Robot, asker: LeaseRequester) -> None:
+    def withdraw(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Take a question back."""
         self.of(robot.id).withdraw(asker.user)
         self._notify(robot.id)
 
-    def refuse(self, robot: Robot, asker: LeaseRequester) -> None:
+    def refuse(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """The driver says no."""
         to = self.of(robot.id).refuse(asker.user, now())
         self._audit("lease_refused", robot, asker, to=to.name)
         self._notify(robot.id)
 
-    def hand_over(self, robot: Robot, asker: LeaseRequester, to: str | None = None) -> None:
+    def hand_over(self, robot: RelayRobot, asker: LeaseRequester, to: str | None = None) -> None:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         passed = self.of(robot.id).hand_over(asker.user, now(), to)
         self._audit("lease_handed_over", robot, asker, to=passed.to.name)
         self._pass(robot.id, passed)
 
-    def take(self, robot: Robot, asker: LeaseRequester) -> None:
+    def take(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Give a manager the control."""
         passed = self.of(robot.id).take(asker.user, now())
         if passed is not None:
@@ -174,7 +174,7 @@ class Leasing:
         if isinstance(older, Connection):
             older.end(close_reasons.superseded(robot.name))
 
-    def _why_not(self, lease: Lease, robot: Robot) -> CloseReason:
+    def _why_not(self, lease: Lease, robot: RelayRobot) -> CloseReason:
         """Say why a claim was lost."""
         if (close_reason := self._stopped(robot)) is not None:
             return close_reason
@@ -207,7 +207,9 @@ class Leasing:
     def _write_end(self, robot_id: int, driver: Driver) -> None:
         self._event_writer.add(LeaseEnd(robot_id, driver.fence, utc_now()))
 
-    def _audit(self, kind: str, robot: Robot, asker: LeaseRequester, **details: str | None) -> None:
+    def _audit(
+        self, kind: str, robot: RelayRobot, asker: LeaseRequester, **details: str | None
+    ) -> None:
         self._event_writer.add(
             AuditEntry(utc_now(), asker.user.name, kind, robot.name, asker.address, details)
         )

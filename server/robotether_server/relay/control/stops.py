@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry, Robot
+from robotether_server.db.fleet import AuditEntry, RelayRobot
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http import close_reasons
@@ -27,7 +27,7 @@ from robotether_server.times import rfc3339
 
 log = logging.getLogger(__name__)
 
-ORDER_ID_BYTES = 8
+MESSAGE_ID_BYTES = 8
 CONFIRMED_WITHIN_S = 1.0
 RELEASED_WITHIN_S = 2.0
 # An order that a guard has not confirmed is told again: it may have been starting.
@@ -56,7 +56,7 @@ class Stops:
         *,
         event_writer: EventWriter,
         registry: SessionRegistry,
-        robots: Callable[[], Mapping[int, Robot]],
+        robots: Callable[[], Mapping[int, RelayRobot]],
         revoke: Callable[[int, CloseReason], None],
         changed: Callable[[int], None],
     ) -> None:
@@ -94,7 +94,7 @@ class Stops:
         stop = self.of(robot_id)
         return None if stop is None else ShownStop(stop.by, rfc3339(stop.at))
 
-    def close_reason(self, robot: Robot) -> CloseReason | None:
+    def close_reason(self, robot: RelayRobot) -> CloseReason | None:
         """Say why nobody drives the robot; None: it is not stopped."""
         stop = self.of(robot.id)
         return None if stop is None else close_reasons.robot_stopped(robot.name, stop.by, stop.at)
@@ -111,10 +111,10 @@ class Stops:
     def greeting(self, robot_id: int) -> list[bytes]:
         """What a robot is told when it comes."""
         stop = self.of(robot_id)
-        return [] if stop is None else [lines.stop_line(_order_id(), stop.by)]
+        return [] if stop is None else [lines.stop_line(_message_id(), stop.by)]
 
     def stop(
-        self, robot: Robot, by: str, *, reason: str | None = None, address: str | None = None
+        self, robot: RelayRobot, by: str, *, reason: str | None = None, address: str | None = None
     ) -> None:
         """Stop the robot, also when it is stopped already or offline."""
         releases = [each for each in self._releases.get(robot.id, {}).values() if _may_end_it(each)]
@@ -149,7 +149,12 @@ class Stops:
         return True
 
     async def release(
-        self, robot: Robot, by: str, *, seen: ShownStop | None = None, address: str | None = None
+        self,
+        robot: RelayRobot,
+        by: str,
+        *,
+        seen: ShownStop | None = None,
+        address: str | None = None,
     ) -> None:
         """Release the robot; RobotOffline or GuardSilent when it does not confirm.
 
@@ -194,13 +199,13 @@ class Stops:
         pressed_at = self._pressed_at.get(robot_id, {}).get(by, -math.inf)
         return asyncio.get_running_loop().time() - pressed_at < SAME_PRESS_S
 
-    def _check_seen(self, robot: Robot, seen: ShownStop | None) -> None:
+    def _check_seen(self, robot: RelayRobot, seen: ShownStop | None) -> None:
         stop = self.of(robot.id)
         if seen is not None and stop is not None and self.shown(robot.id) != seen:
             sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
             raise NotPossible(f"{sentence} too; look again before you release it")
 
-    def _begin(self, robot: Robot, stop: Stop) -> None:
+    def _begin(self, robot: RelayRobot, stop: Stop) -> None:
         entry = self._entries.setdefault(robot.id, StopEntry(robot.id))
         entry.stop = stop
         # The robot first: nothing may stand before this line.
@@ -220,15 +225,17 @@ class Stops:
     def _send_stop(self, robot_id: int, stop: Stop) -> None:
         link = self._registry.session_of(robot_id)
         if link is not None:
-            link.send(lines.stop_line(_order_id(), stop.by))
+            link.send(lines.stop_line(_message_id(), stop.by))
             self._sent_at[robot_id] = asyncio.get_running_loop().time()
             self._watch(robot_id)
 
     def _watch(self, robot_id: int) -> None:
         """Look later whether the guard has the stop."""
         presence = self._registry.presence(robot_id)
-        unsure = presence.online and presence.guard_mode == "on" and not presence.report.stopped
-        if unsure and self.of(robot_id) is not None and robot_id not in self._repeats:
+        is_unconfirmed = (
+            presence.online and presence.guard_mode == "on" and not presence.report.stopped
+        )
+        if is_unconfirmed and self.of(robot_id) is not None and robot_id not in self._repeats:
             loop = asyncio.get_running_loop()
             self._repeats[robot_id] = loop.call_later(REPEAT_EVERY_S, self._repeat, robot_id)
 
@@ -247,14 +254,14 @@ class Stops:
         if stop is not None and not self.confirmed(robot_id) and robot_id not in self._releases:
             self._send_stop(robot_id, stop)
 
-    async def _released_by_guard(self, robot: Robot, by: str) -> None:
-        link, order_id = self._registry.session_of(robot.id), _order_id()
+    async def _released_by_guard(self, robot: RelayRobot, by: str) -> None:
+        link, message_id = self._registry.session_of(robot.id), _message_id()
         answered: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         releases = self._releases.setdefault(robot.id, {})
-        releases[order_id] = answered
+        releases[message_id] = answered
         try:
             if link is not None:
-                link.send(lines.release_line(order_id, by))
+                link.send(lines.release_line(message_id, by))
             async with asyncio.timeout(RELEASED_WITHIN_S):
                 await answered
         except TimeoutError as exc:
@@ -266,7 +273,7 @@ class Stops:
                 f"{RELEASED_WITHIN_S:g} s; it stays stopped"
             ) from exc
         finally:
-            del releases[order_id]
+            del releases[message_id]
             if not releases and self._releases.get(robot.id) is releases:
                 del self._releases[robot.id]
             # Meanwhile the stop was not repeated; and whoever asked may be gone.
@@ -294,7 +301,7 @@ class Stops:
     def _audit(
         self,
         kind: str,
-        robot: Robot,
+        robot: RelayRobot,
         by: str,
         address: str | None,
         details: Mapping[str, object],
@@ -307,7 +314,7 @@ def _may_end_it(answered: asyncio.Future[None]) -> bool:
     return not answered.done() or not (answered.cancelled() or answered.exception())
 
 
-def _stopped_again(robot: Robot, by: str) -> NotPossible:
+def _stopped_again(robot: RelayRobot, by: str) -> NotPossible:
     return NotPossible(f"cannot release robot {robot.name}: {by} has stopped it again")
 
 
@@ -318,5 +325,5 @@ def _claimed_name(by: str) -> str:
     return f"{AT_ROBOT} ({by[: MAX_NAME - len(AT_ROBOT) - len(' ()')]})"
 
 
-def _order_id() -> str:
-    return secrets.token_hex(ORDER_ID_BYTES)
+def _message_id() -> str:
+    return secrets.token_hex(MESSAGE_ID_BYTES)

@@ -13,8 +13,8 @@ from datetime import datetime
 from typing import Protocol, TypeVar
 
 from robotether_server.db import Database, Transaction, control, fleet
-from robotether_server.db.control import Kept, NewLease
-from robotether_server.db.fleet import Changes, Credential, Entry, Snapshot, User
+from robotether_server.db.control import NewLease, StoredControl
+from robotether_server.db.fleet import Changes, Credential, Entry, RelayUser, Snapshot
 from robotether_server.problems import StoreUnavailable
 
 T = TypeVar("T")
@@ -36,10 +36,10 @@ class RelayDatabase(Protocol):
     async def last_seen(self) -> list[tuple[int, datetime]]:
         """Read since when robots are offline."""
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
         """Read who credentials belong to."""
 
-    async def kept(self) -> Kept:
+    async def stored_control(self) -> StoredControl:
         """Read the newest numbers of drives, and which robots are stopped."""
 
     async def next_fence(self, lease: NewLease) -> int:
@@ -73,13 +73,13 @@ class ThreadedDatabase:
         """Read since when robots are offline."""
         return await self._ask(fleet.last_seen)
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
         """Read who credentials belong to."""
         return await self._ask(lambda tx: fleet.users_of(tx, credentials))
 
-    async def kept(self) -> Kept:
+    async def stored_control(self) -> StoredControl:
         """Read the newest numbers of drives, and which robots are stopped."""
-        return await self._ask(control.kept)
+        return await self._ask(control.read_stored)
 
     async def next_fence(self, lease: NewLease) -> int:
         """Number a drive; the number is committed."""

@@ -11,7 +11,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from datetime import datetime
 
-from robotether_server.db.control import Kept
+from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import Changes, Snapshot
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
@@ -34,7 +34,7 @@ class Fleet:
         credentials_changed: Callable[[], Awaitable[None]],
         check_new_credentials: Callable[[], Awaitable[None]],
         last_seen: Callable[[list[tuple[int, datetime]]], None],
-        kept: Callable[[Kept], None],
+        on_stored_control: Callable[[StoredControl], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
         self._database = database
@@ -42,7 +42,7 @@ class Fleet:
         self._credentials_changed = credentials_changed
         self._check_new_credentials = check_new_credentials
         self._last_seen = last_seen
-        self._kept = kept
+        self._on_stored_control = on_stored_control
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
@@ -90,7 +90,7 @@ class Fleet:
             if self._snapshot is None:
                 self._last_seen(await self._database.last_seen())
                 # Before anybody is served: a robot that is stopped stays so, and numbers go on.
-                self._kept(await self._database.kept())
+                self._on_stored_control(await self._database.stored_control())
             self._snapshot = await self._database.load()
             self._rights_changed(self._snapshot)
         time = asyncio.get_running_loop().time()

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
@@ -82,18 +82,18 @@ class FleetEvents:
         for subscriber in list(self._subscribers):
             subscriber.end()
 
-    def visible(self, user_id: int) -> list[Robot]:
+    def visible(self, user_id: int) -> list[RelayRobot]:
         """The robots that a user may see."""
         return self._snapshot().visible(user_id)
 
-    def find(self, user_id: int, robot_id: int) -> Robot | None:
+    def find(self, user_id: int, robot_id: int) -> RelayRobot | None:
         """The robot, if the user may see it."""
         snapshot = self._snapshot()
         if snapshot.level(user_id, robot_id) is None:
             return None
         return snapshot.robots.get(robot_id)
 
-    def describe(self, robot: Robot) -> RobotObject:
+    def describe(self, robot: RelayRobot) -> RobotObject:
         """Build the robot object of the contract."""
         presence = self._registry.presence(robot.id)
         driver = self._control.driver(robot.id)

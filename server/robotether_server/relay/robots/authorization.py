@@ -7,7 +7,7 @@ away from a robot ends every connection that may still hold it.
 
 from __future__ import annotations
 
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.relay.robots.sessions import ByeCode, Kind
 
@@ -21,7 +21,7 @@ class NotAuthorizedError(Exception):
         self.detail = detail
 
 
-def authorize(snapshot: Snapshot, preface: Preface) -> Robot:
+def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
     """Return the robot's row; RefusedError when this connection may not be."""
     robot = snapshot.robots.get(preface.robot_id)
     if robot is None:
@@ -38,29 +38,29 @@ def authorize(snapshot: Snapshot, preface: Preface) -> Robot:
     return robot
 
 
-def needs_config(before: Robot, after: Robot) -> bool:
+def needs_config(before: RelayRobot, after: RelayRobot) -> bool:
     """Tell whether a live link needs another configuration; RefusedError when it needs a new login."""
     if _lost_port(before, after):
         raise _ports_changed(after)
     return _config_of(before) != _config_of(after)
 
 
-def port_of(kind: Kind, robot: Robot) -> int | None:
+def port_of(kind: Kind, robot: RelayRobot) -> int | None:
     """Return the port that a connection of this kind is there for."""
     if kind == "session":
         return robot.ros_port
     return robot.video_port if kind == "media" else robot.shell_port
 
 
-def _ports_changed(robot: Robot) -> NotAuthorizedError:
+def _ports_changed(robot: RelayRobot) -> NotAuthorizedError:
     return NotAuthorizedError("ports_changed", f"robot {robot.name} has new ports; connect again")
 
 
-def _is_key_of(robot: Robot, fingerprint: str) -> bool:
+def _is_key_of(robot: RelayRobot, fingerprint: str) -> bool:
     return fingerprint in (robot.fingerprint, robot.previous_fingerprint)
 
 
-def _lost_port(before: Robot, after: Robot) -> bool:
+def _lost_port(before: RelayRobot, after: RelayRobot) -> bool:
     # A first shell port takes nothing away: the agent opens another connection for it.
     return any(
         old is not None and old != new
@@ -72,5 +72,5 @@ def _lost_port(before: Robot, after: Robot) -> bool:
     )
 
 
-def _config_of(robot: Robot) -> tuple[object, ...]:
+def _config_of(robot: RelayRobot) -> tuple[object, ...]:
     return (robot.name, robot.shell_port, robot.rotate_key, robot.settings.guard)

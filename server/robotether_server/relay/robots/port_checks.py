@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.sessions import Health
 
 log = logging.getLogger(__name__)
@@ -57,7 +57,7 @@ class PortChecker:
         self._answer_within_s = answer_within_s
         self._slots = asyncio.Semaphore(CHECKS_AT_ONCE)
 
-    async def check(self, robot: Robot) -> PortHealth:
+    async def check(self, robot: RelayRobot) -> PortHealth:
         """Try the robot's three ports beside each other."""
         async with self._slots:
             ros, video, shell = await asyncio.gather(

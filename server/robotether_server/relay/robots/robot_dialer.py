@@ -17,7 +17,7 @@ from aiohttp import (
     WSServerHandshakeError,
 )
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
@@ -50,7 +50,7 @@ class RobotDialer:
         self._registry = registry
         self._message_limit = message_limit
 
-    def check_online(self, robot: Robot) -> None:
+    def check_online(self, robot: RelayRobot) -> None:
         """Raise EndedError when the robot has no tunnel."""
         presence = self._registry.presence(robot.id)
         if not presence.online:
@@ -58,7 +58,7 @@ class RobotDialer:
                 close_reasons.robot_offline(robot.name, presence.since, utc_now())
             )
 
-    async def open(self, robot: Robot, fence: int | None) -> RobotSocket:
+    async def open(self, robot: RelayRobot, fence: int | None) -> RobotSocket:
         """Open a WebSocket to the robot, to drive with this number or to observe; EndedError when there is none."""
         self.check_online(robot)
         loop = asyncio.get_running_loop()
@@ -76,14 +76,14 @@ class RobotDialer:
         except TimeoutError as exc:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
 
-    def _headers(self, robot: Robot, fence: int | None) -> dict[str, str]:
+    def _headers(self, robot: RelayRobot, fence: int | None) -> dict[str, str]:
         link = self._registry.session_of(robot.id)
         key = {} if link is None else {"Robotether-Key": link.guard_key}
         if fence is None:
             return {**key, "Robotether-Mode": "observe"}
         return {**key, "Robotether-Mode": "drive", "Robotether-Fence": str(fence)}
 
-    async def _open(self, robot: Robot, headers: dict[str, str]) -> RobotSocket | str:
+    async def _open(self, robot: RelayRobot, headers: dict[str, str]) -> RobotSocket | str:
         """Open a WebSocket to the robot; say why there is none, when there may be one soon."""
         try:
             return await self._dial(robot, headers)
@@ -98,7 +98,7 @@ class RobotDialer:
             why = "the robot refuses the connection"
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
 
-    async def _dial(self, robot: Robot, headers: dict[str, str]) -> RobotSocket:
+    async def _dial(self, robot: RelayRobot, headers: dict[str, str]) -> RobotSocket:
         socket = cast(
             RobotSocket,
             await self._client.ws_connect(

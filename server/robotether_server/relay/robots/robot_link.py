@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
@@ -59,7 +59,7 @@ class RobotLink:
     def __init__(
         self,
         preface: Preface,
-        robot: Robot,
+        robot: RelayRobot,
         *,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
@@ -105,7 +105,7 @@ class RobotLink:
     async def run(self) -> None:
         """Take over from an older link, configure the robot, and listen until the end."""
         try:
-            await self._take_over()
+            await self._replace_older()
             if not self._ended and not self._reader.at_eof():
                 self._configure()
                 self._greet()
@@ -135,7 +135,7 @@ class RobotLink:
             self._writer.write(lines.bye_line(code, detail))
         self._close(code)
 
-    def reconfigure(self, robot: Robot) -> None:
+    def reconfigure(self, robot: RelayRobot) -> None:
         """Take the robot's new row: tell what is new; RefusedError when that needs a new SSH login."""
         if self._ended or robot == self._robot:
             return
@@ -143,7 +143,7 @@ class RobotLink:
         if needs_config(before, robot) and self._configured:
             self._configure()
 
-    async def _take_over(self) -> None:
+    async def _replace_older(self) -> None:
         """End the older link, and this one too if somebody else still holds the robot's port."""
         older = self._registry.make_current(self)
         if older is not None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from robotether_server.db.control import MAX_NAME
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.sessions import (
     Battery,
     ByeCode,
@@ -217,7 +217,7 @@ def _refused_field(message: Mapping[str, Any]) -> tuple[tuple[str, int], ...]:
 
 
 def config_line(
-    robot: Robot, *, heartbeat_s: float, timeout_s: float, guard_key: str, direct: bool
+    robot: RelayRobot, *, heartbeat_s: float, timeout_s: float, guard_key: str, direct: bool
 ) -> bytes:
     """Build the settings that the agent works with."""
     return _line(
@@ -239,14 +239,14 @@ def lease_line(fence: int, *, held: bool) -> bytes:
     return _line("lease", fence=fence, held=held)
 
 
-def stop_line(order_id: str, by: str) -> bytes:
+def stop_line(message_id: str, by: str) -> bytes:
     """Build the order to stop."""
-    return _line("stop", id=order_id, by=by)
+    return _line("stop", id=message_id, by=by)
 
 
-def release_line(order_id: str, by: str) -> bytes:
+def release_line(message_id: str, by: str) -> bytes:
     """Build the order to be stopped no more."""
-    return _line("release", id=order_id, by=by)
+    return _line("release", id=message_id, by=by)
 
 
 def checked_line(*, ros: Health, video: Health, shell: Health) -> bytes:

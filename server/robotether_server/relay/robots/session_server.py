@@ -10,7 +10,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
@@ -66,10 +66,10 @@ class SessionServer:
         for link in list(self._live):
             link.end("relay_stopping", "the relay is stopping; connect again in a moment")
         if self._tasks:
-            _, unfinished = await asyncio.wait(self._tasks, timeout=2 * FAREWELL_S)
-            for task in unfinished:
+            _, running = await asyncio.wait(self._tasks, timeout=2 * FAREWELL_S)
+            for task in running:
                 task.cancel()
-            await asyncio.gather(*unfinished, return_exceptions=True)
+            await asyncio.gather(*running, return_exceptions=True)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """End the links of robots that may no longer connect; tell others their new settings."""
@@ -96,7 +96,7 @@ class SessionServer:
             robot = await self._authorize(preface)
         except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
             self._refused("preface")
-            log.warning("a connection to the session port is closed: %s", _why(exc))
+            log.warning("a connection to the session port is closed: %s", _describe_error(exc))
         except NotAuthorizedError as refusal:
             self._refused(refusal.code)
             await _say_bye(writer, refusal.code, refusal.detail)
@@ -106,7 +106,7 @@ class SessionServer:
         else:
             await self._run_link(preface, robot, reader, writer)
 
-    async def _authorize(self, preface: Preface) -> Robot:
+    async def _authorize(self, preface: Preface) -> RelayRobot:
         """Find the robot; sshd has just found it in the database, so it may be newer than the snapshot."""
         try:
             return authorize(self._snapshot(), preface)
@@ -120,7 +120,7 @@ class SessionServer:
     async def _run_link(
         self,
         preface: Preface,
-        robot: Robot,
+        robot: RelayRobot,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
@@ -157,7 +157,7 @@ async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> 
         log.debug("a refused robot did not read its bye")
 
 
-def _why(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     if isinstance(error, WrongKeyError):
         return "its session key is wrong; sshd and relay must have the same SESSION_KEY"
     if isinstance(error, TimeoutError):

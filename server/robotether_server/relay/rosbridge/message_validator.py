@@ -179,7 +179,7 @@ class MessageValidator:
         if entry.right == "publish":
             return self._drives and self._is_drive_topic(name)
         if written["op"] == "call_service" and name in ROSAPI_LOOKUPS:
-            _look_up_only(written)
+            _check_plain_values(written)
             return True
         return False
 
@@ -252,7 +252,7 @@ def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> 
     return written
 
 
-def _look_up_only(written: Mapping[str, Any]) -> None:
+def _check_plain_values(written: Mapping[str, Any]) -> None:
     """Look-ups take plain values; so an observer sends no object inside another."""
     try:
         fields.scalars(written.get("args", {}))

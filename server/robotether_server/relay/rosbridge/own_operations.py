@@ -14,14 +14,14 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.control.control import Control
 
 
 class OwnOperations:
     """What one connection may ask of the relay itself."""
 
-    def __init__(self, control: Control, robot: Robot, user: str, address: str | None) -> None:
+    def __init__(self, control: Control, robot: RelayRobot, user: str, address: str | None) -> None:
         self._control = control
         self._robot = robot
         self._user = user

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change
@@ -68,7 +68,7 @@ class Viewer(Protocol):
 class Feed:
     """The newest frame of one camera of one robot, and who looks at it."""
 
-    def __init__(self, robot: Robot, topic: str, traffic: FeedTraffic) -> None:
+    def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
         self.robot = robot
         self.topic = topic
         self.newest: Frame | None = None
@@ -211,7 +211,7 @@ class Feeds:
         self._all: set[asyncio.Task[CloseReason]] = set()
 
     @contextmanager
-    def followed(self, robot: Robot, topic: str, viewer: Viewer) -> Iterator[Feed]:
+    def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
         feed = self._feeds.get((robot.id, topic)) or self._opened(robot, topic)
         feed.join(viewer)
@@ -240,7 +240,7 @@ class Feeds:
             self._close(feed)
         await asyncio.gather(*self._all, return_exceptions=True)
 
-    def _opened(self, robot: Robot, topic: str) -> Feed:
+    def _opened(self, robot: RelayRobot, topic: str) -> Feed:
         feed = Feed(robot, topic, self.traffic)
         self._feeds[robot.id, topic] = feed
         task = self._tasks[feed] = self._start(feed)

@@ -18,7 +18,7 @@ from urllib.parse import parse_qsl
 from aiohttp import ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
@@ -81,7 +81,7 @@ class VideoHandler:
                 return answer
         return await self._pass_on(request, permit.robot, presence, embeddable=embeddable)
 
-    def _presence(self, robot: Robot) -> Presence:
+    def _presence(self, robot: RelayRobot) -> Presence:
         presence = self._context.registry.presence(robot.id)
         if not presence.online:
             raise RobotOffline(
@@ -90,7 +90,7 @@ class VideoHandler:
         return presence
 
     async def _pass_on(
-        self, request: web.Request, robot: Robot, presence: Presence, *, embeddable: bool
+        self, request: web.Request, robot: RelayRobot, presence: Presence, *, embeddable: bool
     ) -> web.StreamResponse:
         async with self._asked_robot(request, robot, presence) as answer:
             headers = headers_for_viewer(answer.headers, embeddable=embeddable)
@@ -102,7 +102,7 @@ class VideoHandler:
 
     @asynccontextmanager
     async def _asked_robot(
-        self, request: web.Request, robot: Robot, presence: Presence
+        self, request: web.Request, robot: RelayRobot, presence: Presence
     ) -> AsyncIterator[ClientResponse]:
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
         url = URL(f"http://{self._context.tunnel_host}:{robot.video_port}{path}", encoded=True)

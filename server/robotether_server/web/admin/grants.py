@@ -11,7 +11,7 @@ from robotether_server.db import grants as db_grants
 from robotether_server.db.grants import LEVELS, Grant
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.services import grants
-from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import groups, robot_pages, sites, users
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
@@ -48,7 +48,7 @@ def of_site(name: str) -> PageAnswer:
 
 
 @blueprint.route("/grants/<int:grant_id>/take", methods=METHODS)
-def take(grant_id: int) -> AnyResponse:
+def revoke(grant_id: int) -> AnyResponse:
     """Take a grant away."""
     with context().database.transaction() as tx:
         found = db_grants.get(tx, grant_id)
@@ -61,7 +61,7 @@ def take(grant_id: int) -> AnyResponse:
         done=f"The {who} has no grant for {what} any more.",
         back=_page_of(found, request.args.get("from", "")),
     )
-    return confirmation.run(action, lambda tx, source: grants.take(tx, source, grant_id))
+    return confirmation.run(action, lambda tx, source: grants.revoke_by_id(tx, source, grant_id))
 
 
 def _give(render: Callable[[str, Problem | None], str], name: str, back: str) -> PageAnswer:
@@ -69,24 +69,26 @@ def _give(render: Callable[[str, Problem | None], str], name: str, back: str) ->
     if request.method == "GET":
         return render(name, None)
     try:
-        holder, scope = _holder(), _scope()
+        grantee, scope = _grantee(), _scope()
         level = forms.choice("level", "May", LEVELS)
         text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
         ends_at = times.day_or_timestamp("Until", text, is_end=True) if text else None
         with context().database.transaction() as tx:
-            given, _ = grants.give(tx, current_user.source(), holder, scope, level, ends_at=ends_at)
+            given, _ = grants.give(
+                tx, current_user.source(), grantee, scope, level, ends_at=ends_at
+            )
     except Problem as problem:
         return render(name, problem), problem.status
     words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
     return confirmation.go_on(back, words[0].upper() + words[1:])
 
 
-def _holder() -> Holder:
+def _grantee() -> Grantee:
     kind, _, name = forms.text("holder", "Who", MAX_CHOICE_LENGTH).partition(":")
     if kind == "user" and name:
-        return Holder("user", name)
+        return Grantee("user", name)
     if kind == "group" and name:
-        return Holder("group", name)
+        return Grantee("group", name)
     raise FieldInvalid("cannot use Who: choose a user or a group")
 
 

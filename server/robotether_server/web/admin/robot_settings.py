@@ -78,7 +78,7 @@ def to_defaults(name: str) -> AnyResponse:
     )
 
     def do(tx: Transaction, source: Source) -> None:
-        robots.change_settings(tx, source, name, _kept)
+        robots.change_settings(tx, source, name, _unedited)
 
     return confirmation.run(action, do)
 
@@ -107,7 +107,7 @@ def _filled(field: SettingField, in_force: Settings, defaults: Settings) -> Fill
 
 def _from_form(present: Mapping[str, object]) -> Settings:
     """Return the settings of the form, unchecked, and those that it does not have."""
-    settings = _kept(present)
+    settings = _unedited(present)
     for section in SECTIONS:
         for field in section.fields:
             text = request.form.get(field.path)
@@ -126,5 +126,5 @@ def _value(field: SettingField, text: str) -> object:
     return float(text) if NUMBER.fullmatch(text) else text
 
 
-def _kept(present: Mapping[str, object]) -> Settings:
+def _unedited(present: Mapping[str, object]) -> Settings:
     return {name: value for name, value in present.items() if name not in ("guard", "policy")}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from robotether_server.api import objects
 from robotether_server.api.objects import plain, robot_object, ssh_object
-from robotether_server.db.control_states import FREE, ControlState, Driver, Stopped
+from robotether_server.db.control_states import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.db.robots import Report, Robot, SeenRobot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
@@ -60,7 +60,7 @@ def test_users_see_what_they_need_to_use_a_robot() -> None:
 
 def test_driver_and_stop_have_the_names_of_the_control_object() -> None:
     """And are left out, rather than said to be nobody, for who may not know."""
-    control = ControlState(Driver("ann", TIMESTAMP), Stopped("ben", TIMESTAMP))
+    control = ControlState(DrivenBy("ann", TIMESTAMP), Stopped("ben", TIMESTAMP))
     shown = robot_object(SEEN, control, for_admin=False)
     assert shown["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
     assert shown["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}

@@ -7,7 +7,7 @@ import datetime as dt
 
 from robotether_server.cli import robot_texts
 from robotether_server.db.robots import Robot, SeenRobot
-from robotether_server.db.sessions import Session
+from robotether_server.db.sessions import RecordedSession
 
 AT = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
 ROBOT = Robot(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, {})
@@ -24,7 +24,7 @@ def test_row_fits_its_heads() -> None:
     """Each table has as many cells as heads."""
     seen = SeenRobot(ROBOT, False, AT, "manage")
     assert len(robot_texts.as_row(seen)) == len(robot_texts.HEADS)
-    session = Session(AT, None, None, "::1", None)
+    session = RecordedSession(AT, None, None, "::1", None)
     row = robot_texts.as_session_row(session)
     assert row == ("2026-01-02 03:04:05", "goes on", "-", "::1", "-")
     assert len(row) == len(robot_texts.SESSION_HEADS)

@@ -100,11 +100,11 @@ def test_a_relay_finds_numbers_and_stops(relay_database, sim1, ann):
     stop = Stop(sim1, NOON, "ben", "smoke")
     write(relay_database, StopEntry(sim1, Stop(sim1, NOON - HOUR, "ann")), StopEntry(sim1, stop))
     with relay_database.transaction() as tx:
-        found = control.kept(tx)
+        found = control.read_stored(tx)
     assert (found.fences, found.stops) == ({sim1: 1}, [stop])
     write(relay_database, StopEntry(sim1))
     with relay_database.transaction() as tx:
-        assert control.kept(tx).stops == []
+        assert control.read_stored(tx).stops == []
 
 
 def test_a_stop_of_a_removed_robot_writes_nothing(relay_database, sim1):

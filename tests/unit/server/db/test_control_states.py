@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 
 from robotether_server.db import Database, control_states, robots
-from robotether_server.db.control_states import FREE, ControlState, Driver, Stopped
+from robotether_server.db.control_states import FREE, ControlState, DrivenBy, Stopped
 
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
@@ -24,7 +24,7 @@ def test_driver_and_stop_are_shown(database: Database, admin_database: Database)
             (two, NOON),
         )
     driven, stopped = (
-        ControlState(driver=Driver("ann", NOON)),
+        ControlState(driver=DrivenBy("ann", NOON)),
         ControlState(stopped=Stopped("zoe", NOON)),
     )
     with database.transaction() as tx:

@@ -21,8 +21,8 @@ from robotether_server.db.fleet import (
     AuditEntry,
     Changes,
     FormerSessions,
+    RelayUser,
     SessionEntry,
-    User,
 )
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.auth.credentials import credential_of
@@ -164,7 +164,7 @@ def test_credentials_tell_their_users(database, relay_database, sim1):
     swapped = fleet.Credential("token", login.digest)
     with relay_database.transaction() as tx:
         found = fleet.users_of(tx, [login, token, over, unknown, swapped])
-    assert found == {login: User(ann.id, "ann"), token: User(root.id, "root")}
+    assert found == {login: RelayUser(ann.id, "ann"), token: RelayUser(root.id, "root")}
 
 
 def test_a_disabled_users_credentials_do_not_hold(database, relay_database, sim1):

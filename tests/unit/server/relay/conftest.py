@@ -15,7 +15,7 @@ from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
-from robotether_server.db.fleet import Robot, User
+from robotether_server.db.fleet import RelayRobot, RelayUser
 
 Connect = Callable[..., Awaitable[RobotSession]]
 
@@ -60,7 +60,7 @@ def memory_database() -> MemoryDatabase:
 
 
 @pytest.fixture
-def sim1(memory_database: MemoryDatabase) -> Robot:
+def sim1(memory_database: MemoryDatabase) -> RelayRobot:
     """The row of robot sim1."""
     return memory_database.robots[7]
 
@@ -73,7 +73,7 @@ async def relay(memory_database: MemoryDatabase) -> AsyncIterator[RelayServer]:
 
 
 @pytest_asyncio.fixture
-async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
+async def robot(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot]:
     """Have robot sim1 online and well."""
     robot = FakeRobot(sim1.id, SESSION_KEY)
     await robot.start(relay.relay.session_port)
@@ -85,7 +85,7 @@ async def robot(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
 @pytest.fixture
 def login(memory_database: MemoryDatabase) -> dict[str, str]:
     """The cookie of ann's login, among others."""
-    text = memory_database.add_credential("login", User(1, "ann"))
+    text = memory_database.add_credential("login", RelayUser(1, "ann"))
     return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
 
 
@@ -98,13 +98,13 @@ async def camera(robot: FakeRobot) -> FakeFrames:
 
 @pytest_asyncio.fixture
 async def watch(
-    relay: RelayServer, sim1: Robot, http: aiohttp.ClientSession
+    relay: RelayServer, sim1: RelayRobot, http: aiohttp.ClientSession
 ) -> AsyncIterator[Callable[..., Awaitable[FramesViewer]]]:
     """Open viewers of sim1's cameras that are closed at the end."""
     opened: list[FramesViewer] = []
 
     async def open_viewer(
-        user: User | None = None, topic: str = "/a", **wanted: object
+        user: RelayUser | None = None, topic: str = "/a", **wanted: object
     ) -> FramesViewer:
         query = urlencode({"topic": topic, "ticket": relay.ticket(sim1, "observe", user)})
         url = f"{relay.url}/robots/{sim1.name}/video/frames?{query}"
@@ -119,7 +119,7 @@ async def watch(
 
 
 @pytest_asyncio.fixture
-async def guarded(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
+async def guarded(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot]:
     """Have robot sim1 online with a guard in front of its rosbridge."""
     robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
     await robot.start(relay.relay.session_port)
@@ -129,7 +129,7 @@ async def guarded(relay: RelayServer, sim1: Robot) -> AsyncIterator[FakeRobot]:
 
 
 @pytest_asyncio.fixture
-async def connect(relay: RelayServer, sim1: Robot) -> AsyncIterator[Connect]:
+async def connect(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[Connect]:
     """Open sessions of sim1 that are closed at the end."""
     opened: list[RobotSession] = []
 

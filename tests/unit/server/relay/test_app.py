@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from fake_robot import HOST, WAIT_S
 from relay_server import RelayServer
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from yarl import URL
 
 
@@ -208,7 +208,7 @@ async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(
     relay, robot, http, memory_database
 ):
     """It reads the answer, and a problem as well."""
-    token = memory_database.add_credential("token", User(1, "ann"))
+    token = memory_database.add_credential("token", RelayUser(1, "ann"))
     headers = ALLOWED | {"Authorization": f"Bearer {token}"}
     for name, status in (("sim1", 200), ("nosuch", 404)):
         url = f"{relay.url}/api/v1/robots/{name}/stop"
@@ -219,7 +219,7 @@ async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(
 
 async def test_a_program_without_an_origin_gets_no_word_of_it(relay, robot, http, memory_database):
     """Only what caches need."""
-    token = memory_database.add_credential("token", User(1, "ann"))
+    token = memory_database.add_credential("token", RelayUser(1, "ann"))
     url = f"{relay.url}/api/v1/robots/sim1/control"
     async with http.get(url, headers={"Authorization": f"Bearer {token}"}) as answer:
         assert answer.status == 200

@@ -15,7 +15,7 @@ import pytest
 from fake_robot import HOST, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
 from relay_server import SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
-from robotether_server.db.fleet import Entry, FormerSessions, User
+from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
 from robotether_server.relay.main import Listen, run
 
 
@@ -48,7 +48,7 @@ async def test_sigterm_stops_it(caplog):
         asyncio.get_running_loop().remove_signal_handler(number)
 
 
-ANN = User(1, "ann")
+ANN = RelayUser(1, "ann")
 
 
 async def test_sessions_are_written_when_the_database_is_back(

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import AuditEntry, Entry, Robot, SessionEntry, Snapshot
+from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.drives.drive_log import DriveLog
@@ -59,7 +59,7 @@ def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
     )
 
 
-def driving(robot: Robot, *, use: str = "drive", reached: bool = True) -> Connection:
+def driving(robot: RelayRobot, *, use: str = "drive", reached: bool = True) -> Connection:
     return Connection(1, "ann", robot, use, lambda _close_reason: None, reached)
 
 

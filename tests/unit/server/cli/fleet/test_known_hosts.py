@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from robotether_server.cli.fleet import known_hosts
-from robotether_server.cli.fleet.known_hosts import HostKey
+from robotether_server.cli.fleet.known_hosts import KnownKey
 from robotether_server.cli.fleet.problems import ConfigUnusable
 from shell_hosts import make_key
 
@@ -15,9 +15,9 @@ NAMES = ("robotether-sim1", "robotether-sim2", "[gate.example]:2222", "gate.exam
 
 
 @pytest.fixture
-def key(tmp_path: Path) -> HostKey:
+def key(tmp_path: Path) -> KnownKey:
     kind, encoded = make_key(tmp_path / "host").split()[:2]
-    return HostKey(kind, encoded)
+    return KnownKey(kind, encoded)
 
 
 def openssh_finds(path: Path, name: str) -> bool:
@@ -29,7 +29,7 @@ def openssh_finds(path: Path, name: str) -> bool:
 @pytest.mark.parametrize(
     "hosts", [*NAMES, "*", "robotether-*,!robotether-sim2", "10.0.0.?", "a,*:2222"]
 )
-def test_names_fit_as_in_openssh(tmp_path: Path, key: HostKey, hosts: str, name: str) -> None:
+def test_names_fit_as_in_openssh(tmp_path: Path, key: KnownKey, hosts: str, name: str) -> None:
     """Patterns, negation, brackets, lists."""
     path = tmp_path / "known_hosts"
     path.write_text(f"{hosts} {key.type} {key.encoded} a comment\n")
@@ -38,7 +38,7 @@ def test_names_fit_as_in_openssh(tmp_path: Path, key: HostKey, hosts: str, name:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_hashed_names_fit(tmp_path: Path, key: HostKey, name: str) -> None:
+def test_hashed_names_fit(tmp_path: Path, key: KnownKey, name: str) -> None:
     """As `HashKnownHosts yes` writes them."""
     path = tmp_path / "known_hosts"
     path.write_text(f"{name} {key.type} {key.encoded}\n")
@@ -47,7 +47,7 @@ def test_hashed_names_fit(tmp_path: Path, key: HostKey, name: str) -> None:
     assert [one for one in NAMES if known_hosts.find([path], one).trusted] == [name]
 
 
-def test_markers_are_no_trust(tmp_path: Path, key: HostKey) -> None:
+def test_markers_are_no_trust(tmp_path: Path, key: KnownKey) -> None:
     """A revoked key is known as such; an authority's is no host's."""
     path = tmp_path / "known_hosts"
     path.write_text(
@@ -57,7 +57,7 @@ def test_markers_are_no_trust(tmp_path: Path, key: HostKey) -> None:
     assert (known.trusted, known.revoked) == (frozenset(), frozenset({key}))
 
 
-def test_rubbish_is_passed_over(tmp_path: Path, key: HostKey) -> None:
+def test_rubbish_is_passed_over(tmp_path: Path, key: KnownKey) -> None:
     """Comments, half lines, broken hashes and bytes that are no text."""
     path = tmp_path / "known_hosts"
     path.write_bytes(
@@ -67,7 +67,7 @@ def test_rubbish_is_passed_over(tmp_path: Path, key: HostKey) -> None:
     assert known_hosts.find([path, tmp_path / "missing"], "sim1").trusted == {key}
 
 
-def test_added_key_is_found_by_openssh(tmp_path: Path, key: HostKey) -> None:
+def test_added_key_is_found_by_openssh(tmp_path: Path, key: KnownKey) -> None:
     """On a line of its own, in a file that only its owner reads."""
     path = tmp_path / "new" / "known_hosts"
     known_hosts.add(path, "robotether-sim1", key)
@@ -79,7 +79,7 @@ def test_added_key_is_found_by_openssh(tmp_path: Path, key: HostKey) -> None:
         assert known_hosts.find([path], name).trusted == {key}
 
 
-def test_file_that_cannot_be_used_is_told(tmp_path: Path, key: HostKey) -> None:
+def test_file_that_cannot_be_used_is_told(tmp_path: Path, key: KnownKey) -> None:
     """A folder in its place, say."""
     with pytest.raises(ConfigUnusable, match="cannot read the known host keys"):
         known_hosts.find([tmp_path], "sim1")

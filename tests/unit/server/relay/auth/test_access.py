@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.problems import OriginRefused, TicketExpired, TicketUsed
 from robotether_server.relay.auth.access import Access, Request, UsedTickets
 from robotether_server.relay.auth.credentials import Credentials
@@ -79,7 +79,7 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
 )
 def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
     """Only a connection that drives has what its user was granted."""
-    signer, robot = TicketSigner("key", 30), Robot(7, "sim1", "active", 20000, 20001)
+    signer, robot = TicketSigner("key", 30), RelayRobot(7, "sim1", "active", 20000, 20001)
     access = Access(
         signer=signer,
         credentials=Credentials(MemoryDatabase()),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from relay_server import MemoryDatabase
 from robotether_server import robot_settings
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.grants import Level
 from robotether_server.relay.auth.connections import Caps, Connection, Connections, Use, permits
 from robotether_server.relay.http import close_reasons
@@ -28,7 +28,9 @@ class Live:
         self.close_reasons: dict[Connection, list[str]] = {}
         self._open = ExitStack()
 
-    def add(self, user_id: int, robot: Robot, use: Use, *, connected: bool = True) -> Connection:
+    def add(
+        self, user_id: int, robot: RelayRobot, use: Use, *, connected: bool = True
+    ) -> Connection:
         ended: list[str] = []
 
         def end(close_reason: CloseReason) -> None:
@@ -53,7 +55,7 @@ def live() -> Live:
 
 
 @pytest.fixture
-def sim2(memory_database: MemoryDatabase) -> Robot:
+def sim2(memory_database: MemoryDatabase) -> RelayRobot:
     """A second robot, which user 1 drives."""
     return memory_database.add_robot(8, "sim2", u1="drive")
 

@@ -7,12 +7,12 @@ from collections.abc import Collection
 
 import pytest
 from relay_server import MemoryDatabase
-from robotether_server.db.fleet import Credential, User
+from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 
-ANN = User(1, "ann")
+ANN = RelayUser(1, "ann")
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ class SlowDatabase(MemoryDatabase):
         super().__init__()
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, User]:
+    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
         answer = await super().users_of(credentials)
         self.asked.set()
         await self.go_on.wait()

@@ -6,10 +6,15 @@ import pytest
 import pytest_asyncio
 from relay_clients import audit_lines, closing
 from relay_server import until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth import credentials
 
-ANN, BEN, CARL, EVE = User(1, "ann"), User(3, "ben"), User(4, "carl"), User(5, "eve")
+ANN, BEN, CARL, EVE = (
+    RelayUser(1, "ann"),
+    RelayUser(3, "ben"),
+    RelayUser(4, "carl"),
+    RelayUser(5, "eve"),
+)
 SIM1 = "/api/v1/robots/sim1"
 
 
@@ -21,7 +26,7 @@ async def people(relay, memory_database, sim1):
     await relay.relay.fleet.poll()
     return {
         user.name: {"Authorization": f"Bearer {memory_database.add_credential('token', user)}"}
-        for user in (ANN, BEN, CARL, EVE, User(2, "bob"))
+        for user in (ANN, BEN, CARL, EVE, RelayUser(2, "bob"))
     }
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import utc
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import (
     AlreadyAsked,
     LeaseFree,
@@ -21,7 +21,7 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.control.leases import HeldError, Lease, Now
 
-ANN, BEN, CARL = User(1, "ann"), User(2, "ben"), User(3, "carl")
+ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(2, "ben"), RelayUser(3, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
 
 
@@ -29,7 +29,7 @@ NOON = utc(2026, 1, 1, 12, 0)
 class FakeHolder:
     """A connection of a user."""
 
-    of: User
+    of: RelayUser
 
     @property
     def user_id(self) -> int:
@@ -44,7 +44,7 @@ def at(seconds: float) -> Now:
     return Now(seconds, NOON + timedelta(seconds=seconds))
 
 
-def driven_by(user: User, lease: Lease, seconds: float = 0.0) -> FakeHolder:
+def driven_by(user: RelayUser, lease: Lease, seconds: float = 0.0) -> FakeHolder:
     holder = FakeHolder(user)
     lease.claim(holder, at(seconds))
     assert lease.grant(holder, lease.fence + 1, at(seconds))

@@ -10,13 +10,13 @@ import pytest
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import until
 from robotether_server.db.control import DriveEntry, LeaseEnd
-from robotether_server.db.fleet import AuditEntry, User
+from robotether_server.db.fleet import AuditEntry, RelayUser
 from robotether_server.problems import NobodyAsks, RecordMissing, RecordRefused
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 
-ANN, BEN, CARL = User(1, "ann"), User(3, "ben"), User(4, "carl")
+ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 
 
 @pytest.fixture(autouse=True)
@@ -30,11 +30,11 @@ def control(relay, sim1):
     return relay.relay.control.describe(sim1.id)
 
 
-def asker(user: User) -> leasing.LeaseRequester:
+def asker(user: RelayUser) -> leasing.LeaseRequester:
     return leasing.LeaseRequester(user, "198.51.100.9")
 
 
-async def driven(relay, sim1, user: User = ANN) -> None:
+async def driven(relay, sim1, user: RelayUser = ANN) -> None:
     await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
 
 
@@ -316,7 +316,7 @@ class Bare:
             changed=self.changed.append,
         )
 
-    async def drives(self, user: User) -> Connection:
+    async def drives(self, user: RelayUser) -> Connection:
         connection = Connection(
             user.id,
             user.name,

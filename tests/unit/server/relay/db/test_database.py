@@ -21,7 +21,7 @@ from robotether_server.db import (
     tokens,
     users,
 )
-from robotether_server.db.fleet import Credential, User
+from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import ThreadedDatabase
@@ -45,7 +45,7 @@ def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
 
 
 @pytest.fixture
-def ann(database: Database) -> User:
+def ann(database: Database) -> RelayUser:
     """A user who drives sim1."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
@@ -53,7 +53,7 @@ def ann(database: Database) -> User:
         robots.set_state(tx, robot_id, "active")
         ann_id = users.add(tx, "ann", "x", "user")
         give(tx, ann_id, robot_id, "drive")
-    return User(ann_id, "ann")
+    return RelayUser(ann_id, "ann")
 
 
 def log_in(database: Database) -> Credential:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import Snapshot, User
+from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.db.fleet import Fleet
 
@@ -41,7 +41,7 @@ def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
         credentials_changed=heard.recheck,
         check_new_credentials=heard.check_new,
         last_seen=heard.last_seen.append,
-        kept=heard.kept.append,
+        on_stored_control=heard.kept.append,
     )
 
 
@@ -68,7 +68,7 @@ async def test_the_past_is_read_once(fleet, memory_database, heard):
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):
     """Credentials are checked anew without reading the fleet."""
     await fleet.poll()
-    memory_database.add_credential("login", User(1, "ann"))
+    memory_database.add_credential("login", RelayUser(1, "ann"))
     await fleet.poll()
     assert (len(heard.snapshots), heard.rechecks) == (1, 2)
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from fake_robot import FakeRobot
 from relay_server import SESSION_KEY, until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.events.handler import render
 
@@ -50,7 +50,7 @@ def follow(relay, http, memory_database):
     """Follow the fleet as a user, by login."""
 
     @asynccontextmanager
-    async def following(user: User):
+    async def following(user: RelayUser):
         cookie = {
             "Cookie": f"__Host-robotether_login={memory_database.add_credential('login', user)}"
         }
@@ -62,7 +62,7 @@ def follow(relay, http, memory_database):
     return following
 
 
-ANN, BOB, EVE = User(1, "ann"), User(2, "bob"), User(9, "eve")
+ANN, BOB, EVE = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(9, "eve")
 
 
 async def test_the_fleet_comes_first(relay, robot, sim1, follow):
@@ -218,8 +218,8 @@ async def test_a_user_follows_so_many_times_at_once(
 ):
     """The client over the cap gets 429; another user's is not counted with it."""
     monkeypatch.setattr(relay.relay.connections, "caps", Caps(per_user=1))
-    bob, token = User(2, "bob"), memory_database.add_credential("token", User(1, "ann"))
-    async with follow(User(1, "ann")) as events:
+    bob, token = RelayUser(2, "bob"), memory_database.add_credential("token", RelayUser(1, "ann"))
+    async with follow(RelayUser(1, "ann")) as events:
         await events.next("fleet")
         headers = {"Authorization": f"Bearer {token}"}
         async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
@@ -227,5 +227,5 @@ async def test_a_user_follows_so_many_times_at_once(
         async with follow(bob) as others:
             await others.next("fleet")
     await until(lambda: relay.relay.fleet_events.subscriber_count() == 0, "both are gone")
-    async with follow(User(1, "ann")) as events:
+    async with follow(RelayUser(1, "ann")) as events:
         await events.next("fleet")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from robotether_server.db.fleet import Robot, Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.authorization import (
     NotAuthorizedError,
     authorize,
@@ -15,7 +15,7 @@ from robotether_server.relay.robots.authorization import (
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.robot_settings import parse
 
-SIM1 = Robot(
+SIM1 = RelayRobot(
     7,
     "sim1",
     "active",
@@ -28,7 +28,7 @@ SIM1 = Robot(
 MINE = frozenset({20000, 20001, 24000})
 
 
-def refusal(robot: Robot | None, **preface: object) -> str | None:
+def refusal(robot: RelayRobot | None, **preface: object) -> str | None:
     """The code of the refusal, None when it is admitted."""
     fields = {"kind": "session", "robot_id": 7, "address": "", "fingerprint": "SHA256:new"}
     robots = {} if robot is None else {robot.id: robot}

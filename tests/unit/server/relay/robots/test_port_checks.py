@@ -11,7 +11,7 @@ import pytest_asyncio
 from fake_robot import HOST
 from local_network import free_port
 from relay_server import until
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.port_checks import (
     LinkChecks,
     PortChecker,
@@ -45,8 +45,8 @@ async def serve() -> AsyncIterator[Serve]:
         await server.wait_closed()
 
 
-def robot(ros: int, video: int, shell: int | None = None) -> Robot:
-    return Robot(7, "sim1", "active", ros, video, shell_port=shell)
+def robot(ros: int, video: int, shell: int | None = None) -> RelayRobot:
+    return RelayRobot(7, "sim1", "active", ros, video, shell_port=shell)
 
 
 async def test_each_service_is_known_by_its_first_bytes(serve):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from relay_clients import closing, misbehaving
 from relay_server import utc
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.robots import robot_dialer
 from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
 from robotether_server.relay.robots.sessions import Presence
 
-BOB = User(2, "bob")
+BOB = RelayUser(2, "bob")
 
 
 async def test_the_guard_is_shown_key_mode_and_number(relay, guarded, sim1, http):

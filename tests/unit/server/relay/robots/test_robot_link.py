@@ -11,17 +11,19 @@ from fake_robot import HOST
 from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryDatabase, RelayServer, until
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
 from stopwatch import Stopwatch
 
 
-def presence(relay: RelayServer, robot: Robot) -> Presence:
+def presence(relay: RelayServer, robot: RelayRobot) -> Presence:
     return relay.relay.registry.presence(robot.id)
 
 
-async def give_shell(relay: RelayServer, memory_database: MemoryDatabase, robot: Robot) -> Robot:
+async def give_shell(
+    relay: RelayServer, memory_database: MemoryDatabase, robot: RelayRobot
+) -> RelayRobot:
     """Switch the robot's shell on, and wait until the relay knows."""
     with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
     memory_database.robots = {robot.id: with_shell}

@@ -8,7 +8,7 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.session_messages import (
     BrokenLineError,
     Preface,
@@ -114,7 +114,7 @@ def test_a_pong_carries_the_agents_clock_back():
 
 def test_lines_end_where_they_should():
     """Each line is one line, whatever a text in it holds."""
-    robot = Robot(7, "a\nb", "active", 1, 2)
+    robot = RelayRobot(7, "a\nb", "active", 1, 2)
     config = config_line(robot, heartbeat_s=1, timeout_s=5, guard_key="k", direct=False)
     checked = checked_line(ros="ok", video="down", shell="unknown")
     for line in (config, checked, bye_line("timeout", "x\ny")):

@@ -10,14 +10,14 @@ import pytest
 from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.db.fleet import Robot
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
 from robotether_server.relay.robots.sessions import Presence
 
 KINDS = ("session", "media")
 
 
-def presence(relay: RelayServer, robot: Robot) -> Presence:
+def presence(relay: RelayServer, robot: RelayRobot) -> Presence:
     return relay.relay.registry.presence(robot.id)
 
 

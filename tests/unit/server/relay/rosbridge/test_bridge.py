@@ -14,11 +14,11 @@ from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
 from robotether_server import robot_settings
-from robotether_server.db.fleet import Robot, User
+from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.rosbridge import bridge, message_validator
 from robotether_server.relay.rosbridge.handler import OBSERVER_LIMIT
 
-BOB = User(2, "bob")
+BOB = RelayUser(2, "bob")
 
 
 async def test_text_passes_unchanged_both_ways(relay, robot, sim1, http):
@@ -74,7 +74,7 @@ async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
 
 
 @pytest.fixture
-def wide(memory_database, sim1) -> Robot:
+def wide(memory_database, sim1) -> RelayRobot:
     """Robot sim1, to which drivers may publish all and as much as may be."""
     policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
     wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))

@@ -10,14 +10,14 @@ import pytest
 from aiohttp import web
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, running_relay, until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
 from stopwatch import Stopwatch
 
-ANN = User(1, "ann")
-BOB = User(2, "bob")
+ANN = RelayUser(1, "ann")
+BOB = RelayUser(2, "bob")
 
 
 async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tuple[int, str]:
@@ -256,7 +256,7 @@ async def test_a_drive_begins_only_with_a_credential_that_holds_now(
     async with running_relay(memory_database, seldom) as relay:
         robot = await misbehaving(relay, sim1, "guarded")
         await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is well")
-        token = credential_of("token", memory_database.add_credential("token", User(1, "ann")))
+        token = credential_of("token", memory_database.add_credential("token", RelayUser(1, "ann")))
         url = relay.ros_url(sim1, credential=token)
         del memory_database.credentials[token]
         memory_database.down = down

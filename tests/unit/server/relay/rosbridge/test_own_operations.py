@@ -7,10 +7,10 @@ import time
 from fake_operator import FakeOperator
 from relay_clients import closing
 from relay_server import until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from stopwatch import Stopwatch
 
-BOB = User(2, "bob")
+BOB = RelayUser(2, "bob")
 
 
 async def test_a_clock_sync_is_answered_with_the_relays_clock(relay, guarded, sim1, http):

@@ -10,10 +10,10 @@ import aiohttp
 import pytest
 from relay_clients import closing
 from relay_server import until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
 
-ANN, BOB = User(1, "ann"), User(2, "bob")
+ANN, BOB = RelayUser(1, "ann"), RelayUser(2, "bob")
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
@@ -366,7 +366,7 @@ async def test_a_login_is_no_word_of_another_sites_page(camera, relay, sim1, htt
 
 async def test_who_may_not_see_gets_a_status(camera, relay, sim1, http, memory_database):
     """Refusals that concern the asker come before the upgrade."""
-    stranger = memory_database.add_credential("login", User(9, "eve"))
+    stranger = memory_database.add_credential("login", RelayUser(9, "eve"))
     for headers, query, expected in [
         ({}, "topic=/a", 401),
         ({"Cookie": f"__Host-robotether_login={stranger}"}, "topic=/a", 404),

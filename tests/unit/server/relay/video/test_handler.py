@@ -8,15 +8,15 @@ import aiohttp
 import pytest
 from fake_robot import HOST, JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
-from robotether_server.db.fleet import Robot, User
+from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.video.handler import path_for_robot
 from yarl import URL
 
-ANN = User(1, "ann")
+ANN = RelayUser(1, "ann")
 
 
-def video_url(relay: RelayServer, robot: Robot, rest: str) -> str:
+def video_url(relay: RelayServer, robot: RelayRobot, rest: str) -> str:
     return f"{relay.url}/robots/{robot.name}/video/{rest}"
 
 
@@ -88,7 +88,7 @@ async def test_a_stream_streams(relay, robot, sim1, http, login):
 
 async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
     """For its 30 s a ticket starts as many video requests as it likes, of its own robot."""
-    ticket = relay.ticket(sim1, "observe", User(2, "bob"))
+    ticket = relay.ticket(sim1, "observe", RelayUser(2, "bob"))
     for _ in range(2):
         async with http.get(video_url(relay, sim1, f"snapshot?ticket={ticket}")) as answer:
             assert answer.status == 200
@@ -97,7 +97,7 @@ async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
 async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, memory_database, login):
     """Each refusal of video has its status and code."""
     memory_database.add_robot(8, "sim2")
-    stranger = memory_database.add_credential("token", User(9, "eve"))
+    stranger = memory_database.add_credential("token", RelayUser(9, "eve"))
     url = video_url(relay, sim1, "snapshot")
     for headers, target, expected in [
         ({}, url, (401, "login_missing")),

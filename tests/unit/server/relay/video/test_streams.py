@@ -9,9 +9,9 @@ import aiohttp
 import pytest
 from fake_robot import JPEG
 from relay_server import until
-from robotether_server.db.fleet import User
+from robotether_server.db.fleet import RelayUser
 
-ANN = User(1, "ann")
+ANN = RelayUser(1, "ann")
 
 
 def video_url(relay, robot, rest: str) -> str:
@@ -180,7 +180,7 @@ async def test_who_takes_nothing_skips_and_is_cut(
     """Little waits for it, and another viewer sees each frame meanwhile."""
     monkeypatch.setattr("robotether_server.relay.video.streams.VIEWER_SLOW_AFTER_S", 0.5)
     # Under what aiohttp waits for by itself.
-    viewer, large = await watch(User(2, "bob")), b"x" * 60_000
+    viewer, large = await watch(RelayUser(2, "bob")), b"x" * 60_000
     await camera.wait_for("credit")
     await camera.show(large)
     await viewer.credit()

@@ -7,11 +7,11 @@ from flask import Flask
 from robotether_server.db import Database, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.services import grants, groups, sites
-from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web.admin import grant_lists
 
 ADMIN = Source("root")
-CREW, ANN, OLGA = Holder("group", "crew"), Holder("user", "ann"), Holder("user", "olga")
+CREW, ANN, OLGA = Grantee("group", "crew"), Grantee("user", "ann"), Grantee("user", "olga")
 
 
 @pytest.fixture

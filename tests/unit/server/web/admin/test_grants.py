@@ -9,7 +9,7 @@ from admin_visitor import send
 from robotether_server.db import Database
 from robotether_server.db.audit import Source
 from robotether_server.services import grants, groups, sites
-from robotether_server.services.grants import ALL, Holder, Scope
+from robotether_server.services.grants import ALL, Grantee, Scope
 from web_visitor import Browser, audit_kinds
 
 ADMIN = Source("root")
@@ -147,8 +147,8 @@ def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
 ) -> None:
     """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
     with database.transaction() as tx:
-        grants.give(tx, ADMIN, Holder("group", "crew"), Scope("site", "lab"), "manage")
-        grants.give(tx, ADMIN, Holder("user", "ann"), ALL, "observe")
+        grants.give(tx, ADMIN, Grantee("group", "crew"), Scope("site", "lab"), "manage")
+        grants.give(tx, ADMIN, Grantee("user", "ann"), ALL, "observe")
     number = number_of(database, "group crew", "site lab")
     for page in ("/admin/users/ann", "/admin/robots/sim2"):
         text = admin.ask("GET", page).text
