@@ -8,7 +8,7 @@ import pytest
 from paper import spiral_course
 from paper.spiral_course import Change
 from sim_robot.kinematics import STANDING, STEP_S, Pose, Velocity
-from sim_robot.settings import Settings
+from sim_robot.settings import SimSettings
 
 
 def near(pose: Pose) -> object:
@@ -57,7 +57,7 @@ def test_the_way_ends_at_the_end() -> None:
 
 def test_the_spiral_fits_into_the_simulators_world() -> None:
     """Started in its middle, the robot keeps a metre from every wall."""
-    room = Settings(name="test").world_size_m / 2 - 1
+    room = SimSettings(name="test").world_size_m / 2 - 1
     changes = spiral_course.punctual(spiral_course.velocities())
     assert all(max(abs(x), abs(y)) < room for x, y in spiral_course.path_of(changes))
 

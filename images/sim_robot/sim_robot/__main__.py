@@ -7,7 +7,7 @@ import signal
 import sys
 
 from sim_robot.problems import SettingsProblem
-from sim_robot.settings import Settings, from_environment
+from sim_robot.settings import SimSettings, from_environment
 from sim_robot.simulator import Simulator
 
 log = logging.getLogger("sim_robot")
@@ -29,7 +29,7 @@ def main() -> int:
     return asyncio.run(_run(settings))
 
 
-async def _run(settings: Settings) -> int:
+async def _run(settings: SimSettings) -> int:
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):

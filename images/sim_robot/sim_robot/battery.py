@@ -15,7 +15,7 @@ HEALTH_GOOD, TECHNOLOGY_LION = 1, 2
 
 
 @dataclass
-class Battery:
+class BatteryModel:
     """How full it is, from 0 to 1, and whether it charges."""
 
     level: float = 0.81

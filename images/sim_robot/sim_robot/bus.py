@@ -39,7 +39,7 @@ Callback = Callable[[TopicMessage], None]
 
 
 @dataclass(eq=False)
-class _Topic:
+class _BusTopic:
     key: str
     publishers: set[Node] = field(default_factory=set)
     subscribers: dict[Node, Callback] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class Bus:
 
     def __init__(self, types: MessageTypes) -> None:
         self._types = types
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, _BusTopic] = {}
 
     def advertise(self, topic: str, type_name: str | None, node: Node) -> None:
         """Announce that `node` publishes; without a type the topic must exist already."""
@@ -118,7 +118,7 @@ class Bus:
         found = self._topics.get(topic)
         return sorted({node.name for node in found.subscribers}) if found else []
 
-    def _establish(self, topic: str, type_name: str | None) -> _Topic:
+    def _establish(self, topic: str, type_name: str | None) -> _BusTopic:
         known = self._topics.get(topic)
         if type_name is None:
             if known is None:
@@ -128,7 +128,7 @@ class Bus:
             return known
         key = self._types.key_of(type_name)
         if known is None:
-            known = self._topics[topic] = _Topic(key)
+            known = self._topics[topic] = _BusTopic(key)
         elif known.key != key:
             established = self._types.name_of(known.key)
             raise TypeConflict(

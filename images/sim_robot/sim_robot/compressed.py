@@ -8,7 +8,7 @@ import asyncio
 import base64
 
 from sim_robot.bus import Node
-from sim_robot.frames import Frame, FrameFeed, FrameFormat
+from sim_robot.frames import FrameFeed, FrameFormat, RenderedFrame
 from sim_robot.graph import Graph
 
 NODE = Node("/camera")
@@ -38,16 +38,16 @@ class CompressedCamera:
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _show(self) -> None:
-        number = -1
+        sequence = -1
         while self._graph.bus.has_subscribers(self.topic):
-            frame = await self._feed.next_frame(FORMAT, after=number)
-            number = frame.number
+            frame = await self._feed.next_frame(FORMAT, after=sequence)
+            sequence = frame.sequence
             if self._graph.bus.has_subscribers(self.topic):
                 self._publish(frame)
 
-    def _publish(self, frame: Frame) -> None:
+    def _publish(self, frame: RenderedFrame) -> None:
         values = {
-            "header": self._graph.types.header("camera", frame.stamp_ns, frame.number),
+            "header": self._graph.types.header("camera", frame.stamp_ns, frame.sequence),
             "format": "jpeg",
             "data": base64.b64encode(frame.jpeg).decode(),
         }

@@ -7,13 +7,13 @@ no camera gives a new picture, so that tests see what a stalled camera does.
 import time
 from collections.abc import Sequence
 
-from sim_robot.battery import Battery
+from sim_robot.battery import BatteryModel
 from sim_robot.bus import Node, TopicMessage
 from sim_robot.frames import FrameFeed
 from sim_robot.graph import Graph
 from sim_robot.kinematics import STANDING
 from sim_robot.messages import Fields, Values
-from sim_robot.robot import Robot
+from sim_robot.robot import RobotNode
 from sim_robot.services import Handler, Service
 
 NODE = Node("/sim_devices")
@@ -28,12 +28,12 @@ _NOTHING: Fields = ()
 class Devices:
     """Battery, lights and services of one robot."""
 
-    def __init__(self, graph: Graph, robot: Robot, feeds: Sequence[FrameFeed]) -> None:
+    def __init__(self, graph: Graph, robot: RobotNode, feeds: Sequence[FrameFeed]) -> None:
         self._graph = graph
         self._robot = robot
         self._feeds = feeds
         self._seq = 0
-        self.battery = Battery()
+        self.battery = BatteryModel()
         self.lights = False
         graph.bus.advertise(BATTERY, "sensor_msgs/BatteryState", NODE)
         graph.bus.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray", NODE)

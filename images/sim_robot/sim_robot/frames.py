@@ -28,10 +28,10 @@ class FrameFormat:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """One picture: its number, the Unix time of what it shows, and the JPEG."""
+class RenderedFrame:
+    """One picture: its sequence, the Unix time of what it shows, and the JPEG."""
 
-    number: int
+    sequence: int
     stamp_ns: int
     jpeg: bytes
 
@@ -43,7 +43,9 @@ class FrameFeed:
         self._scene = scene_of
         self._fps = fps
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
-        self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[Frame]]] = OrderedDict()
+        self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[RenderedFrame]]] = (
+            OrderedDict()
+        )
         self._running = asyncio.Event()
         self._running.set()
         self.drawn = 0
@@ -60,14 +62,14 @@ class FrameFeed:
         else:
             self._running.set()
 
-    async def next_frame(self, wanted: FrameFormat, after: int = -1) -> Frame:
-        """Wait for a frame with a number above `after`: the newest one, not the next in line."""
-        number = await self._due(after)
+    async def next_frame(self, wanted: FrameFormat, after: int = -1) -> RenderedFrame:
+        """Wait for a frame with a sequence above `after`: the newest one, not the next in line."""
+        sequence = await self._due(after)
         while self.is_frozen:
             await self._running.wait()
-            number = await self._due(after)
+            sequence = await self._due(after)
         # Shielded: a viewer who leaves must not take the frame from the others.
-        return await asyncio.shield(self._drawing(wanted, number))
+        return await asyncio.shield(self._drawing(wanted, sequence))
 
     async def close(self) -> None:
         """Draw nothing more."""
@@ -77,27 +79,27 @@ class FrameFeed:
 
     async def _due(self, after: int) -> int:
         loop = asyncio.get_running_loop()
-        number = max(int(loop.time() * self._fps), after + 1)
-        await asyncio.sleep(number / self._fps - loop.time())
-        return number
+        sequence = max(int(loop.time() * self._fps), after + 1)
+        await asyncio.sleep(sequence / self._fps - loop.time())
+        return sequence
 
-    def _drawing(self, wanted: FrameFormat, number: int) -> asyncio.Task[Frame]:
+    def _drawing(self, wanted: FrameFormat, sequence: int) -> asyncio.Task[RenderedFrame]:
         known = self._newest.get(wanted)
-        if known is not None and known[0] >= number:
+        if known is not None and known[0] >= sequence:
             return known[1]
-        task = asyncio.create_task(self._draw(wanted, number))
-        self._newest[wanted] = (number, task)
+        task = asyncio.create_task(self._draw(wanted, sequence))
+        self._newest[wanted] = (sequence, task)
         self._newest.move_to_end(wanted)
         if len(self._newest) > MAX_FORMATS:
             self._newest.popitem(last=False)
         return task
 
-    async def _draw(self, wanted: FrameFormat, number: int) -> Frame:
+    async def _draw(self, wanted: FrameFormat, sequence: int) -> RenderedFrame:
         scene = self._scene()
         loop = asyncio.get_running_loop()
         data = await loop.run_in_executor(self._thread, _frame, scene, wanted)
         self.drawn += 1
-        return Frame(number, scene.stamp_ns, data)
+        return RenderedFrame(sequence, scene.stamp_ns, data)
 
 
 def _frame(scene: camera.Scene, wanted: FrameFormat) -> bytes:

@@ -11,7 +11,7 @@ from sim_robot.problems import SettingsProblem
 from sim_robot.settings import from_environment
 
 TIMEOUT_S = 3.0
-SWITCHING, OK = 101, 200
+SWITCHING_PROTOCOLS, OK = 101, 200
 _UPGRADE = {
     "Connection": "Upgrade",
     "Upgrade": "websocket",
@@ -24,7 +24,7 @@ def main() -> int:
     """Exit code 0 when both answer."""
     try:
         settings = from_environment(os.environ)
-        _ask("rosbridge", settings.rosbridge_port, _UPGRADE, SWITCHING)
+        _ask("rosbridge", settings.rosbridge_port, _UPGRADE, SWITCHING_PROTOCOLS)
         _ask("video", settings.video_port, {}, OK)
     except (SettingsProblem, OSError, http.client.HTTPException) as error:
         sys.stderr.write(f"unhealthy: {error}\n")

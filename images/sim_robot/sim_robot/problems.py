@@ -15,7 +15,7 @@
     │   ├── OperationUnknown
     │   ├── OperationRefused
     │   ├── FieldMissing
-    │   ├── FieldInvalid
+    │   ├── OperationFieldInvalid
     │   └── ClientLimit
     └── RequestProblem             a request to the video server is broken
 
@@ -113,7 +113,7 @@ class FieldMissing(OperationProblem):
     code = "field_missing"
 
 
-class FieldInvalid(OperationProblem):
+class OperationFieldInvalid(OperationProblem):
     """A field has a value of the wrong type or out of its range."""
 
     code = "field_invalid"

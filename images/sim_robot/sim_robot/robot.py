@@ -29,7 +29,7 @@ PATH_POINTS = 2000  # 100 m: the paper's 78 m spiral fits, and memory is bounded
 _COVARIANCE = [1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
 
 
-class Robot:
+class RobotNode:
     """Joins the kinematics to the topics."""
 
     def __init__(

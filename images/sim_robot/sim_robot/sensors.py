@@ -10,7 +10,7 @@ import time
 from sim_robot.bus import Node
 from sim_robot.graph import Graph
 from sim_robot.messages import Values
-from sim_robot.robot import BASE_FRAME, Robot
+from sim_robot.robot import BASE_FRAME, RobotNode
 from sim_robot.world import World
 
 NODE = Node("/sim_sensors")
@@ -25,7 +25,7 @@ CELL_M, CELLS_MAX = 0.1, 200
 class Sensors:
     """Looks around from where the robot is."""
 
-    def __init__(self, graph: Graph, robot: Robot, world: World) -> None:
+    def __init__(self, graph: Graph, robot: RobotNode, world: World) -> None:
         self._graph = graph
         self._robot = robot
         self._world = world
@@ -52,7 +52,7 @@ class Sensors:
             "scan_time": 1 / SCAN_HZ,
             "range_min": RANGE_MIN_M,
             "range_max": RANGE_MAX_M,
-            "ranges": [_in_reach(self._world.distance(pose.x, pose.y, angle)) for angle in angles],
+            "ranges": [_in_range(self._world.distance(pose.x, pose.y, angle)) for angle in angles],
             "intensities": [],
         }
 
@@ -76,5 +76,5 @@ class Sensors:
         }
 
 
-def _in_reach(distance_m: float) -> float:
+def _in_range(distance_m: float) -> float:
     return round(distance_m, 3) if distance_m <= RANGE_MAX_M else math.inf

@@ -16,7 +16,7 @@ LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
 @dataclass(frozen=True)
-class Settings:
+class SimSettings:
     """What is in force. The field `world_size_m` comes from SIM_WORLD_SIZE_M, and so on."""
 
     name: str
@@ -30,26 +30,28 @@ class Settings:
     log_level: str = "info"
 
 
-def from_environment(environment: Mapping[str, str]) -> Settings:
+def from_environment(environment: Mapping[str, str]) -> SimSettings:
     """Read the settings; SettingsProblem names variable, value and what is allowed."""
     values = {key: value for key, value in environment.items() if key.startswith(PREFIX) and value}
     _refuse_unknown(values)
-    return Settings(
+    return SimSettings(
         name=values.get("SIM_NAME") or socket.gethostname(),
-        world_size_m=_number(values, "SIM_WORLD_SIZE_M", Settings.world_size_m, 2, 1000),
-        kind=_one_of(values, "SIM_KIND", Settings.kind, tuple(DRIVETRAINS)),
-        ros_version=int(_one_of(values, "SIM_ROS_VERSION", str(Settings.ros_version), ("1", "2"))),
-        bind_address=values.get("SIM_BIND_ADDRESS", Settings.bind_address),
-        rosbridge_port=_port(values, "SIM_ROSBRIDGE_PORT", Settings.rosbridge_port),
-        video_port=_port(values, "SIM_VIDEO_PORT", Settings.video_port),
-        camera_fps=_number(values, "SIM_CAMERA_FPS", Settings.camera_fps, 1, 15),
-        log_level=_one_of(values, "SIM_LOG_LEVEL", Settings.log_level, LOG_LEVELS),
+        world_size_m=_number(values, "SIM_WORLD_SIZE_M", SimSettings.world_size_m, 2, 1000),
+        kind=_one_of(values, "SIM_KIND", SimSettings.kind, tuple(DRIVETRAINS)),
+        ros_version=int(
+            _one_of(values, "SIM_ROS_VERSION", str(SimSettings.ros_version), ("1", "2"))
+        ),
+        bind_address=values.get("SIM_BIND_ADDRESS", SimSettings.bind_address),
+        rosbridge_port=_port(values, "SIM_ROSBRIDGE_PORT", SimSettings.rosbridge_port),
+        video_port=_port(values, "SIM_VIDEO_PORT", SimSettings.video_port),
+        camera_fps=_number(values, "SIM_CAMERA_FPS", SimSettings.camera_fps, 1, 15),
+        log_level=_one_of(values, "SIM_LOG_LEVEL", SimSettings.log_level, LOG_LEVELS),
     )
 
 
 def variable_names() -> tuple[str, ...]:
     """Name every variable that is read."""
-    return tuple(PREFIX + field.name.upper() for field in fields(Settings))
+    return tuple(PREFIX + field.name.upper() for field in fields(SimSettings))
 
 
 def _refuse_unknown(values: Mapping[str, str]) -> None:

@@ -18,11 +18,11 @@ from sim_robot.frames import FrameFeed
 from sim_robot.graph import make_graph
 from sim_robot.kinematics import STEP_S
 from sim_robot.rate import FixedRate
-from sim_robot.robot import Robot
+from sim_robot.robot import RobotNode
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
 from sim_robot.sensors import Sensors
-from sim_robot.settings import Settings
+from sim_robot.settings import SimSettings
 from sim_robot.video_server import VideoServer
 from sim_robot.world import World
 
@@ -32,10 +32,10 @@ CAMERAS = {"/camera/image_raw": "front", "/rear/image_raw": "rear"}
 class Simulator:
     """One whole simulated robot; `async with` starts and stops it."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: SimSettings) -> None:
         self._settings = settings
         self.graph = make_graph(settings.ros_version)
-        self.robot = Robot(self.graph, settings.world_size_m, kind=settings.kind)
+        self.robot = RobotNode(self.graph, settings.world_size_m, kind=settings.kind)
         self.feeds = {
             topic: FrameFeed(partial(self._scene, camera), settings.camera_fps)
             for topic, camera in CAMERAS.items()

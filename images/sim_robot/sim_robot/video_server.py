@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from aiohttp import web
 
-from sim_robot.frames import Frame, FrameFeed, FrameFormat
+from sim_robot.frames import FrameFeed, FrameFormat, RenderedFrame
 from sim_robot.listener import Listener
 from sim_robot.problems import RequestProblem
 
@@ -92,10 +92,10 @@ def _query_of(request: web.Request) -> dict[str, str]:
 
 
 async def _send_frames(response: web.StreamResponse, feed: FrameFeed, wanted: FrameFormat) -> None:
-    number = -1
+    sequence = -1
     while True:
-        frame = await feed.next_frame(wanted, after=number)
-        number = frame.number
+        frame = await feed.next_frame(wanted, after=sequence)
+        sequence = frame.sequence
         await response.write(_part(frame))
 
 
@@ -107,7 +107,7 @@ def _links(name: str) -> str:
     )
 
 
-def _part(frame: Frame) -> bytes:
+def _part(frame: RenderedFrame) -> bytes:
     head = (
         "Content-type: image/jpeg\r\n"
         f"X-Timestamp: {_timestamp(frame)}\r\n"
@@ -116,7 +116,7 @@ def _part(frame: Frame) -> bytes:
     return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
 
 
-def _timestamp(frame: Frame) -> str:
+def _timestamp(frame: RenderedFrame) -> str:
     return f"{frame.stamp_ns // 1000 / 1e6:.6f}"
 
 

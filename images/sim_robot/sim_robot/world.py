@@ -11,7 +11,7 @@ FREE, WALL, UNKNOWN = 0, 100, -1  # as nav_msgs/OccupancyGrid writes them
 
 
 @dataclass(frozen=True, slots=True)
-class Round:
+class RoundObstacle:
     """A round obstacle."""
 
     x: float
@@ -68,7 +68,7 @@ class Box:
         return max(enters, 0.0) if enters <= leaves and leaves >= 0 else math.inf
 
 
-Obstacle = Round | Box
+Obstacle = RoundObstacle | Box
 
 
 def _crossing(low: float, high: float, speed: float) -> tuple[float, float]:
@@ -86,9 +86,9 @@ class World:
         self.size_m = size_m
         at = size_m / 20  # the places below are those in a world of 20 m
         self.obstacles: tuple[Obstacle, ...] = (
-            Round(3.0 * at, 4.5 * at, 0.7 * at),
-            Round(16.5 * at, 3.0 * at, 0.5 * at),
-            Round(17.0 * at, 12.5 * at, 0.8 * at),
+            RoundObstacle(3.0 * at, 4.5 * at, 0.7 * at),
+            RoundObstacle(16.5 * at, 3.0 * at, 0.5 * at),
+            RoundObstacle(17.0 * at, 12.5 * at, 0.8 * at),
             Box(2.0 * at, 14.0 * at, 2.4 * at, 18.0 * at),
             Box(12.0 * at, 17.0 * at, 15.0 * at, 18.0 * at),
         )

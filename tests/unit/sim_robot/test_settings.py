@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 import sim_robot
 from sim_robot.problems import SettingsProblem
-from sim_robot.settings import Settings, from_environment, variable_names
+from sim_robot.settings import SimSettings, from_environment, variable_names
 
 
 def test_defaults_are_those_of_the_real_servers() -> None:
     """Nothing set: ports 9090 and 8080, ROS 2."""
     settings = from_environment({"PATH": "/bin", "SIM_NAME": "sim1"})
-    assert settings == Settings(name="sim1")
+    assert settings == SimSettings(name="sim1")
     assert (settings.rosbridge_port, settings.video_port, settings.ros_version) == (9090, 8080, 2)
 
 
@@ -23,7 +23,7 @@ def test_every_variable_is_read() -> None:
         "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5",
         "SIM_LOG_LEVEL": "debug",
     })  # fmt: skip
-    assert settings == Settings("r2", 11.5, "holonomic", 1, "127.0.0.1", 1, 2, 5.0, "debug")
+    assert settings == SimSettings("r2", 11.5, "holonomic", 1, "127.0.0.1", 1, 2, 5.0, "debug")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from sim_robot.problems import FieldInvalid, FieldMissing
+from sim_robot.problems import FieldMissing, OperationFieldInvalid
 
 Operation = Mapping[str, Any]
 T = TypeVar("T")
@@ -36,7 +36,9 @@ def count(operation: Operation, name: str) -> int:
     """Get a whole number that is not negative, 0 if the field is left out."""
     value = operation.get(name, 0)
     if type(value) is not int or value < 0:
-        raise FieldInvalid(f"Expected field {name} to be a whole number from 0, not {value!r:.60}")
+        raise OperationFieldInvalid(
+            f"Expected field {name} to be a whole number from 0, not {value!r:.60}"
+        )
     return value
 
 
@@ -45,11 +47,13 @@ def identity(operation: Operation) -> str | int | None:
     value = operation.get("id")
     if value is None or type(value) in (str, int):
         return value
-    raise FieldInvalid(f"Expected field id to be a string or a whole number, not {value!r:.60}")
+    raise OperationFieldInvalid(
+        f"Expected field id to be a string or a whole number, not {value!r:.60}"
+    )
 
 
 def _optional(operation: Operation, name: str, kind: type[T], what: str) -> T | None:
     value = operation.get(name)
     if name not in operation or isinstance(value, kind):
         return value
-    raise FieldInvalid(f"Expected field {name} to be {what}, not {value!r:.60}")
+    raise OperationFieldInvalid(f"Expected field {name} to be {what}, not {value!r:.60}")

@@ -6,7 +6,7 @@ As in the real rosbridge, each call may have an id and its own requests; what go
 from dataclasses import dataclass
 
 from sim_robot.rosbridge import encoding
-from sim_robot.rosbridge.delivery import Delivery
+from sim_robot.rosbridge.throttled_queue import ThrottledQueue
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +19,12 @@ class SubscribeRequest:
 
 
 class Subscription:
-    """All requests for one topic and the delivery that they share."""
+    """All requests for one topic and the queue that they share."""
 
-    def __init__(self, delivery: Delivery) -> None:
-        self._delivery = delivery
+    def __init__(self, queue: ThrottledQueue) -> None:
+        self._queue = queue
         self._requests: dict[str | int | None, SubscribeRequest] = {}
-        self.offer = delivery.offer
+        self.offer = queue.offer
 
     def __len__(self) -> int:
         """Count the requests."""
@@ -51,10 +51,10 @@ class Subscription:
 
     def close(self) -> None:
         """Deliver nothing more."""
-        self._delivery.close()
+        self._queue.close()
 
     def _apply(self) -> None:
         if self._requests:
             throttle_ms = min(request.throttle_ms for request in self._requests.values())
             queue_length = min(request.queue_length for request in self._requests.values())
-            self._delivery.configure(throttle_ms, queue_length)
+            self._queue.configure(throttle_ms, queue_length)

@@ -27,7 +27,7 @@ from robotether_agent.video.sources import (
     stream_url,
     timestamp_of,
 )
-from sim_robot.settings import Settings as SimSettings
+from sim_robot.settings import SimSettings
 from sim_robot.simulator import Simulator
 
 ARRIVED = Now(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)

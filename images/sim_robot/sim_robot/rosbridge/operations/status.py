@@ -3,7 +3,7 @@
 import logging
 from typing import Any
 
-from sim_robot.problems import FieldInvalid
+from sim_robot.problems import OperationFieldInvalid
 from sim_robot.rosbridge import fields
 from sim_robot.rosbridge.client import STATUS_LEVELS, Client
 
@@ -14,7 +14,7 @@ def set_level(client: Client, operation: dict[str, Any]) -> None:
     """Send only status messages of this level and above from now on."""
     level = fields.text(operation, "level")
     if level not in STATUS_LEVELS:
-        raise FieldInvalid(
+        raise OperationFieldInvalid(
             f"Expected field level to be one of {', '.join(STATUS_LEVELS)}, not {level!r}"
         )
     client.level = level

@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any
 
 from sim_robot.bus import TopicMessage, full_name
-from sim_robot.problems import FieldInvalid
+from sim_robot.problems import OperationFieldInvalid
 from sim_robot.rosbridge import encoding, fields
 from sim_robot.rosbridge.client import Client
-from sim_robot.rosbridge.delivery import Delivery
 from sim_robot.rosbridge.subscription import SubscribeRequest, Subscription
+from sim_robot.rosbridge.throttled_queue import ThrottledQueue
 
 
 def subscribe(client: Client, operation: dict[str, Any]) -> None:
@@ -24,7 +24,9 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     fields.count(operation, "fragment_size")
     client.check_limit()
     known = client.subscriptions.get(topic)
-    subscription = known or Subscription(Delivery(partial(_deliver, client, topic, as_written)))
+    subscription = known or Subscription(
+        ThrottledQueue(partial(_deliver, client, topic, as_written))
+    )
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
     subscription.add(fields.identity(operation), request)
@@ -51,7 +53,7 @@ def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
 def _request(operation: dict[str, Any]) -> SubscribeRequest:
     compression = fields.optional_text(operation, "compression") or encoding.NONE
     if compression not in encoding.COMPRESSIONS:
-        raise FieldInvalid(
+        raise OperationFieldInvalid(
             f"cannot send with compression {compression!r:.40}:"
             f" the simulated robot has {' and '.join(encoding.COMPRESSIONS)}"
         )

@@ -5,7 +5,7 @@ import time
 
 from sim_client import until
 from sim_robot.bus import TopicMessage
-from sim_robot.rosbridge.delivery import QUEUE_LIMIT, Delivery
+from sim_robot.rosbridge.throttled_queue import QUEUE_LIMIT, ThrottledQueue
 
 
 class Sink:
@@ -14,7 +14,7 @@ class Sink:
     def __init__(self, throttle_ms: int, queue_length: int) -> None:
         self.sent: list[int] = []
         self.moments: list[float] = []
-        self.delivery = Delivery(self._take)
+        self.delivery = ThrottledQueue(self._take)
         self.delivery.configure(throttle_ms, queue_length)
 
     def offer(self, *numbers: int) -> None:

@@ -13,7 +13,7 @@ from sim_robot.bus import TopicMessage
 QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
 
 
-class Delivery:
+class ThrottledQueue:
     """Throttles one client's messages of one topic."""
 
     def __init__(self, send: Callable[[TopicMessage], None]) -> None:
