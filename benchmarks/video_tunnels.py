@@ -15,14 +15,14 @@ import socket
 import sys
 from pathlib import Path
 
-from robotether_agent.net.server_dialer import Target
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.tunnel.openssh import Forward, Kind, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 from robotether_agent.video.video_proxy import VideoProxy
 from video_robot import ROS_PORT, VIDEO_PORT
 
 
-async def opened(folder: Path, target: Target, kind: Kind) -> Tunnel:
+async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
     """A connection of `kind` that is logged in."""
     files = SshFiles((folder / "key",), folder / "known_hosts", folder / f"{kind}.sock")
     tunnel = await Tunnel.open(target, files, kind)
@@ -34,7 +34,7 @@ async def opened(folder: Path, target: Target, kind: Kind) -> Tunnel:
 async def main() -> None:
     """Keep both tunnels until stdin ends."""
     folder, host, port, ros_port, video_port, congestion = sys.argv[1:]
-    target = Target(host, int(port), getpass.getuser())
+    target = SshAddress(host, int(port), getpass.getuser())
     proxy = VideoProxy(f"http://127.0.0.1:{VIDEO_PORT}")
     proxy_port = await proxy.start()
     session = await opened(Path(folder), target, "session")

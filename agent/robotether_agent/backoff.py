@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
-from robotether_agent.problems import Problem, Retry, ServerSilent
+from robotether_agent.problems import AgentProblem, Retry, ServerSilent
 
 MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
@@ -42,7 +42,7 @@ def delays(rng: Random) -> Iterator[float]:
         ceiling = min(MAX_DELAY_S, 2 * ceiling)
 
 
-def retry_or_give_up(problem: Problem, soon: Iterator[float], rng: Random) -> float | None:
+def retry_or_give_up(problem: AgentProblem, soon: Iterator[float], rng: Random) -> float | None:
     """Return the seconds to wait before the next try after `problem`, or None to give up."""
     if problem.retry is Retry.NEVER:
         return None
@@ -70,7 +70,7 @@ class Backoff:
         self._rng = rng
         self._soon = delays(rng)
 
-    def after(self, problem: Problem, *, uptime_s: float) -> float | None:
+    def after(self, problem: AgentProblem, *, uptime_s: float) -> float | None:
         """Return the seconds to wait after `problem` ended a connection that stood `uptime_s`."""
         if uptime_s >= STABLE_S:
             self._soon = delays(self._rng)
@@ -107,7 +107,7 @@ class Repeats:
     def __init__(self) -> None:
         self._times: Counter[str] = Counter()
 
-    def log_problem(self, what: str, problem: Problem, wait_s: float | None = None) -> None:
+    def log_problem(self, what: str, problem: AgentProblem, wait_s: float | None = None) -> None:
         """Log `problem` of `what`, which is tried again after `wait_s`, if that is known."""
         self._times[problem.code] += 1
         times = self._times[problem.code]
@@ -127,7 +127,7 @@ async def keep_going(
     what: str,
     attempt: Callable[[Uptime], Awaitable[None]],
     backoff: Backoff,
-    on_problem: Callable[[Problem], None],
+    on_problem: Callable[[AgentProblem], None],
     pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
     """Run `attempt` again and again; `on_problem` gets each problem before the pause."""
@@ -136,7 +136,7 @@ async def keep_going(
         uptime = Uptime()
         try:
             await attempt(uptime)
-        except Problem as problem:
+        except AgentProblem as problem:
             if uptime.uptime_s:
                 repeats.forget()
             wait_s = backoff.after(problem, uptime_s=uptime.uptime_s)

@@ -34,9 +34,9 @@ from robotether_agent.enrolment.enrolment_store import EnrolmentStore
 from robotether_agent.enrolment.identity_store import IdentityStore
 from robotether_agent.files import ensure_directory
 from robotether_agent.problems import (
-    HostKeyChanged,
+    AgentProblem,
     NotEnrolled,
-    Problem,
+    ServerKeyChanged,
     SettingsInvalid,
     StateUnusable,
 )
@@ -44,12 +44,12 @@ from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
 from robotether_agent.status import CONNECTED, is_alive, read_status, render
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import within
-from robotether_agent.upgrade import Layout, Report, Upgrade
+from robotether_agent.upgrade import Layout, Upgrade, UpgradeReport
 
 AGENT_USER = "robotether"
 ACTIVE, REFUSED, PENDING = 0, 1, 10
 # RestartPreventExitStatus of the unit: a person must look first.
-NOT_RESTARTED = frozenset({HostKeyChanged.exit_code, SettingsInvalid.exit_code})
+NOT_RESTARTED = frozenset({ServerKeyChanged.exit_code, SettingsInvalid.exit_code})
 
 log = logging.getLogger(__name__)
 
@@ -167,7 +167,7 @@ def join(settings: Settings) -> int:
     try:
         act_as_agent(settings.state_dir)
         return asyncio.run(_join(Enroller(settings)))
-    except Problem as problem:
+    except AgentProblem as problem:
         print(f"robotether-agent: {problem}", file=sys.stderr)
         return REFUSED
 
@@ -224,7 +224,7 @@ async def _run(settings: Settings, notifier: Notifier) -> int:
     rng, began_s = random.SystemRandom(), time.monotonic()
     try:
         await Agent(settings, notifier, rng).run()
-    except Problem as problem:
+    except AgentProblem as problem:
         log.critical("STOPPED: %s", problem)
         code = problem.exit_code
     except Exception:
@@ -280,7 +280,7 @@ def finish_switch(settings: Settings, was: Path, target: Path, state: str, wait_
     return _print_report(change.finish(was, target, state))
 
 
-def _print_report(report: Report) -> int:
+def _print_report(report: UpgradeReport) -> int:
     print(f"{report.result}: {report.detail}")
     return 0 if report.result == "done" else 1
 
@@ -302,7 +302,7 @@ def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os
     try:
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
         return COMMANDS[options.command](Call(settings, options, environ))
-    except Problem as problem:
+    except AgentProblem as problem:
         print(f"robotether-agent: {problem}", file=sys.stderr)
         return problem.exit_code
 

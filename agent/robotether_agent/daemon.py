@@ -22,10 +22,10 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.child_process import guard_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
 from robotether_agent.health import Health
-from robotether_agent.net.server_dialer import Target
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
+    AgentProblem,
     KeyRefused,
-    Problem,
     ServerBusy,
     ServerUnreachable,
     SessionEnded,
@@ -92,7 +92,7 @@ class Agent:
             try:
                 # In this order: the guard stops the robot while its tunnels still stand.
                 await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
-            except Problem as problem:
+            except AgentProblem as problem:
                 self._status_writer.report_problem(problem, "stopped")
                 raise
             finally:
@@ -124,7 +124,7 @@ class Agent:
         def keep(
             what: str,
             attempt: Callable[[Uptime], Awaitable[None]],
-            on_problem: Callable[[Problem], None],
+            on_problem: Callable[[AgentProblem], None],
             pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
         ) -> Coroutine[Any, Any, None]:
             return keep_going(what, attempt, Backoff(self._rng), on_problem, pause)
@@ -151,7 +151,7 @@ class Agent:
             forward=self._ros_forward,
             moved=self._guard_moved,
             on_up=partial(self._session_is_up, uptime),
-            reports=self._reports(),
+            reports=self._reporters(),
             recheck=self._recheck,
             guard=self._guard,
         )
@@ -223,14 +223,14 @@ class Agent:
                 "robot %s: the server wants no shell any more", self._status_writer.status.robot
             )
 
-    def _reports(self) -> list[Report]:
-        reports: list[Report] = [
+    def _reporters(self) -> list[Report]:
+        reporters: list[Report] = [
             partial(report_health, self._health, self._guard),
             partial(report_vitals, self._vitals),
         ]
         if self._guard is not None:
-            reports.append(partial(report_guard, self._guard))
-        return reports
+            reporters.append(partial(report_guard, self._guard))
+        return reporters
 
     def _ros_forward(self, config: SessionConfig) -> Forward | None:
         """Return the forward to the guard, which there is none of while there is no guard."""
@@ -267,7 +267,7 @@ class Agent:
         self._status_writer.set(mac=found.mac, interface=has_it if found.is_present else "")
 
     def _session_is_up(
-        self, uptime: Uptime, target: Target, config: SessionConfig, session: Session
+        self, uptime: Uptime, target: SshAddress, config: SessionConfig, session: Session
     ) -> None:
         uptime.is_up()
         self._session = session
@@ -285,37 +285,41 @@ class Agent:
             return "off"
         return "open" if is_open else "closed"
 
-    def _media_is_up(self, uptime: Uptime, _: Target, config: SessionConfig, __: Session) -> None:
+    def _media_is_up(
+        self, uptime: Uptime, _: SshAddress, config: SessionConfig, __: Session
+    ) -> None:
         uptime.is_up()
         self._recheck.set()
         self._status_writer.set(video_tunnel="open")
         log.info("robot %s: video tunnel open", config.robot)
 
-    def _shell_is_up(self, uptime: Uptime, _: Target, config: SessionConfig, __: Session) -> None:
+    def _shell_is_up(
+        self, uptime: Uptime, _: SshAddress, config: SessionConfig, __: Session
+    ) -> None:
         uptime.is_up()
         if config.shell_port is not None:
             self._recheck.set()
             self._status_writer.set(shell_tunnel="open")
             log.info("robot %s: shell tunnel open", config.robot)
 
-    def _no_session(self, problem: Problem) -> None:
+    def _no_session(self, problem: AgentProblem) -> None:
         is_pending = problem.code == "not_enrolled"
         self._status_writer.report_problem(
             problem, "pending" if is_pending else "waiting", rtt_ms=-1.0
         )
 
-    def _no_media(self, problem: Problem) -> None:
+    def _no_media(self, problem: AgentProblem) -> None:
         self._status_writer.report_problem(
             problem, self._status_writer.status.state, video_tunnel="closed"
         )
 
-    def _no_shell(self, problem: Problem) -> None:
+    def _no_shell(self, problem: AgentProblem) -> None:
         shell = self._shell_state(is_open=False)
         self._status_writer.report_problem(
             problem, self._status_writer.status.state, shell_tunnel=shell
         )
 
-    def _no_rotation(self, problem: Problem) -> None:
+    def _no_rotation(self, problem: AgentProblem) -> None:
         self._status_writer.set(new_key=str(problem))
 
     def _show_guard(self, view: GuardView) -> None:

@@ -22,7 +22,7 @@ import aiohttp
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import FieldError, parse_object
-from robotether_agent.problems import Problem, RosbridgeDown, VideoDown
+from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoDown
 from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
@@ -90,12 +90,12 @@ class Health:
     async def _again(
         self,
         probe: Callable[[], Awaitable[None]],
-        on_result: Callable[[Problem | None], Awaitable[None]],
+        on_result: Callable[[AgentProblem | None], Awaitable[None]],
     ) -> None:
         while True:
             try:
                 await probe()
-            except Problem as problem:
+            except AgentProblem as problem:
                 await on_result(problem)
             await asyncio.sleep(self._every_s)
 
@@ -208,24 +208,24 @@ class Health:
         if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             raise self._video_down(f"HTTP status {status}")
 
-    def _rosbridge_down(self, reason: str) -> Problem:
+    def _rosbridge_down(self, reason: str) -> AgentProblem:
         return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
 
-    def _video_down(self, reason: str) -> Problem:
+    def _video_down(self, reason: str) -> AgentProblem:
         return VideoDown(f"web_video_server at {self._video_url} does not answer: {reason}")
 
-    def _no_images(self, reason: str) -> Problem:
+    def _no_images(self, reason: str) -> AgentProblem:
         if self._rosbridge is None:
             reason = "rosbridge, where its pictures come from, does not answer"
         return VideoDown(f"there is no video: {reason}")
 
-    async def _ros_is(self, problem: Problem | None) -> None:
+    async def _ros_is(self, problem: AgentProblem | None) -> None:
         state, detail = _state_of(problem)
         if state != self.report.ros:
             _log_change(f"rosbridge at {self._rosbridge_url} answers", problem)
         await self._set(replace(self.report, ros=state, ros_detail=detail))
 
-    async def _video_is(self, problem: Problem | None) -> None:
+    async def _video_is(self, problem: AgentProblem | None) -> None:
         state, detail = _state_of(problem)
         if state != self.report.video:
             _log_change("there is video", problem)
@@ -237,11 +237,11 @@ class Health:
             self._condition.notify_all()
 
 
-def _state_of(problem: Problem | None) -> tuple[ServiceState, str]:
+def _state_of(problem: AgentProblem | None) -> tuple[ServiceState, str]:
     return ("ok", "") if problem is None else ("down", problem.message)
 
 
-def _log_change(good: str, problem: Problem | None) -> None:
+def _log_change(good: str, problem: AgentProblem | None) -> None:
     if problem is None:
         log.info("%s", good)
     else:

@@ -3,7 +3,7 @@
 Each problem has a short code that reaches the log and the status unchanged, knows whether trying again
 can help, and says in one sentence what was impossible and why, and in another what a person can do.
 
-    Problem
+    AgentProblem
     |- SettingsInvalid       settings_invalid     give up (exit 78)
     |- AlreadyRunning        already_running      give up (exit 75)
     |- StateUnusable         state_unusable       slowly
@@ -18,7 +18,7 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- ServerUnreachable     server_unreachable   soon
     |  `- ServerBusy         server_busy          soon
     |- NoAnswer              no_answer            at once
-    |- HostKeyChanged        host_key_changed     give up (exit 76)
+    |- ServerKeyChanged      host_key_changed     give up (exit 76)
     |- KeyRefused            key_refused          soon
     |- SshIncompatible       ssh_incompatible     slowly
     |- LinkProblem
@@ -51,7 +51,7 @@ class Retry(Enum):
     NEVER = "never"
 
 
-class Problem(Exception):  # noqa: N818 - the word that status, log and server use for it
+class AgentProblem(Exception):  # noqa: N818 - the word that status, log and server use for it
     """A sentence "cannot DO WHAT: why", with a code and an advice."""
 
     default_code: ClassVar[str] = "problem"
@@ -78,7 +78,7 @@ class Problem(Exception):  # noqa: N818 - the word that status, log and server u
         return f"{sentence} [{self.code}]"
 
 
-class SettingsInvalid(Problem):
+class SettingsInvalid(AgentProblem):
     """A key of agent.toml or an environment variable has a value that is not allowed."""
 
     default_code = "settings_invalid"
@@ -86,7 +86,7 @@ class SettingsInvalid(Problem):
     exit_code = 78
 
 
-class AlreadyRunning(Problem):
+class AlreadyRunning(AgentProblem):
     """Another agent holds the lock of the same run directory."""
 
     default_code = "already_running"
@@ -94,21 +94,21 @@ class AlreadyRunning(Problem):
     exit_code = 75
 
 
-class StateUnusable(Problem):
+class StateUnusable(AgentProblem):
     """A file that must be kept cannot be written or read."""
 
     default_code = "state_unusable"
     default_retry = Retry.SLOWLY
 
 
-class UpgradeFailed(Problem):
+class UpgradeFailed(AgentProblem):
     """Another version of the agent cannot take this one's place, or did not come up."""
 
     default_code = "switch_failed"
     default_retry = Retry.NEVER
 
 
-class SshMissing(Problem):
+class SshMissing(AgentProblem):
     """OpenSSH's client or ssh-keygen is not installed."""
 
     default_code = "ssh_missing"
@@ -116,42 +116,42 @@ class SshMissing(Problem):
     default_advice = "install the package openssh-client"
 
 
-class KeyUnusable(Problem):
+class KeyUnusable(AgentProblem):
     """The robot's own key exists but OpenSSH cannot use it."""
 
     default_code = "key_unusable"
     default_retry = Retry.SLOWLY
 
 
-class InterfaceMissing(Problem):
+class InterfaceMissing(AgentProblem):
     """No network interface can give the robot its MAC address (yet)."""
 
     default_code = "interface_missing"
     default_retry = Retry.SOON
 
 
-class NotEnrolled(Problem):
+class NotEnrolled(AgentProblem):
     """The server knows the robot, but nobody has approved its key yet."""
 
     default_code = "not_enrolled"
     default_retry = Retry.ASK_AGAIN
 
 
-class JoinRefused(Problem):
+class JoinRefused(AgentProblem):
     """The server answered the join with a reason why not; its code is kept."""
 
     default_code = "join_refused"
     default_retry = Retry.SLOWLY
 
 
-class AnswerInvalid(Problem):
+class AnswerInvalid(AgentProblem):
     """Something answered that is no Robotether server, such as a captive portal."""
 
     default_code = "answer_invalid"
     default_retry = Retry.SLOWLY
 
 
-class TlsUntrusted(Problem):
+class TlsUntrusted(AgentProblem):
     """The server's certificate is not the pinned one, or no known authority signed it."""
 
     default_code = "tls_untrusted"
@@ -159,7 +159,7 @@ class TlsUntrusted(Problem):
     default_retry = Retry.SLOWLY
 
 
-class ServerUnreachable(Problem):
+class ServerUnreachable(AgentProblem):
     """Something answered and refused, or the web did not answer."""
 
     default_code = "server_unreachable"
@@ -175,7 +175,7 @@ class ServerBusy(ServerUnreachable):
     )
 
 
-class NoAnswer(Problem):
+class NoAnswer(AgentProblem):
     """No network, no name service, or packets that are dropped: nothing that trying again could harm."""
 
     default_code = "no_answer"
@@ -183,7 +183,7 @@ class NoAnswer(Problem):
     default_retry = Retry.AT_ONCE
 
 
-class HostKeyChanged(Problem):
+class ServerKeyChanged(AgentProblem):
     """The SSH server is not the one that was pinned at the first join: perhaps an attack."""
 
     default_code = "host_key_changed"
@@ -191,7 +191,7 @@ class HostKeyChanged(Problem):
     exit_code = 76
 
 
-class KeyRefused(Problem):
+class KeyRefused(AgentProblem):
     """The SSH server does not accept the robot's key."""
 
     default_code = "key_refused"
@@ -202,7 +202,7 @@ class KeyRefused(Problem):
     )
 
 
-class SshIncompatible(Problem):
+class SshIncompatible(AgentProblem):
     """Both OpenSSH ends share no algorithm, or the client does not know one of our options."""
 
     default_code = "ssh_incompatible"
@@ -210,7 +210,7 @@ class SshIncompatible(Problem):
     default_advice = "update the package openssh-client (8.2 or newer)"
 
 
-class LinkProblem(Problem):
+class LinkProblem(AgentProblem):
     """The connection stood or was about to stand, and this ended it."""
 
 
@@ -263,19 +263,19 @@ class SessionEnded(LinkProblem):
     default_code = "session_ended"
 
 
-class GuardDown(Problem):
+class GuardDown(AgentProblem):
     """The guard process has ended or hangs; the next one stops the robot."""
 
     default_code = "guard_down"
 
 
-class RosbridgeDown(Problem):
+class RosbridgeDown(AgentProblem):
     """rosbridge on the robot does not answer; never ends a connection."""
 
     default_code = "rosbridge_down"
 
 
-class VideoDown(Problem):
+class VideoDown(AgentProblem):
     """web_video_server on the robot does not answer; never ends a connection."""
 
     default_code = "video_down"

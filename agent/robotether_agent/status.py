@@ -19,7 +19,7 @@ from robotether_agent import __version__
 from robotether_agent.exposure import ADVICE, PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import Problem, StateUnusable
+from robotether_agent.problems import AgentProblem, StateUnusable
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ class StatusWriter:
             self._on_state(headline(self.status))
         self.refresh()
 
-    def report_problem(self, problem: Problem, state: str, **changes: str | float) -> None:
+    def report_problem(self, problem: AgentProblem, state: str, **changes: str | float) -> None:
         """Note the last problem, the state that it leads to, and what else it changes."""
         self.set(
             state=state,

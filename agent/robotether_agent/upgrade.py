@@ -17,7 +17,7 @@ from pathlib import Path
 
 from robotether_agent import systemd
 from robotether_agent.files import only_one, read_text, write_atomic
-from robotether_agent.problems import Problem, StateUnusable, UpgradeFailed
+from robotether_agent.problems import AgentProblem, StateUnusable, UpgradeFailed
 from robotether_agent.status import CONNECTED, MEANINGS, Status, has_problem, is_alive, read_status
 
 UNIT = Path("/etc/systemd/system/robotether-agent.service")
@@ -60,7 +60,7 @@ NOT_WORSE = {
 
 
 @dataclass(frozen=True)
-class Report:
+class UpgradeReport:
     """How a change went: `result` is running, done or rolled_back; `at` seconds since 1970."""
 
     result: str
@@ -126,7 +126,7 @@ class Layout:
             if path not in versions:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def write(self, report: Report) -> None:
+    def write(self, report: UpgradeReport) -> None:
         """Write last-switch.json."""
         text = json.dumps(asdict(report), indent=1) + "\n"
         write_atomic(self.base / "last-switch.json", text, 0o644)
@@ -176,7 +176,7 @@ class Upgrade:
         self._stable_s = stable_s
         self._pending = PendingUpgrade(layout.unit.parent)
 
-    def to(self, target: Path) -> Report:
+    def to(self, target: Path) -> UpgradeReport:
         """Use `target`, or the old version again; return how it ended, which is written down as well."""
         was = self._layout.in_use()
         self._layout.check(target)
@@ -186,31 +186,31 @@ class Upgrade:
                 return report("done", f"{target.name} is in use already")
             return self._change(was, target, self._state(), report)
 
-    def finish(self, was: Path, target: Path, state: str) -> Report:
+    def finish(self, was: Path, target: Path, state: str) -> UpgradeReport:
         """Do again, after a boot, what began when the agent was in `state` and has no verdict yet."""
         with only_one(self._layout.lock, "switch"):
             return self._change(was, target, state, self._reporter(was, target))
 
-    def _reporter(self, was: Path, target: Path) -> Callable[[str, str], Report]:
+    def _reporter(self, was: Path, target: Path) -> Callable[[str, str], UpgradeReport]:
         began = time.time()
 
-        def report(result: str, detail: str) -> Report:
+        def report(result: str, detail: str) -> UpgradeReport:
             took_s = round(time.time() - began, 1)
-            made = Report(result, was.name, target.name, detail, began, took_s)
+            made = UpgradeReport(result, was.name, target.name, detail, began, took_s)
             self._layout.write(made)
             return made
 
         return report
 
     def _change(
-        self, was: Path, target: Path, before: str, report: Callable[[str, str], Report]
-    ) -> Report:
+        self, was: Path, target: Path, before: str, report: Callable[[str, str], UpgradeReport]
+    ) -> UpgradeReport:
         if before != STOPPED:
             self._pending.note(was, target, before, self._wait_s)
         report("running", f"switching from {was.name} to {target.name}")
         try:
             self._use(target, before)
-        except Problem as problem:
+        except AgentProblem as problem:
             made = report("rolled_back", self._go_back(was, before, problem))
         else:
             made = report("done", f"{target.name} is in use")
@@ -218,11 +218,11 @@ class Upgrade:
         self._layout.keep_only(was, target)
         return made
 
-    def _go_back(self, was: Path, before: str, why: Problem) -> str:
+    def _go_back(self, was: Path, before: str, why: AgentProblem) -> str:
         text = f"{why.message}; {was.name} is in use again"
         try:
             self._use(was, before)
-        except Problem as problem:
+        except AgentProblem as problem:
             return f"{text}, but is not as before: {problem}"
         return f"{text}, as before"
 

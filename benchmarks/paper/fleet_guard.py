@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
-from robotether_agent.guard.agent_messages import Reports
+from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardHandle
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.sockets import new_http
@@ -74,7 +74,7 @@ class GuardHere:
 
     async def _run(self, state_dir: Path, run_dir: Path) -> None:
         async with new_http() as http:
-            await Guard(http, state_dir, run_dir, Reports(self._pipe)).run(self._messages)
+            await Guard(http, state_dir, run_dir, GuardReporter(self._pipe)).run(self._messages)
 
     async def _until_end(self) -> None:
         await asyncio.wait({self._life})

@@ -17,7 +17,7 @@ from robotether_agent.enrolment.identity import interface_with
 from robotether_agent.enrolment.identity_store import IdentityStore
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
-from robotether_agent.problems import Problem
+from robotether_agent.problems import AgentProblem
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import forward_to
@@ -51,7 +51,7 @@ def check_mac(settings: Settings, root: Path = Path("/")) -> Finding:
         known = EnrolmentStore(settings.state_dir).load(settings.server)
         store = IdentityStore(settings, root, keeps=False)
         found = store.identity(known.mac if known else None)
-    except Problem as problem:
+    except AgentProblem as problem:
         return fail("mac", problem.message, problem.advice)
     if not found.is_present:
         had = found.interface or "another interface"
@@ -65,7 +65,7 @@ async def check_key(settings: Settings) -> Finding:
     """Whether the robot has a key that OpenSSH can use."""
     try:
         key = await keys.present_key(settings.state_dir)
-    except Problem as problem:
+    except AgentProblem as problem:
         return fail("key", problem.message, problem.advice)
     if key is None:
         return fail(

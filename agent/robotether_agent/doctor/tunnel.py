@@ -11,12 +11,12 @@ from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.known_hosts import HostKey
 from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.http_proxy import proxy_of
-from robotether_agent.net.server_dialer import ServerDialer, Target
+from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.problems import (
-    HostKeyChanged,
+    AgentProblem,
     KeyRefused,
     NoAnswer,
-    Problem,
+    ServerKeyChanged,
     ServerUnreachable,
     SshMissing,
 )
@@ -40,7 +40,7 @@ def check_join(settings: Settings, status: Status | None) -> Finding:
     """Whether the server has let this robot in."""
     try:
         known = EnrolmentStore(settings.state_dir).load(settings.server)
-    except Problem as problem:
+    except AgentProblem as problem:
         return fail("join", problem.message, problem.advice)
     if status is not None and status.state == "pending":
         return fail(
@@ -57,7 +57,7 @@ async def check_ssh(settings: Settings) -> list[Finding]:
     store = EnrolmentStore(settings.state_dir)
     try:
         known, pinned = store.load(settings.server), known_hosts.pinned(store.known_hosts)
-    except Problem as problem:
+    except AgentProblem as problem:
         return [fail("ssh", problem.message, problem.advice)]
     targets = _targets(settings, known)
     found = await asyncio.gather(*(_problem_at(target, store) for target in targets))
@@ -134,15 +134,15 @@ def check_end_to_end(status: Status | None) -> Finding:
     return ok(step, f"from the server: {states}")
 
 
-def _targets(settings: Settings, known: Enrolment | None) -> list[Target]:
+def _targets(settings: Settings, known: Enrolment | None) -> list[SshAddress]:
     host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
     ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
     user = known.ssh.user if known else "tunnel"
     dialer = ServerDialer(proxy_of(settings.http_proxy), https_port=settings.server_port)
-    return [Target(host, port, user, dialer) for port in ports]
+    return [SshAddress(host, port, user, dialer) for port in ports]
 
 
-async def _problem_at(target: Target, store: EnrolmentStore) -> Problem:
+async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentProblem:
     """Return what ends a connection without a key: KeyRefused when all before that is well."""
     try:
         connection = await (target.dialer or ServerDialer()).open(target)
@@ -160,7 +160,7 @@ async def _problem_at(target: Target, store: EnrolmentStore) -> Problem:
 
 
 async def _ask_client(
-    target: Target, store: EnrolmentStore, connection: socket.socket
+    target: SshAddress, store: EnrolmentStore, connection: socket.socket
 ) -> tuple[int, str]:
     """Return the status and the words of a client that checks the host key on `connection`."""
     ours, clients = stderr_with(connection)
@@ -185,14 +185,14 @@ async def _ask_client(
 
 
 def _finding(
-    target: Target, problem: Problem, pinned: list[HostKey], *, one_works: bool
+    target: SshAddress, problem: AgentProblem, pinned: list[HostKey], *, one_works: bool
 ) -> Finding:
     step = f"ssh {target.port}"
     if isinstance(problem, KeyRefused):
         return ok(step, f"{target.host} answers with the pinned host key")
-    if isinstance(problem, HostKeyChanged) and not pinned:
+    if isinstance(problem, ServerKeyChanged) and not pinned:
         return skipped(step, f"{target.host} answers; no host key is pinned before the first join")
-    if isinstance(problem, HostKeyChanged):
+    if isinstance(problem, ServerKeyChanged):
         known = ", ".join(key.fingerprint for key in pinned)
         return fail(step, f"{problem.message}; pinned is {known}", problem.advice)
     if one_works:

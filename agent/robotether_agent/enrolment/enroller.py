@@ -24,10 +24,10 @@ from robotether_agent.enrolment.join import Joined, JoinRequest, PreviousKey, jo
 from robotether_agent.enrolment.keys import KeyPair
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
+    AgentProblem,
     AlreadyRunning,
     AnswerInvalid,
     JoinRefused,
-    Problem,
     ServerUnreachable,
     SettingsInvalid,
     StateUnusable,
@@ -135,7 +135,7 @@ class Enroller:
         """Ask where the server is now, for as long as it takes; what goes wrong is only told."""
         try:
             await self.join()
-        except Problem as problem:
+        except AgentProblem as problem:
             self._repeats.log_problem("join", problem)
 
     async def join(self) -> Enrolment:

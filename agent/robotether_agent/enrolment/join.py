@@ -29,10 +29,10 @@ from robotether_agent.fields import (
 from robotether_agent.net.http_proxy import ADVICE as ADVICE_ON_PROXY
 from robotether_agent.net.http_proxy import LOGIN_ADVICE, proxy_of
 from robotether_agent.problems import (
+    AgentProblem,
     AnswerInvalid,
     JoinRefused,
     NotEnrolled,
-    Problem,
     Retry,
     ServerUnreachable,
     SettingsInvalid,
@@ -172,7 +172,7 @@ def _joined(answer: JsonObject) -> Joined:
     return Joined(robot, parse_ssh(ssh), parse_host_keys(ssh))
 
 
-def _refusal(server: str, status: int, code: str, detail: str) -> Problem:
+def _refusal(server: str, status: int, code: str, detail: str) -> AgentProblem:
     if status == HTTPStatus.ACCEPTED:
         advice = PENDING_ADVICE.get(code, "")
         return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice=advice)
@@ -236,10 +236,10 @@ def _proxy_problem(
     proxy = proxy_of(settings.http_proxy)
     if isinstance(error, aiohttp.ClientHttpProxyError):
         why = f"{proxy} answers {error.status} {printable(error.message, 80)}".rstrip()
-        wants_password = error.status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED
+        needs_password = error.status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED
         return ServerUnreachable(
             f"cannot reach https://{settings.server}: {why}",
-            advice=LOGIN_ADVICE if wants_password else ADVICE_ON_PROXY,
+            advice=LOGIN_ADVICE if needs_password else ADVICE_ON_PROXY,
         )
     why = f"{proxy} cannot be reached: {printable(str(error.os_error))}"
     return ServerUnreachable(

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from robotether_agent.fields import FieldError, printable
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import HostKeyChanged, StateUnusable
+from robotether_agent.problems import ServerKeyChanged, StateUnusable
 
 ALIAS = "robotether-server"
 FILE = "known_hosts"
@@ -87,7 +87,7 @@ def pin(path: Path, keys: Collection[HostKey]) -> None:
 
 
 def check(path: Path, before: Collection[HostKey], now: Collection[HostKey]) -> None:
-    """Raise HostKeyChanged unless `now` agrees with `before` in every type of key that both have.
+    """Raise ServerKeyChanged unless `now` agrees with `before` in every type of key that both have.
 
     A type that is new is not trusted either: the pin stays as the first join made it.
     """
@@ -97,7 +97,7 @@ def check(path: Path, before: Collection[HostKey], now: Collection[HostKey]) -> 
         return
     shown = ", ".join(sorted(key.fingerprint for key in now))
     known = ", ".join(sorted(key.fingerprint for key in before))
-    raise HostKeyChanged(
+    raise ServerKeyChanged(
         f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
         advice=advice(path),
     )

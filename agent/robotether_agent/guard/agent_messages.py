@@ -27,7 +27,7 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.guard.authorization import MAX_FENCE
-from robotether_agent.guard.commands import Limits
+from robotether_agent.guard.commands import DriveLimits
 from robotether_agent.guard.drive_messages import DriveTopics
 from robotether_agent.guard.refused import Kind
 
@@ -53,7 +53,7 @@ class GuardConfig:
     topics: DriveTopics = field(default_factory=lambda: DriveTopics(DEFAULT_TOPICS))
     deadman_s: float = DEFAULT_MS / 1000
     max_age_s: float = DEFAULT_MS / 1000
-    limits: Limits = field(default_factory=Limits)
+    limits: DriveLimits = field(default_factory=DriveLimits)
     direct: bool = False
 
 
@@ -70,7 +70,7 @@ class SessionIs:
 
 
 @dataclass(frozen=True)
-class Lease:
+class LeaseUpdate:
     """The server's newest number of a lease."""
 
     fence: int
@@ -78,7 +78,7 @@ class Lease:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRequest:
     """Somebody stops the robot."""
 
     id: str
@@ -86,7 +86,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Release:
+class ReleaseRequest:
     """Somebody lets it drive again."""
 
     id: str
@@ -98,7 +98,7 @@ class Exit:
     """Stop the robot, then end."""
 
 
-AgentMessage = GuardConfig | Tick | SessionIs | Lease | Stop | Release | Exit
+AgentMessage = GuardConfig | Tick | SessionIs | LeaseUpdate | StopRequest | ReleaseRequest | Exit
 
 
 def parse(line: bytes) -> AgentMessage | None:
@@ -110,7 +110,7 @@ def parse(line: bytes) -> AgentMessage | None:
     if kind == "session":
         return SessionIs(get_flag(fields, "up", default=False))
     if kind == "lease":
-        return Lease(
+        return LeaseUpdate(
             get_int(fields, "fence", 0, MAX_FENCE), get_flag(fields, "held", default=False)
         )
     if kind in {"stop", "release"}:
@@ -120,12 +120,12 @@ def parse(line: bytes) -> AgentMessage | None:
     return Exit() if kind == "exit" else None
 
 
-def _latch(kind: str, fields: JsonObject) -> Stop | Release:
+def _latch(kind: str, fields: JsonObject) -> StopRequest | ReleaseRequest:
     # A stop counts even if it does not say whose it is.
     who = get_text(fields, "by", default="", limit=MAX_BY_LENGTH)
     if kind == "stop":
-        return Stop(get_text(fields, "id", default=""), who)
-    return Release(get_text(fields, "id"), who)
+        return StopRequest(get_text(fields, "id", default=""), who)
+    return ReleaseRequest(get_text(fields, "id"), who)
 
 
 def _config(fields: JsonObject) -> GuardConfig:
@@ -141,7 +141,7 @@ def _config(fields: JsonObject) -> GuardConfig:
         topics=_topics(given),
         deadman_s=_seconds(given, "deadman_ms"),
         max_age_s=_seconds(given, "max_age_ms"),
-        limits=Limits(
+        limits=DriveLimits(
             max_speed_m_s=_limit(given, "max_speed_m_s"),
             max_turn_rad_s=_limit(given, "max_turn_rad_s"),
             max_acceleration_m_s2=_limit(given, "max_acceleration_m_s2"),
@@ -181,7 +181,7 @@ class State:
     moving: bool
 
 
-class Reports:
+class GuardReporter:
     """The lines to the agent."""
 
     def __init__(

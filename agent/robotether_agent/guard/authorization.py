@@ -46,7 +46,7 @@ class Authorizer:
         self.key = ""
         self.direct = False
         self.stopped = False
-        self.ending = False
+        self.exiting = False
         self._fence = 0
         self._held = False
         self._session = False
@@ -106,7 +106,7 @@ class Authorizer:
         """Raise Refused unless a drive message with this `fence` may move the robot now."""
         if self.stopped:
             raise Refused("stopped", "the robot is stopped; a driver must release it")
-        if self.ending or not self._session or now >= self.silent_at:
+        if self.exiting or not self._session or now >= self.silent_at:
             raise Refused("held", "the robot's agent or its session with the server is not there")
         if not self.holds(authorization):
             raise Refused("fence", "somebody else has the control, or the control is over")
@@ -130,7 +130,7 @@ class Authorizer:
     def _authorize_driver(self, fence: int) -> Authorization:
         if self.stopped:
             raise NotAuthorized(409, "cannot drive: the robot is stopped")
-        if not self._session or self.ending:
+        if not self._session or self.exiting:
             raise NotAuthorized(
                 409, "cannot drive: the robot's session with the server is not there"
             )

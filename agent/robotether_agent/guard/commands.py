@@ -43,7 +43,7 @@ MAX_STEP_S = 0.1
 
 
 @dataclass(frozen=True)
-class Command:
+class CheckedCommand:
     """A checked command in m/s, rad/s and rad. An Ackermann speed is linear[0]; rates are as in its message."""
 
     shape: Shape
@@ -64,12 +64,12 @@ class Command:
         return str(self.header.get("frame_id", "")) if self.header else ""
 
 
-def zero(shape: Shape, frame_id: str = "") -> Command:
+def zero(shape: Shape, frame_id: str = "") -> CheckedCommand:
     """Return the command to stand still."""
-    return Command(shape, header=None if shape == "twist" else _header_of(frame_id))
+    return CheckedCommand(shape, header=None if shape == "twist" else _header_of(frame_id))
 
 
-def read(message: object, declared: Shape | None) -> Command:
+def read(message: object, declared: Shape | None) -> CheckedCommand:
     """Return the command in the `msg` of a publish; its shape decides, and `declared` only when it has none."""
     members = _object(message, "msg")
     shape = _shape(members) or declared
@@ -84,7 +84,7 @@ def read(message: object, declared: Shape | None) -> Command:
     return _ackermann(_object(members.get("drive", {}), "drive"), header)
 
 
-def write(command: Command) -> dict[str, Any]:
+def write(command: CheckedCommand) -> dict[str, Any]:
     """Return the `msg` that says what `command` says."""
     if command.shape == "ackermann":
         drive = {"steering_angle": command.steering, "speed": command.linear[0]}
@@ -102,16 +102,18 @@ def _shape(members: Mapping[str, Any]) -> Shape | None:
     return "twist" if "linear" in members or "angular" in members else None
 
 
-def _twist(shape: Shape, members: Mapping[str, Any], header: Mapping[str, Any] | None) -> Command:
+def _twist(
+    shape: Shape, members: Mapping[str, Any], header: Mapping[str, Any] | None
+) -> CheckedCommand:
     _only(members, _MEMBERS["twist"], "twist")
     linear, angular = _vector(members, "linear"), _vector(members, "angular")
-    return Command(shape, linear, angular, header=header)
+    return CheckedCommand(shape, linear, angular, header=header)
 
 
-def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> Command:
+def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> CheckedCommand:
     _only(members, frozenset({"steering_angle", "speed", *_RATES}), "drive")
     first, second, third = (_number(members, name) for name in _RATES)
-    return Command(
+    return CheckedCommand(
         "ackermann",
         (_number(members, "speed"), 0.0, 0.0),
         steering=_number(members, "steering_angle"),
@@ -183,12 +185,12 @@ def _written(vector: Vector) -> dict[str, float]:
     return dict(zip(AXES, vector, strict=True))
 
 
-def _stamped(command: Command, members: dict[str, Any]) -> dict[str, Any]:
+def _stamped(command: CheckedCommand, members: dict[str, Any]) -> dict[str, Any]:
     return {"header": dict(command.header or {}), **members}
 
 
 @dataclass(frozen=True)
-class Limits:
+class DriveLimits:
     """None is no limit."""
 
     max_speed_m_s: float | None = None
@@ -198,7 +200,9 @@ class Limits:
     max_steering_rad: float | None = None
 
 
-def limited(command: Command, before: Command | None, step_s: float, limits: Limits) -> Command:
+def limited(
+    command: CheckedCommand, before: CheckedCommand | None, step_s: float, limits: DriveLimits
+) -> CheckedCommand:
     """Return `command` within `limits`, `step_s` after `before`; None: the robot stands."""
     step_s = min(max(step_s, 0.0), MAX_STEP_S)
     linear, angular = (before.linear, before.angular) if before else (STANDSTILL, STANDSTILL)

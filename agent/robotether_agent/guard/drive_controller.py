@@ -16,12 +16,12 @@ from typing import Protocol
 from robotether_agent.guard import commands
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.commands import SHAPES, Command, Shape, limited
+from robotether_agent.guard.commands import SHAPES, CheckedCommand, Shape, limited
 from robotether_agent.guard.deadman import Deadman
 from robotether_agent.guard.drive_messages import DriveMessage, MessageId, message_id
 from robotether_agent.guard.motion_state import Driven, MotionFile, MotionTracker
 from robotether_agent.guard.refused import KINDS, Kind, Refused
-from robotether_agent.guard.topics import Source, Topic, Topics, Waiting
+from robotether_agent.guard.topics import CommandSource, PendingCommand, Topic, Topics
 
 # A moment may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
 AHEAD_MS = 100.0
@@ -68,7 +68,7 @@ class DriveController:
         self._config = GuardConfig("")
         self._deadman = Deadman(self._config.deadman_s)
         self._topics = Topics()
-        self._driver: Source | None = None
+        self._driver: CommandSource | None = None
         self._wake = asyncio.Event()
         self._stepped = asyncio.Event()
         self._fence = 0
@@ -88,7 +88,7 @@ class DriveController:
 
     def resume(self) -> None:
         """Zero what a guard before this one left in motion; call once, with the settings known."""
-        left = self._motion.left()
+        left = self._motion.read_previous()
         if left is None:
             return
         left = left or [Driven(name, "twist") for name in self._config.topics.plain()]
@@ -118,7 +118,7 @@ class DriveController:
         """Zero what a connection moves that may not drive any more."""
         self._lost(lambda source: not self._authorizer.holds(source.authorization))
 
-    def on_disconnected(self, source: Source) -> None:
+    def on_disconnected(self, source: CommandSource) -> None:
         """Zero what this connection moves: it is no more."""
         self._lost(lambda other: other is source)
         self._topics.forget_source(source)
@@ -164,7 +164,7 @@ class DriveController:
 
     # Messages.
 
-    async def handle(self, source: Source, message: DriveMessage) -> None:
+    async def handle(self, source: CommandSource, message: DriveMessage) -> None:
         """Do what a message on a drive topic asks for, or refuse it."""
         try:
             await self._dispatch(source, message)
@@ -173,12 +173,12 @@ class DriveController:
             text = f"cannot {doing} {message.topic}: {refused.why}"
             self.refuse(source, refused.kind, text, message_id(message.fields))
 
-    def refuse(self, source: Source, kind: Kind, text: str, identity: MessageId) -> None:
+    def refuse(self, source: CommandSource, kind: Kind, text: str, identity: MessageId) -> None:
         """Count a refusal and answer it."""
         self.refusals[kind] += 1
         source.refuse(kind, text, identity)
 
-    async def _dispatch(self, source: Source, message: DriveMessage) -> None:
+    async def _dispatch(self, source: CommandSource, message: DriveMessage) -> None:
         if source.authorization.mode == "observe":
             raise Refused("fence", "this connection only observes")
         self._welcome(source)
@@ -187,7 +187,7 @@ class DriveController:
         elif message.operation == "publish":
             await self._publish(source, message)
 
-    def _welcome(self, source: Source) -> None:
+    def _welcome(self, source: CommandSource) -> None:
         """Let a new driver begin without the names that the one before invented."""
         fence = source.authorization.fence
         if fence not in (0, self._fence) and self._authorizer.holds(source.authorization):
@@ -195,7 +195,7 @@ class DriveController:
             self._topics.free_unmoved(self._is_removable)
             self._wake.set()
 
-    def _topic_for(self, source: Source, name: str) -> Topic:
+    def _topic_for(self, source: CommandSource, name: str) -> Topic:
         """Return the topic of this name; where all places are taken, only who may drive gets another's."""
         is_removable = (
             self._is_removable if self._authorizer.holds(source.authorization) else lambda _: False
@@ -211,7 +211,7 @@ class DriveController:
         is_at_rest = topic.waiting is None and self._deadman.is_at_rest(topic.name)
         return is_at_rest and (topic.sent is None or topic.sent_at <= self.publisher.read_until)
 
-    async def _advertise(self, source: Source, message: DriveMessage) -> None:
+    async def _advertise(self, source: CommandSource, message: DriveMessage) -> None:
         # The field latch is left out: a robot must not get its last command again by itself.
         name = message.fields.get("type")
         if not isinstance(name, str) or name not in SHAPES:
@@ -222,7 +222,7 @@ class DriveController:
             topic.type, topic.announced = name, False
         await self._announce(topic)
 
-    async def _publish(self, source: Source, message: DriveMessage) -> None:
+    async def _publish(self, source: CommandSource, message: DriveMessage) -> None:
         now, given = self._clock(), message.fields.get("robotether")
         stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
@@ -237,7 +237,7 @@ class DriveController:
         command = limited(wanted, before, now - topic.sent_at, self._config.limits)
         if topic.waiting is not None:
             self.refusals["old"] += 1
-        topic.waiting = Waiting(command, source, old_at, message_id(message.fields))
+        topic.waiting = PendingCommand(command, source, old_at, message_id(message.fields))
         await self._send_waiting(topic)
         if topic.waiting is not None:
             self._wake.set()
@@ -249,7 +249,7 @@ class DriveController:
         if shape != topic.sent.shape:
             raise Refused("shape", "the robot moves by messages of another type on this topic")
 
-    def _old_at(self, source: Source, t_ms: object, now: float) -> float:
+    def _old_at(self, source: CommandSource, t_ms: object, now: float) -> float:
         """Return until when a command may be sent, or refuse it."""
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
@@ -333,7 +333,7 @@ class DriveController:
                 topic.waiting = None
                 await self._send(topic, waiting, now)
 
-    async def _send(self, topic: Topic, waiting: Waiting, now: float) -> None:
+    async def _send(self, topic: Topic, waiting: PendingCommand, now: float) -> None:
         command = waiting.command
         was_moving = self._deadman.is_moving(topic.name)
         if command.moves and not was_moving:
@@ -354,14 +354,14 @@ class DriveController:
             self._deadman.commanded(topic.name, now, moves=False)
             self._wake.set()
 
-    def _drop_old(self, topic: Topic, waiting: Waiting, now: float) -> None:
+    def _drop_old(self, topic: Topic, waiting: PendingCommand, now: float) -> None:
         why = "rosbridge did not take it in time"
         self.refuse(waiting.source, "old", _cannot(topic, why), waiting.message_id)
         if not waiting.command.moves:
             # The driver wanted to stop, and there is nothing newer.
             self._deadman.stop([topic.name], now)
 
-    def _lost(self, concerned: Callable[[Source], bool]) -> None:
+    def _lost(self, concerned: Callable[[CommandSource], bool]) -> None:
         self._topics.forget_waiting(concerned)
         self._begin_zeros(self._topics.of(concerned))
 
@@ -385,7 +385,7 @@ def _cannot(topic: Topic, why: str) -> str:
     return f"cannot publish to {topic.name}: {why}"
 
 
-def _publish(topic: Topic, command: Command, identity: MessageId) -> bytes:
+def _publish(topic: Topic, command: CheckedCommand, identity: MessageId) -> bytes:
     message: dict[str, object] = {"op": "publish", "topic": topic.name}
     if identity is not None:
         message["id"] = identity

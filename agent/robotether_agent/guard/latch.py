@@ -17,7 +17,7 @@ from pathlib import Path
 
 from robotether_agent.fields import FieldError, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, Release, Stop
+from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, ReleaseRequest, StopRequest
 from robotether_agent.problems import StateUnusable
 
 STOP_FILE = "stop.json"
@@ -59,7 +59,7 @@ class StopFile:
 
 @dataclass
 class _Job:
-    message: Stop | Release
+    message: StopRequest | ReleaseRequest
     stops_before: int
     waits: bool = True
 
@@ -82,9 +82,9 @@ class Latch:
         # Who stopped the robot, for others to know: None while it is not stopped, or its disk has not answered yet.
         self.reported_by = by
 
-    def handle(self, message: Stop | Release) -> None:
+    def handle(self, message: StopRequest | ReleaseRequest) -> None:
         """Stop now, or release as soon as the disk has it."""
-        if isinstance(message, Stop):
+        if isinstance(message, StopRequest):
             self._stops += 1
             self.stopped, self.by = True, message.by
             self._changed()
@@ -92,16 +92,16 @@ class Latch:
         elif self._jobs.qsize() < MAX_WAITING:
             self._put(message)
 
-    def _put_stop(self, message: Stop) -> None:
+    def _put_stop(self, message: StopRequest) -> None:
         """Have the stop written after the release before it; it takes the place of a stop that still waits there."""
         newest = self._newest
-        if newest is not None and newest.waits and isinstance(newest.message, Stop):
+        if newest is not None and newest.waits and isinstance(newest.message, StopRequest):
             # Nobody misses the older one's answer: the agent waits for its newest stop's, the server for releases'.
             newest.message = message
         else:
             self._put(message)
 
-    def _put(self, message: Stop | Release) -> None:
+    def _put(self, message: StopRequest | ReleaseRequest) -> None:
         self._newest = _Job(message, self._stops)
         self._jobs.put_nowait(self._newest)
 
@@ -116,7 +116,7 @@ class Latch:
                 log.error("%s; %s", problem, _despite_the_disk(job.message))  # noqa: TRY400 - no defect
             else:
                 self._released(job)
-            if isinstance(job.message, Stop):
+            if isinstance(job.message, StopRequest):
                 self.reported_by = job.message.by
             self._answer(job.message.id)
             self._jobs.task_done()
@@ -125,21 +125,21 @@ class Latch:
         """Return when the disk has all that was ordered."""
         await self._jobs.join()
 
-    def _on_disk(self, message: Stop | Release) -> None:
-        if isinstance(message, Stop):
+    def _on_disk(self, message: StopRequest | ReleaseRequest) -> None:
+        if isinstance(message, StopRequest):
             self._file.write(message.by)
         else:
             self._file.remove()
 
     def _released(self, job: _Job) -> None:
         # One that a newer stop overtook changes nothing, nor what is told: nobody may take it for a release.
-        if isinstance(job.message, Release) and job.stops_before == self._stops:
+        if isinstance(job.message, ReleaseRequest) and job.stops_before == self._stops:
             log.info("%s released the robot", job.message.by or "somebody")
             self.stopped, self.by, self.reported_by = False, "", None
             self._changed()
 
 
-def _despite_the_disk(message: Stop | Release) -> str:
-    if isinstance(message, Stop):
+def _despite_the_disk(message: StopRequest | ReleaseRequest) -> str:
+    if isinstance(message, StopRequest):
         return "the robot is stopped, but by itself it will not know so after a loss of power"
     return "the robot stays stopped"

@@ -109,7 +109,7 @@ class MotionTracker:
         """When the mark of a robot that stands is taken away; None: there is none."""
         return self._remove_at if self._recorded else None
 
-    def left(self) -> list[Driven] | None:
+    def read_previous(self) -> list[Driven] | None:
         """Return what the last guard left: None nothing, an empty list something unknown."""
         return self._file.read()
 

@@ -21,12 +21,12 @@ from robotether_agent.guard.agent_messages import (
     AgentMessage,
     Exit,
     GuardConfig,
-    Lease,
-    Release,
-    Reports,
+    GuardReporter,
+    LeaseUpdate,
+    ReleaseRequest,
     SessionIs,
     State,
-    Stop,
+    StopRequest,
     parse,
 )
 from robotether_agent.guard.authorization import Authorizer
@@ -51,12 +51,12 @@ class Guard:
     """All parts of a running guard."""
 
     def __init__(
-        self, http: aiohttp.ClientSession, state_dir: Path, run_dir: Path, reports: Reports
+        self, http: aiohttp.ClientSession, state_dir: Path, run_dir: Path, reporter: GuardReporter
     ) -> None:
         self._clock = robot_time
-        self._reports = reports
+        self._reporter = reporter
         self._config: GuardConfig | None = None
-        self._ending = asyncio.Event()
+        self._exiting = asyncio.Event()
         self._authorizer = Authorizer(self._clock())
         self._controller = DriveController(
             self._authorizer, MotionFile(run_dir), self._clock, self._report_state
@@ -76,7 +76,7 @@ class Guard:
 
     async def run(self, lines: asyncio.StreamReader) -> None:
         """Guard the robot until the agent ends it, or itself."""
-        self._reports.ready(await self._server.start())
+        self._reporter.ready(await self._server.start())
         self._report_state()
         try:
             await first_of(
@@ -92,11 +92,11 @@ class Guard:
 
     def end(self) -> None:
         """Stop the robot, then end."""
-        self._ending.set()
+        self._exiting.set()
 
     async def _until_at_rest(self) -> None:
-        await self._ending.wait()
-        self._authorizer.ending = True
+        await self._exiting.wait()
+        self._authorizer.exiting = True
         self._controller.halt()
         with suppress(asyncio.TimeoutError):
             await within(LAST_ZEROS_WITHIN_S, self._controller.until_at_rest())
@@ -135,10 +135,10 @@ class Guard:
         elif isinstance(message, SessionIs):
             self._authorizer.session(up=message.up)
             self._server.rights_changed()
-        elif isinstance(message, Lease):
+        elif isinstance(message, LeaseUpdate):
             self._authorizer.lease(message.fence, held=message.held)
             self._server.rights_changed()
-        elif isinstance(message, Stop | Release):
+        elif isinstance(message, StopRequest | ReleaseRequest):
             self._latch.handle(message)
         elif isinstance(message, Exit):
             self.end()
@@ -168,11 +168,11 @@ class Guard:
     def _report_state(self, *, answers: str | None = None) -> None:
         by = self._latch.reported_by
         state = State(by is not None, by or "", self._controller.moving)
-        self._reports.state(state, self._controller.refusals, answers=answers)
+        self._reporter.state(state, self._controller.refusals, answers=answers)
 
     async def _tick(self) -> None:
         while True:
-            self._reports.tick()
+            self._reporter.tick()
             self._report_state()
             await asyncio.sleep(TICK_EVERY_S)
 
@@ -181,7 +181,7 @@ async def run(state_dir: Path, run_dir: Path) -> None:
     """Run a guard on this process's standard input and output."""
     lines, pipe = await _standard_input(), await _standard_output()
     async with new_http() as http:
-        guard = Guard(http, state_dir, run_dir, Reports(pipe))
+        guard = Guard(http, state_dir, run_dir, GuardReporter(pipe))
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, guard.end)
         await guard.run(lines)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.commands import SHAPES, Command, Shape
+from robotether_agent.guard.commands import SHAPES, CheckedCommand, Shape
 from robotether_agent.guard.drive_messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
 
@@ -18,7 +18,7 @@ MAX_TOPICS = 16
 MAX_TYPES = 64
 
 
-class Source(Protocol):
+class CommandSource(Protocol):
     """Who sends drive messages: a client proxy."""
 
     @property
@@ -33,11 +33,11 @@ class Source(Protocol):
 
 
 @dataclass(frozen=True)
-class Waiting:
+class PendingCommand:
     """A checked command on its way, which may be sent until `old_at`."""
 
-    command: Command
-    source: Source
+    command: CheckedCommand
+    source: CommandSource
     old_at: float
     message_id: MessageId
 
@@ -49,10 +49,10 @@ class Topic:
     name: str
     type: str = ""
     announced: bool = False
-    sent: Command | None = None
+    sent: CheckedCommand | None = None
     sent_at: float = 0.0
-    source: Source | None = None
-    waiting: Waiting | None = None
+    source: CommandSource | None = None
+    waiting: PendingCommand | None = None
     # Whether it ever got a command that moves.
     moved: bool = False
     used_at: float = 0.0
@@ -150,17 +150,17 @@ class Topics:
         # Whoever still has it in hand must not advertise it again.
         topic.type = ""
 
-    def of(self, concerned: Callable[[Source], bool]) -> list[str]:
+    def of(self, concerned: Callable[[CommandSource], bool]) -> list[str]:
         """Name the topics that such a source moved last."""
         return [t.name for t in self if t.source is not None and concerned(t.source)]
 
-    def forget_waiting(self, concerned: Callable[[Source], bool]) -> None:
+    def forget_waiting(self, concerned: Callable[[CommandSource], bool]) -> None:
         """Drop what such a source sent and rosbridge has not got."""
         for topic in self:
             if topic.waiting is not None and concerned(topic.waiting.source):
                 topic.waiting = None
 
-    def forget_source(self, source: Source) -> None:
+    def forget_source(self, source: CommandSource) -> None:
         """Let go of a source that is gone."""
         for topic in self:
             if topic.source is source:

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from typing import Generic, TypeVar
 
-from robotether_agent.problems import NoAnswer, Problem, ServerBusy, ServerUnreachable
+from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
@@ -44,10 +44,10 @@ class HappyEyeballs(Generic[T]):
         self._eager = eager
         self._running: list[asyncio.Future[T]] = []
         self._pausing: asyncio.Future[None] | None = None
-        self._failed: deque[Problem] = deque(maxlen=MAX_PROBLEMS)
+        self._failed: deque[AgentProblem] = deque(maxlen=MAX_PROBLEMS)
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> AgentProblem:
         """What the attempts said so far, as one."""
         return combined_problem(self._failed)
 
@@ -88,7 +88,7 @@ class HappyEyeballs(Generic[T]):
             if error is None:
                 return attempt
             self._running.remove(attempt)
-            if not isinstance(error, Problem):
+            if not isinstance(error, AgentProblem):
                 raise error
             self._failed.append(error)
             # A busy server is the server: its other ports and addresses would only give it more to do.
@@ -126,7 +126,7 @@ class HappyEyeballs(Generic[T]):
             self._drop(attempt.result())
 
 
-def combined_problem(failed: Sequence[Problem]) -> Problem:
+def combined_problem(failed: Sequence[AgentProblem]) -> AgentProblem:
     """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
     for kind in (ServerBusy, ServerUnreachable):
         found = [problem for problem in failed if isinstance(problem, kind)]
@@ -135,7 +135,7 @@ def combined_problem(failed: Sequence[Problem]) -> Problem:
     return _one(NoAnswer, failed)
 
 
-def _one(kind: type[Problem], found: Sequence[Problem]) -> Problem:
+def _one(kind: type[AgentProblem], found: Sequence[AgentProblem]) -> AgentProblem:
     message = "; ".join(dict.fromkeys(problem.message for problem in found))
     advice = next((problem.advice for problem in found if problem.advice), None)
     return kind(message or "cannot connect: nothing answers", advice=advice)

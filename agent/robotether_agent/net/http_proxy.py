@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 
 from robotether_agent.fields import printable
 from robotether_agent.net.tcp import peek
-from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
+from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
 from robotether_agent.tasks import within
 
 DEFAULT_PORT = 3128
@@ -89,7 +89,7 @@ def request(proxy: Proxy, host: str, port: int) -> bytes:
     return "\r\n".join([*lines, "", ""]).encode()
 
 
-def refusal(head: bytes, proxy: Proxy, where: str) -> Problem | None:
+def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
     """Return what an answer means, or None when the connection stands."""
     line = STATUS_LINE.match(head)
     if line is None or END not in head:

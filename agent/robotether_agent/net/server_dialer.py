@@ -23,7 +23,7 @@ from robotether_agent.net import netlink
 from robotether_agent.net.happy_eyeballs import HappyEyeballs
 from robotether_agent.net.http_proxy import Proxy, ask_for
 from robotether_agent.net.tcp import CHECK_NETWORK, Resolver, connect, is_established, peek
-from robotether_agent.problems import NoAnswer, Problem, ServerBusy, ServerUnreachable
+from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
 from robotether_agent.tasks import first_of, within
 
 SSH = b"SSH-"
@@ -93,14 +93,14 @@ def _is_long_enough(words: bytes) -> bool:
     return len(words) >= len(SSH)
 
 
-def _closed(name: str) -> Problem:
+def _closed(name: str) -> AgentProblem:
     return ServerUnreachable(
         f"cannot reach SSH at {name}: it closes the connection without a word",
         advice="see that the server is up and not overloaded; this is tried again",
     )
 
 
-def _no_ssh(name: str, words: bytes) -> Problem:
+def _no_ssh(name: str, words: bytes) -> AgentProblem:
     if words.startswith(FULL):
         return ServerBusy(
             f"cannot log in at {name} now: as many log-ins are under way there as it takes at once"
@@ -113,7 +113,7 @@ def _no_ssh(name: str, words: bytes) -> Problem:
 
 
 @dataclass(frozen=True)
-class Target:
+class SshAddress:
     """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
 
     host: str
@@ -129,7 +129,7 @@ class Target:
 class _Probed:
     """An SSH server answers at `target`; the connection is there if nobody has said a word on it."""
 
-    target: Target
+    target: SshAddress
     connection: socket.socket | None
     since: float = field(default_factory=monotonic)
 
@@ -173,7 +173,7 @@ class ServerDialer:
         """Whether the other end of a connection is a proxy and not the server."""
         return self._proxy is not None
 
-    async def find(self, targets: Sequence[Target]) -> Target:
+    async def find(self, targets: Sequence[SshAddress]) -> SshAddress:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
         Raises ServerUnreachable when something refuses, and NoAnswer after PATIENCE_S of silence, or after
@@ -189,7 +189,7 @@ class ServerDialer:
                 drop=_Probed.drop,
                 eager=False,
             )
-            found: list[Target] = []
+            found: list[SshAddress] = []
 
             async def find() -> None:
                 found.append(await self._keep_winner(happy_eyeballs))
@@ -199,7 +199,7 @@ class ServerDialer:
                 raise happy_eyeballs.problem
             return found[0]
 
-    async def open(self, target: Target) -> socket.socket:
+    async def open(self, target: SshAddress) -> socket.socket:
         """Return a connection to `target`: the one in hand, or a new one."""
         for spare in [item for item in self._spares if item.target == target]:
             self._spares.remove(spare)
@@ -208,7 +208,7 @@ class ServerDialer:
             spare.drop()
         return await self._connect(target)
 
-    async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probed]) -> Target:
+    async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probed]) -> SshAddress:
         probed = await happy_eyeballs.winner()
         _drop_all(self._spares)
         self._spares.append(probed)
@@ -220,12 +220,12 @@ class ServerDialer:
             self._spares.remove(spare)
             spare.drop()
 
-    async def _probe_any(self, targets: Sequence[Target]) -> _Probed:
+    async def _probe_any(self, targets: Sequence[SshAddress]) -> _Probed:
         attempts = [partial(self._probe, target) for target in targets]
         happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
         return await happy_eyeballs.winner()
 
-    async def _probe(self, target: Target) -> _Probed:
+    async def _probe(self, target: SshAddress) -> _Probed:
         connection = await self._connect(target)
         with _closed_on_failure(connection), self._counted_silent():
             is_unused = await self._banner.check(connection, target.port, self._name(target))
@@ -233,7 +233,7 @@ class ServerDialer:
             connection.close()
         return _Probed(target, connection if is_unused else None)
 
-    async def _connect(self, target: Target) -> socket.socket:
+    async def _connect(self, target: SshAddress) -> socket.socket:
         if self._proxy is None:
             return await connect(target.host, target.port, self._resolver, f"SSH at {target}")
         connection = await connect(*self._proxy.address, self._resolver, str(self._proxy))
@@ -241,7 +241,7 @@ class ServerDialer:
             await ask_for(connection, self._proxy, target.host, target.port)
         return connection
 
-    def _name(self, target: Target) -> str:
+    def _name(self, target: SshAddress) -> str:
         return str(target) if self._proxy is None else f"{target} through {self._proxy}"
 
     @contextmanager

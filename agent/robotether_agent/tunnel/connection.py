@@ -21,8 +21,8 @@ from robotether_agent.enrolment.enrolment_store import Enrolment
 from robotether_agent.enrolment.keys import KeyPair
 from robotether_agent.net.happy_eyeballs import combined_problem
 from robotether_agent.net.http_proxy import proxy_of
-from robotether_agent.net.server_dialer import ServerDialer, Target
-from robotether_agent.problems import NoAnswer, Problem, ServerUnreachable
+from robotether_agent.net.server_dialer import ServerDialer, SshAddress
+from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
@@ -63,7 +63,7 @@ class Role:
     # Set when the same configuration may ask for another forward now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Told when the forward stands, for the first time and after each change.
-    on_up: Callable[[Target, SessionConfig, Session], None]
+    on_up: Callable[[SshAddress, SessionConfig, Session], None]
     # What tells the server how the robot is, for as long as the connection lasts; on the session only.
     reports: Sequence[Report] = ()
     # Set when the server's own view of the forwards may be another one; on the session only.
@@ -74,8 +74,8 @@ class Role:
     guard: DriveMessageHandler | None = None
 
 
-async def run_connection(target: Target, files: SshFiles, role: Role) -> NoReturn:
-    """Connect, keep the forward, and serve the session until a Problem is raised."""
+async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoReturn:
+    """Connect, keep the forward, and serve the session until an AgentProblem is raised."""
     tunnel = await Tunnel.open(target, files, role.kind)
     try:
         if role.video_proxy is not None:
@@ -93,7 +93,7 @@ async def run_connection(target: Target, files: SshFiles, role: Role) -> NoRetur
 
 
 def _work(
-    tunnel: Tunnel, session: Session, role: Role, target: Target
+    tunnel: Tunnel, session: Session, role: Role, target: SshAddress
 ) -> list[Coroutine[Any, Any, None]]:
     work = [
         session.run(),
@@ -106,7 +106,7 @@ def _work(
     return work
 
 
-async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Target) -> None:
+async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: SshAddress) -> None:
     """Make the live connection's forward follow the configuration, and the guard's port."""
     open_now: Forward | None = None
     reported: tuple[SessionConfig, Forward | None] | None = None
@@ -184,7 +184,7 @@ class Connector:
         control = self._settings.run_dir / f"{role.kind}.ctl"
         files = SshFiles(keys, self._enroller.known_hosts, control)
         left = self.targets(enrolment)
-        failed: list[Problem] = []
+        failed: list[AgentProblem] = []
         while left:
             try:
                 target = await self._find(left)
@@ -194,17 +194,17 @@ class Connector:
             failed.append(await self._unless_unreachable(target, files, role))
         raise combined_problem(failed)
 
-    def targets(self, enrolment: Enrolment) -> list[Target]:
+    def targets(self, enrolment: Enrolment) -> list[SshAddress]:
         """Return the server's SSH addresses in the order in which they are tried."""
         settings, ssh = self._settings, enrolment.ssh
         host = settings.ssh_host or ssh.host or settings.server_host
         ports = settings.ssh_ports or ssh.ports
         in_order = sorted(ports, key=lambda port: port != self._good_port)
-        return [Target(host, port, ssh.user, self._server_dialer) for port in in_order]
+        return [SshAddress(host, port, ssh.user, self._server_dialer) for port in in_order]
 
-    async def _find(self, targets: list[Target]) -> Target:
+    async def _find(self, targets: list[SshAddress]) -> SshAddress:
         """Return where the server answers, and know since when it did not."""
-        found: list[Target] = []
+        found: list[SshAddress] = []
 
         async def find() -> None:
             found.append(await self._server_dialer.find(targets))
@@ -234,11 +234,11 @@ class Connector:
         await asyncio.Event().wait()
 
     async def _unless_unreachable(
-        self, target: Target, files: SshFiles, role: Role
+        self, target: SshAddress, files: SshFiles, role: Role
     ) -> ServerUnreachable:
         """Connect to `target`; return only if no SSH server lets us begin there."""
 
-        def on_up(at: Target, config: SessionConfig, session: Session) -> None:
+        def on_up(at: SshAddress, config: SessionConfig, session: Session) -> None:
             # On many networks only one of the ports is let out.
             self._good_port = at.port
             role.on_up(at, config, session)

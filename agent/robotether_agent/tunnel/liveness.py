@@ -17,9 +17,9 @@ from enum import Enum
 from typing import NoReturn, Protocol
 
 from robotether_agent.net import netlink
-from robotether_agent.net.server_dialer import SETTLED_AFTER_S, ServerDialer, Target
+from robotether_agent.net.server_dialer import SETTLED_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.net.tcp import is_stuck
-from robotether_agent.problems import LinkProblem, NetworkChanged, Problem, Retry, ServerSilent
+from robotether_agent.problems import AgentProblem, LinkProblem, NetworkChanged, Retry, ServerSilent
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -90,7 +90,7 @@ class MonitoredSession(Protocol):
         """Seconds since the server was heard last."""
 
 
-async def watch(session: MonitoredSession, tunnel: Tunnel, target: Target) -> NoReturn:
+async def watch(session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> NoReturn:
     """Raise ServerSilent or NetworkChanged when the connection is dead; else never end."""
     watched = _Watch(session, tunnel, target)
     with netlink.listening() as network:
@@ -144,7 +144,7 @@ class PauseClock:
 class _Watch:
     """One connection, and at most one attempt to reach its server on another."""
 
-    def __init__(self, session: MonitoredSession, tunnel: Tunnel, target: Target) -> None:
+    def __init__(self, session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> None:
         self._session = session
         self._tunnel = tunnel
         self._target = target
@@ -204,14 +204,14 @@ class _Watch:
         """Try to reach the server; return True if it answers there while this connection still looks dead."""
         if time.monotonic() < self._rest_until:
             return False
-        answered: list[Target] = []
+        answered: list[SshAddress] = []
 
         async def find() -> None:
             answered.append(await self._dialer.find([self._target]))
 
         try:
             await first_of(find(), self._until_clear())
-        except Problem as problem:
+        except AgentProblem as problem:
             log.debug("the server does not answer on another connection: %s", problem)
             self._rest_until = time.monotonic() + REST_S
         if self._signs().silent_s >= DISTRUSTED_AFTER_S:

@@ -19,15 +19,15 @@ from robotether_agent.enrolment.known_hosts import ALIAS
 from robotether_agent.enrolment.known_hosts import advice as host_key_advice
 from robotether_agent.fields import printable
 from robotether_agent.net.fd_passing import proxy_options
-from robotether_agent.net.server_dialer import Target
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
+    AgentProblem,
     ForwardFailed,
-    HostKeyChanged,
     KeyRefused,
     KeyUnusable,
     LinkLost,
     PortTaken,
-    Problem,
+    ServerKeyChanged,
     ServerUnreachable,
     SessionRefused,
     SshIncompatible,
@@ -97,7 +97,7 @@ def forward_to(url: str, listen_port: int) -> Forward:
     return Forward(listen_port, split.hostname, split.port)
 
 
-def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
+def connect_command(target: SshAddress, files: SshFiles, kind: Kind) -> list[str]:
     """Return the command of a connection whose stdin and stdout carry the session of `kind`.
 
     It finds its TCP connection in its stderr (robotether_agent.net.fd_passing).
@@ -116,7 +116,7 @@ def connect_command(target: Target, files: SshFiles, kind: Kind) -> list[str]:
     return _command(target, options, ["-M", "-S", str(files.control)], kind)
 
 
-def host_key_command(target: Target, known_hosts: Path) -> list[str]:
+def host_key_command(target: SshAddress, known_hosts: Path) -> list[str]:
     """Return the command that checks the server's host key, and gets no further than that.
 
     It, too, finds its TCP connection in its stderr.
@@ -143,7 +143,7 @@ def _trust_options(known_hosts: Path) -> list[str]:
     ]
 
 
-def _command(target: Target, options: list[str], control: list[str], kind: Kind) -> list[str]:
+def _command(target: SshAddress, options: list[str], control: list[str], kind: Kind) -> list[str]:
     flags = [word for option in options for word in ("-o", option)]
     address = f"{target.user}@{target.host}"
     return ["ssh", "-F", "none", *control, *flags, "-p", str(target.port), "--", address, kind]
@@ -163,8 +163,8 @@ def child_environment() -> dict[str, str]:
 
 
 def why_not_connected(
-    stderr: Sequence[str], status: int, target: Target, files: SshFiles
-) -> Problem:
+    stderr: Sequence[str], status: int, target: SshAddress, files: SshFiles
+) -> AgentProblem:
     """Return why a client ended before the server sent a configuration."""
     for pattern, make in _BEFORE_CONFIG:
         line = _first(stderr, pattern)
@@ -179,13 +179,13 @@ def why_not_connected(
     return LinkLost(f"cannot connect to {target}: {said or 'ssh ended without a word'}")
 
 
-def why_ended(stderr: Sequence[str], status: int | None, target: Target) -> Problem:
+def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentProblem:
     """Return why a client ended that had been connected."""
     said = _last(stderr) or ("ssh was killed" if status is None or status < 0 else "without a word")
     return LinkLost(f"lost the connection to {target}: {said}")
 
 
-def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> Problem:
+def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> AgentProblem:
     """Return why the running client did not add or cancel `forward`."""
     if _first(stderr, PORT_TAKEN) is not None:
         return PortTaken(
@@ -196,40 +196,40 @@ def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> Prob
     return ForwardFailed(f"cannot {action} the forward {forward.spec}: {said}")
 
 
-def _session_refused(line: str, target: Target, _: SshFiles) -> Problem:
+def _session_refused(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
     return SessionRefused(f"cannot open the session at {target}: {SESSION_COMMAND.sub('', line)}")
 
 
-def _host_key_changed(line: str, target: Target, files: SshFiles) -> Problem:
-    return HostKeyChanged(
+def _host_key_changed(line: str, target: SshAddress, files: SshFiles) -> AgentProblem:
+    return ServerKeyChanged(
         f"cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
         advice=host_key_advice(files.known_hosts),
     )
 
 
-def _key_unusable(line: str, _: Target, files: SshFiles) -> Problem:
+def _key_unusable(line: str, _: SshAddress, files: SshFiles) -> AgentProblem:
     return KeyUnusable(
         f"cannot use the key {files.keys[0]}: {line}",
         advice=f"let only the agent's user read it: chmod 600 {files.keys[0]}",
     )
 
 
-def _key_refused(line: str, target: Target, _: SshFiles) -> Problem:
+def _key_refused(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
     return KeyRefused(f"cannot log in at {target}: the server refuses this robot's key ({line})")
 
 
-def _incompatible(line: str, target: Target, _: SshFiles) -> Problem:
+def _incompatible(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
     return SshIncompatible(f"cannot speak with {target}: {line}")
 
 
-def _unreachable(line: str, target: Target, _: SshFiles) -> Problem:
+def _unreachable(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
     return ServerUnreachable(
         f"cannot reach SSH at {target}: {line}",
         advice="check this robot's network, and that the server lets this port in",
     )
 
 
-_Make = Callable[[str, Target, SshFiles], Problem]
+_Make = Callable[[str, SshAddress, SshFiles], AgentProblem]
 # The order counts: a refused host key or key file also ends in lines that later patterns match.
 _BEFORE_CONFIG: tuple[tuple[re.Pattern[str], _Make], ...] = (
     (SESSION_COMMAND, _session_refused),

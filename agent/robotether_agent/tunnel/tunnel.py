@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Literal
 
 from robotether_agent.net.fd_passing import stderr_with
-from robotether_agent.net.server_dialer import ServerDialer, Target
+from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import prepare_for_video
-from robotether_agent.problems import ForwardFailed, Problem, SshMissing
+from robotether_agent.problems import AgentProblem, ForwardFailed, SshMissing
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     Forward,
@@ -51,7 +51,7 @@ class Tunnel:
     def __init__(
         self,
         process: Process,
-        target: Target,
+        target: SshAddress,
         files: SshFiles,
         connection: socket.socket | None,
         stderr: tuple[asyncio.StreamReader, asyncio.StreamWriter],
@@ -69,7 +69,7 @@ class Tunnel:
         self._listener = asyncio.ensure_future(self._listen(words))
 
     @classmethod
-    async def open(cls, target: Target, files: SshFiles, kind: Kind) -> Tunnel:
+    async def open(cls, target: SshAddress, files: SshFiles, kind: Kind) -> Tunnel:
         """Start a client; whether it logs in shows when it sends lines or ends."""
         with ExitStack() as unless_open:
             connection = await (target.dialer or ServerDialer()).open(target)
@@ -96,7 +96,7 @@ class Tunnel:
         """Close `forward` on the live connection."""
         await self._control("cancel", forward)
 
-    async def why_ended(self, *, was_connected: bool) -> Problem:
+    async def why_ended(self, *, was_connected: bool) -> AgentProblem:
         """Wait shortly for the client's end and its last words, and return what they mean."""
         await asyncio.wait({self._listener}, timeout=END_TIMEOUT_S)
         try:

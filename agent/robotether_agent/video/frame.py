@@ -18,7 +18,7 @@ Kind = Literal["web_video_server", "mjpeg", "rosbridge"]
 
 
 @dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """One JPEG; both times are on the robot's clock (CLOCK_BOOTTIME), the first is what the frame shows."""
 
     jpeg: bytes

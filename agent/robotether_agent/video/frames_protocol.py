@@ -22,7 +22,7 @@ from robotether_agent.fields import (
 JPEG = 1
 # The moment is the camera's own stamp.
 STAMPED = 1
-NUMBERS = 2**32
+SEQUENCES = 2**32
 _HEADER = struct.Struct("!BBHId")
 SIZE = _HEADER.size
 MAX_TEXT_BYTES = 4096
@@ -48,7 +48,7 @@ class Header:
         """Return the header as it stands on the wire."""
         flags = STAMPED if self.is_stamped else 0
         return _HEADER.pack(
-            self.codec, flags, self.quality, self.sequence % NUMBERS, self.timestamp_ms
+            self.codec, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
         )
 
 
@@ -108,7 +108,7 @@ def _stream_request(message: JsonObject) -> StreamRequest:
 def _credit(message: JsonObject) -> Credit:
     frames = _or(message, "frames", 1, get_int, of=(0, 2**31))
     return Credit(
-        min(frames, MAX_CREDITS), _or(message, "taken", None, get_int, of=(0, NUMBERS - 1))
+        min(frames, MAX_CREDITS), _or(message, "taken", None, get_int, of=(0, SEQUENCES - 1))
     )
 
 

@@ -22,16 +22,16 @@ from aiohttp import web
 
 from robotether_agent.fields import FieldError
 from robotether_agent.tasks import within
-from robotether_agent.video.feeds import MAX_FEEDS, Feeds
-from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceRequest
 from robotether_agent.video.frames_protocol import MAX_TEXT_BYTES, StreamRequest
 from robotether_agent.video.receiver import Receiver
+from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
 from robotether_agent.video.sources import Sources, SourceSettings
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
 # The relay has one a camera, and for a moment two when it connects anew.
-MAX_RECEIVERS = 2 * MAX_FEEDS
+MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
 # What waits in the kernel is old when it leaves.
 SEND_BYTES = 16 * 1024
 SHUTDOWN_S = 0.2
@@ -59,7 +59,7 @@ class FramesService:
         """Listen, and return the port, which the kernel chooses."""
         self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
         self._sources = Sources(self._http, self._source_settings)
-        self._feeds = Feeds(self._sources.run)
+        self._shared_sources = SharedSources(self._sources.run)
         app = web.Application(middlewares=[_one_answer])
         app.router.add_get("/robotether/frames", self._frames)
         for path in ("/snapshot", "/robotether/snapshot"):
@@ -78,7 +78,7 @@ class FramesService:
     async def close(self) -> None:
         """End all answers and sources."""
         await self._runner.cleanup()
-        await self._feeds.close()
+        await self._shared_sources.close()
         await self._http.close()
 
     async def _frames(self, request: web.Request) -> web.StreamResponse:
@@ -100,7 +100,7 @@ class FramesService:
 
     async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
         steps_quality = self._sources.steps_quality(topic)
-        receiver = Receiver(answer, topic, self._feeds, steps_quality=steps_quality)
+        receiver = Receiver(answer, topic, self._shared_sources, steps_quality=steps_quality)
         try:
             await receiver.run()
         except FieldError as error:
@@ -111,7 +111,9 @@ class FramesService:
 
     def _check_room(self, topic: str) -> None:
         is_new = topic not in self._topics
-        if self._topics.total() >= MAX_RECEIVERS or (is_new and len(self._topics) >= MAX_FEEDS):
+        if self._topics.total() >= MAX_RECEIVERS or (
+            is_new and len(self._topics) >= MAX_SHARED_SOURCES
+        ):
             raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
 
     async def _list(self, request: web.Request) -> web.Response:
@@ -121,7 +123,7 @@ class FramesService:
         return web.Response(text="the agent's own pictures: /stream?topic=, /snapshot?topic=\n")
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
-        newest = _Newest(self._feeds, _asked(request))
+        newest = _Newest(self._shared_sources, _asked(request))
         try:
             frame = await newest.first()
         finally:
@@ -132,7 +134,7 @@ class FramesService:
         source_request = _asked(request)
         self._check_room(source_request.topic)
         self._topics[source_request.topic] += 1
-        newest = _Newest(self._feeds, source_request)
+        newest = _Newest(self._shared_sources, source_request)
         try:
             # A camera that gives nothing is an error, which a stream that has begun cannot tell.
             first = await newest.first()
@@ -150,13 +152,13 @@ class FramesService:
 class _Newest:
     """The newest frame of a request, for answers that have no credit."""
 
-    def __init__(self, feeds: Feeds, source_request: SourceRequest) -> None:
-        self._feeds = feeds
-        self._frame: Frame | None = None
+    def __init__(self, shared_sources: SharedSources, source_request: SourceRequest) -> None:
+        self._shared_sources = shared_sources
+        self._frame: CameraFrame | None = None
         self._has_frame = asyncio.Event()
-        self._feed = feeds.follow(source_request, self, self._on_frame)
+        self._shared = shared_sources.follow(source_request, self, self._on_frame)
 
-    async def next(self) -> Frame:
+    async def next(self) -> CameraFrame:
         """Return one that was not returned before."""
         while self._frame is None:
             self._has_frame.clear()
@@ -164,19 +166,19 @@ class _Newest:
         frame, self._frame = self._frame, None
         return frame
 
-    async def first(self) -> Frame:
+    async def first(self) -> CameraFrame:
         """Return the first one, or answer why there is none."""
         try:
             return await within(STILL_WITHIN_S, self.next())
         except asyncio.TimeoutError as error:
-            reason = self._feed.condition().detail or "there is no picture yet"
+            reason = self._shared.condition().detail or "there is no picture yet"
             raise web.HTTPServiceUnavailable(text=f"{reason}\n") from error
 
     def leave(self) -> None:
         """Want no more."""
-        self._feeds.leave(self._feed, self)
+        self._shared_sources.leave(self._shared, self)
 
-    def _on_frame(self, frame: Frame) -> None:
+    def _on_frame(self, frame: CameraFrame) -> None:
         self._frame = frame
         self._has_frame.set()
 
@@ -215,7 +217,7 @@ def _asked(request: web.Request) -> SourceRequest:
     )
 
 
-async def _pour(request: web.Request, first: Frame, newest: _Newest) -> web.StreamResponse:
+async def _pour(request: web.Request, first: CameraFrame, newest: _Newest) -> web.StreamResponse:
     kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
     answer = web.StreamResponse(headers={"Content-Type": kind})
     answer.force_close()
@@ -228,7 +230,7 @@ async def _pour(request: web.Request, first: Frame, newest: _Newest) -> web.Stre
     return answer
 
 
-def _part(frame: Frame) -> bytes:
+def _part(frame: CameraFrame) -> bytes:
     head = f"Content-type: image/jpeg\r\nContent-Length: {len(frame.jpeg)}\r\n\r\n"
     return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
 

@@ -16,7 +16,7 @@ MAX_HEAD_BYTES = 8 * 1024
 BLANK = b"\r\n"
 
 
-class PartsBrokenError(ValueError):
+class MultipartBrokenError(ValueError):
     """What came is no such stream."""
 
 
@@ -29,16 +29,16 @@ class Part:
 
 
 def boundary_of(content_type: str) -> bytes:
-    """Return the bytes that stand between parts; PartsBrokenError for another type than multipart."""
+    """Return the bytes that stand between parts; MultipartBrokenError for another type than multipart."""
     message = Message()
     message["Content-Type"] = content_type
     boundary = message.get_param("boundary")
     if message.get_content_maintype() != "multipart" or not isinstance(boundary, str):
-        raise PartsBrokenError(f"it sends {content_type or 'no type'}, not multipart pictures")
+        raise MultipartBrokenError(f"it sends {content_type or 'no type'}, not multipart pictures")
     return b"--" + boundary.strip().strip('"').lstrip("-").encode("latin-1", "replace")
 
 
-class Parts:
+class MultipartParser:
     """The parts of one stream, from the bytes as they come."""
 
     def __init__(self, boundary: bytes) -> None:
@@ -72,7 +72,7 @@ class Parts:
         ]
         if not ends:
             if len(self._buffer) > MAX_HEAD_BYTES:
-                raise PartsBrokenError("a part's headers do not end")
+                raise MultipartBrokenError("a part's headers do not end")
             return None
         at, length = min(ends)
         lines = self._buffer[start:at].decode("latin-1").splitlines()
@@ -103,4 +103,4 @@ class Parts:
 
     def _check(self, length: int) -> None:
         if length > MAX_FRAME_BYTES:
-            raise PartsBrokenError(f"it sends a picture of over {MAX_FRAME_BYTES} bytes")
+            raise MultipartBrokenError(f"it sends a picture of over {MAX_FRAME_BYTES} bytes")

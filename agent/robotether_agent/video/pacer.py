@@ -44,7 +44,7 @@ class UnwrittenBytes:
         """Note that `count` bytes go to ssh now."""
         self._bytes += count
 
-    def left(self, reading: Reading) -> int:
+    def remaining(self, reading: Reading) -> int:
         """Return how many of them ssh still has; ssh's own additions are too few to matter between two zeros."""
         if self._since is None:
             self._since = reading
@@ -162,7 +162,7 @@ class Pacer:
             estimator = BandwidthEstimator(reading)
             self._paced = estimator, TokenBucket(reading.at_s, estimator.window)
         estimator, bucket = self._paced
-        left = self._handed.left(reading)
+        left = self._handed.remaining(reading)
         in_flight = reading.in_flight + left
         if not in_flight:
             self._arrives_until_s = 0.0

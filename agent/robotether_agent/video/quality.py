@@ -1,6 +1,6 @@
 """Steps quality, then size, so that frames come within the wanted time; pure, each moment is an argument.
 
-Down quickly: after LATE_PICTURES late ones, by two steps when they are very late, or when clearly fewer go out than
+Down quickly: after LATE_FRAMES late ones, by two steps when they are very late, or when clearly fewer go out than
 come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A
 step down for the rate that brought no more frames is taken back: the round trip limits them, and not their size.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 QUALITY_STEP = 10
 SCALES = (0.75, 0.5, 0.35)
-LATE_PICTURES = 3
+LATE_FRAMES = 3
 VERY_LATE = 2.0
 # What comes within this part of the wanted time leaves room for a step up.
 WELL_WITHIN = 0.6
@@ -91,7 +91,7 @@ class Steps:
             self._good_since_s = now_s
             very = took_s > VERY_LATE * self._latency_s
             self._late += 2 if very else 1
-            return self._late >= LATE_PICTURES and self._down(now_s, 2 if very else 1)
+            return self._late >= LATE_FRAMES and self._down(now_s, 2 if very else 1)
         self._late = 0
         if took_s > WELL_WITHIN * self._latency_s:
             self._good_since_s = now_s

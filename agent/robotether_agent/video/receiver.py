@@ -16,11 +16,10 @@ from aiohttp import WSMsgType, web
 
 from robotether_agent.clock import robot_time
 from robotether_agent.tasks import first_of
-from robotether_agent.video.feeds import Feeds, SourceSwitch
-from robotether_agent.video.frame import Frame, SourceRequest, jpeg_size
+from robotether_agent.video.frame import CameraFrame, SourceRequest, jpeg_size
 from robotether_agent.video.frames_protocol import (
     MAX_CREDITS,
-    NUMBERS,
+    SEQUENCES,
     ClockSync,
     Credit,
     Header,
@@ -28,6 +27,7 @@ from robotether_agent.video.frames_protocol import (
     parse,
 )
 from robotether_agent.video.quality import Steps, ladder
+from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
 
 # Saved up for jitter: a camera of just the wanted rate comes early as often as late.
 MAX_SAVED = 2.0
@@ -96,7 +96,7 @@ class Receiver:
         self,
         socket: web.WebSocketResponse,
         topic: str,
-        feeds: Feeds,
+        shared_sources: SharedSources,
         *,
         steps_quality: bool,
         clock: Callable[[], float] = robot_time,
@@ -107,14 +107,14 @@ class Receiver:
         self._steps_quality = steps_quality
         self._can_scale = True
         self._own_size: tuple[int, int] | None = None
-        self._source_switch = SourceSwitch(feeds, self._on_frame, clock)
+        self._source_switch = SourceSwitch(shared_sources, self._on_frame, clock)
         self._stream_request: StreamRequest | None = None
         self._steps: Steps | None = None
         self._limiter = FrameRateLimiter(StreamRequest.fps)
         self._credit = 0
         self._credit_s = clock()
         self._sequence = 0
-        self._newest: tuple[int, Frame, SourceRequest] | None = None
+        self._newest: tuple[int, CameraFrame, SourceRequest] | None = None
         self._in_flight: deque[Sent] = deque(maxlen=MAX_IN_FLIGHT)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
         self._status: JsonFields = {}
@@ -215,9 +215,9 @@ class Receiver:
                 width, height = (max(MIN_SIZE, int(side * level.scale) // 2 * 2) for side in whole)
         return SourceRequest(self._topic, level.quality, width, height, stream_request.fps)
 
-    def _on_frame(self, frame: Frame, source_request: SourceRequest) -> None:
+    def _on_frame(self, frame: CameraFrame, source_request: SourceRequest) -> None:
         now_s = self._clock()
-        self._sequence = (self._sequence + 1) % NUMBERS
+        self._sequence = (self._sequence + 1) % SEQUENCES
         if self._own_size is None and source_request.width is None:
             self._learn_size(frame)
         if not self._limiter.allows(now_s):
@@ -226,7 +226,7 @@ class Receiver:
         self._newest = self._sequence, frame, source_request
         self._wake.set()
 
-    def _learn_size(self, frame: Frame) -> None:
+    def _learn_size(self, frame: CameraFrame) -> None:
         self._own_size = jpeg_size(frame.jpeg)
         if self._own_size is not None and self._stream_request is not None:
             self._use_levels(self._stream_request)
@@ -241,7 +241,9 @@ class Receiver:
                 await self._send_frame(*self._newest)
                 self._wake.set()
 
-    async def _send_frame(self, sequence: int, frame: Frame, source_request: SourceRequest) -> None:
+    async def _send_frame(
+        self, sequence: int, frame: CameraFrame, source_request: SourceRequest
+    ) -> None:
         self._newest = None
         self._credit -= 1
         self._in_flight.append(Sent(sequence, frame.arrived_s, source_request))

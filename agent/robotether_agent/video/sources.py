@@ -30,12 +30,17 @@ from robotether_agent.tasks import first_of, within
 from robotether_agent.video.frame import (
     JPEG_START,
     MAX_FRAME_BYTES,
-    Frame,
+    CameraFrame,
     Kind,
     SourceDownError,
     SourceRequest,
 )
-from robotether_agent.video.multipart import Part, Parts, PartsBrokenError, boundary_of
+from robotether_agent.video.multipart import (
+    MultipartBrokenError,
+    MultipartParser,
+    Part,
+    boundary_of,
+)
 
 # What is older than this was stamped by another clock than this robot's.
 NEAR_S = 10.0
@@ -51,12 +56,12 @@ MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # of a camera that has just the wanted rate.
 THROTTLE = 0.75
 
-OnFrame = Callable[[Frame], None]
+OnFrame = Callable[[CameraFrame], None]
 OnKind = Callable[[Kind], None]
 
 
 @dataclass(frozen=True)
-class Now:
+class ClockReadings:
     """One moment on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
 
     robot_s: float
@@ -64,12 +69,12 @@ class Now:
     steady_s: float
 
 
-def now() -> Now:
+def now() -> ClockReadings:
     """Look at the three clocks."""
-    return Now(robot_time(), time.time(), time.clock_gettime(time.CLOCK_MONOTONIC))
+    return ClockReadings(robot_time(), time.time(), time.clock_gettime(time.CLOCK_MONOTONIC))
 
 
-def timestamp_of(stamp_s: float | None, arrived: Now) -> tuple[float, bool]:
+def timestamp_of(stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
     """Return when the frame was taken on the robot's clock, and whether that is the camera's own stamp."""
     if stamp_s is None:
         return arrived.robot_s, False
@@ -180,7 +185,7 @@ async def run_mjpeg(
         async with http.get(URL(url, encoded=True), timeout=timeout) as answer:
             if answer.status != 200:  # noqa: PLR2004
                 raise SourceDownError(f"{what} answers with HTTP status {answer.status}")
-            parts = Parts(boundary_of(answer.headers.get("Content-Type", "")))
+            parts = MultipartParser(boundary_of(answer.headers.get("Content-Type", "")))
             async for data in answer.content.iter_any():
                 for part in parts.feed(data):
                     _pass_part(part, on_frame)
@@ -189,7 +194,7 @@ async def run_mjpeg(
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
         raise SourceDownError(f"{what} gave no picture for {STALL_S:g} s") from error
-    except PartsBrokenError as error:
+    except MultipartBrokenError as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
         raise SourceDownError(f"{what} ended: {describe_error(error, STALL_S)}") from error
@@ -204,7 +209,7 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
     with suppress(ValueError):
         stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
     timestamp_s, is_stamped = timestamp_of(stamp, arrived)
-    on_frame(Frame(part.body, timestamp_s, arrived.robot_s, is_stamped))
+    on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
 async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFrame) -> NoReturn:
@@ -240,7 +245,7 @@ async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
     raise SourceDownError(f"rosbridge has no compressed pictures of {printable(name, 100)}")
 
 
-def _frame_of(message: JsonObject, topic: str) -> Frame:
+def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
     data = message.get("data")
     try:
         jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
@@ -251,7 +256,7 @@ def _frame_of(message: JsonObject, topic: str) -> Frame:
         raise SourceDownError(f"{topic} has pictures of format {shown!r}, not JPEG")
     arrived = now()
     timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
-    return Frame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
+    return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
 def stamp_of(message: JsonObject) -> float | None:

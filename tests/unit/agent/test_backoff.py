@@ -20,13 +20,13 @@ from robotether_agent.backoff import (
     retry_or_give_up,
 )
 from robotether_agent.problems import (
-    HostKeyChanged,
+    AgentProblem,
     LinkLost,
     NetworkChanged,
     NoAnswer,
     NotEnrolled,
-    Problem,
     Retry,
+    ServerKeyChanged,
     ServerSilent,
     TlsUntrusted,
 )
@@ -72,7 +72,7 @@ def test_each_problem_has_its_pause(problem, low, high):
 
 
 def test_gives_up_on_a_changed_host_key():
-    assert retry_or_give_up(HostKeyChanged("x"), delays(Random(1)), Random(1)) is None
+    assert retry_or_give_up(ServerKeyChanged("x"), delays(Random(1)), Random(1)) is None
 
 
 def test_starts_anew_after_a_connection_that_stood():
@@ -106,13 +106,13 @@ class NoPause(Random):
 
 async def test_tries_again_until_nothing_helps():
     """Problems that pass are told and tried again; one that does not comes out."""
-    problems: list[Problem] = [LinkLost("one"), NotEnrolled("two"), HostKeyChanged("three")]
-    told: list[Problem] = []
+    problems: list[AgentProblem] = [LinkLost("one"), NotEnrolled("two"), ServerKeyChanged("three")]
+    told: list[AgentProblem] = []
 
     async def attempt(_: Uptime) -> None:
         raise problems[len(told)]
 
-    with pytest.raises(HostKeyChanged, match="three"):
+    with pytest.raises(ServerKeyChanged, match="three"):
         await keep_going("session", attempt, Backoff(NoPause()), told.append)
     assert told == problems[:2]
 
@@ -123,7 +123,7 @@ async def test_can_be_cancelled_in_its_pause():
     async def attempt(_: Uptime) -> None:
         raise LinkLost("x")
 
-    def log_problem(_: Problem) -> None:
+    def log_problem(_: AgentProblem) -> None:
         reached.set()
 
     task = asyncio.ensure_future(keep_going("session", attempt, Backoff(Random(1)), log_problem))
@@ -149,7 +149,7 @@ def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
     repeats = Repeats()
     for _ in range(8):
         repeats.log_problem("session", LinkLost("lost it"), 1)
-        repeats.log_problem("session", HostKeyChanged("changed"))
+        repeats.log_problem("session", ServerKeyChanged("changed"))
     assert len(caplog.records) == 8
     repeats.forget()
     repeats.log_problem("session", LinkLost("lost it"), 1)

@@ -31,7 +31,7 @@ from robotether_agent.cli import act_as_agent, become_owner, identity, main, sta
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
-from robotether_agent.problems import AlreadyRunning, HostKeyChanged
+from robotether_agent.problems import AlreadyRunning, ServerKeyChanged
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import StatusWriter, read_status
 from robotether_agent.upgrade import COMMAND, Layout
@@ -233,8 +233,8 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
     settings = Settings(server="a.example", run_dir=place)
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
     assert command.run(settings, {}) == AlreadyRunning.exit_code
-    monkeypatch.setattr(command, "Agent", failing(HostKeyChanged("another key")))
-    assert command.run(settings, environ) == HostKeyChanged.exit_code
+    monkeypatch.setattr(command, "Agent", failing(ServerKeyChanged("another key")))
+    assert command.run(settings, environ) == ServerKeyChanged.exit_code
 
 
 def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):

@@ -14,7 +14,7 @@ from frame_header import unpacked
 from openssh_server import listens
 from robotether_agent import backoff
 from robotether_agent.enrolment.keys import ensure_key
-from robotether_agent.problems import AlreadyRunning, HostKeyChanged, Problem, Retry
+from robotether_agent.problems import AgentProblem, AlreadyRunning, Retry, ServerKeyChanged
 from robotether_agent.status import has_problem
 
 
@@ -121,7 +121,7 @@ async def test_changed_host_key_stops_the_agent(make_cloud, start_agent):
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     cloud.ssh.start()
-    with pytest.raises(HostKeyChanged, match="POSING AS THE SERVER"):
+    with pytest.raises(ServerKeyChanged, match="POSING AS THE SERVER"):
         await agent.until(lambda _: False, "the agent ends")
     assert agent.status().state == "stopped"
     assert agent.status().problem_code == "host_key_changed"
@@ -137,7 +137,7 @@ async def test_later_join_does_not_pin_again(make_cloud, start_agent):
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     agent = start_agent(cloud)
-    with pytest.raises(HostKeyChanged, match="at the first join were"):
+    with pytest.raises(ServerKeyChanged, match="at the first join were"):
         await agent.until(lambda _: False, "the agent ends")
     assert (agent.settings.state_dir / "known_hosts").read_text() == pinned
 
@@ -216,7 +216,7 @@ async def test_session_failing_leaves_media_alone(make_cloud, start_agent):
     assert len(cloud.of_kind("media", live=False)) == 1
 
 
-def _slowly_or_at_once(problem: Problem, *_: object) -> float:
+def _slowly_or_at_once(problem: AgentProblem, *_: object) -> float:
     return 60.0 if problem.retry is Retry.SLOWLY else 0.05
 
 

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 from robotether_agent import problems
-from robotether_agent.problems import HostKeyChanged, Problem, Retry, SettingsInvalid
+from robotether_agent.problems import AgentProblem, Retry, ServerKeyChanged, SettingsInvalid
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
 
 
-def all_problems(base: type[Problem] = Problem) -> list[type[Problem]]:
+def all_problems(base: type[AgentProblem] = AgentProblem) -> list[type[AgentProblem]]:
     found = [base]
     for child in base.__subclasses__():
         found += all_problems(child)
@@ -20,7 +20,7 @@ def all_problems(base: type[Problem] = Problem) -> list[type[Problem]]:
 
 def test_the_drawn_tree_is_the_real_one():
     """The picture in the docstring names every problem, and no other."""
-    drawn = set(re.findall(r"[-|`] ?(\w+)", problems.__doc__ or "")) | {"Problem"}
+    drawn = set(re.findall(r"[-|`] ?(\w+)", problems.__doc__ or "")) | {"AgentProblem"}
     drawn = {name for name in drawn if name[0].isupper()}
     assert drawn == {problem.__name__ for problem in all_problems()}
 
@@ -36,7 +36,7 @@ def test_codes_are_short_and_unique():
 
 def test_a_problem_reads_as_a_sentence_with_advice_and_code():
     """What, why, what to do, and the code that stands in the status too."""
-    problem = HostKeyChanged("cannot trust h: it changed", advice="ask somebody")
+    problem = ServerKeyChanged("cannot trust h: it changed", advice="ask somebody")
     assert str(problem) == "cannot trust h: it changed; ask somebody [host_key_changed]"
     assert problem.retry is Retry.NEVER
 
@@ -46,7 +46,7 @@ def test_systemd_does_not_restart_what_a_person_must_look_at():
     line = re.search(r"^RestartPreventExitStatus=(.*)$", UNIT.read_text(), re.MULTILINE)
     assert line is not None
     codes = {int(code) for code in line[1].split()}
-    assert codes == {HostKeyChanged.exit_code, SettingsInvalid.exit_code}
+    assert codes == {ServerKeyChanged.exit_code, SettingsInvalid.exit_code}
 
 
 def test_each_hardening_line_has_its_reason():

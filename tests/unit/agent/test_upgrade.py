@@ -24,8 +24,8 @@ from robotether_agent.upgrade import (
     PENDING_NAME,
     Layout,
     PendingUpgrade,
-    Report,
     Upgrade,
+    UpgradeReport,
 )
 
 WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
@@ -92,7 +92,7 @@ def test_others_are_removed(layout):
 
 
 def test_the_report_is_for_programs(layout):
-    report = Report("done", "1", "2", "2 is in use", 1.0, 2.0)
+    report = UpgradeReport("done", "1", "2", "2 is in use", 1.0, 2.0)
     layout.write(report)
     assert json.loads((layout.base / "last-switch.json").read_text()) == asdict(report)
 
@@ -158,7 +158,7 @@ class PowerCut(BaseException):
 class Robot(InstalledAgent):
     """An installed agent whose versions change."""
 
-    async def switch(self, target, wait_s: float = WAIT_S) -> Report:
+    async def switch(self, target, wait_s: float = WAIT_S) -> UpgradeReport:
         change = Upgrade(self.layout, self.run_dir, wait_s, stable_s=0.3)
         return await asyncio.to_thread(change.to, target)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore, SshAccess
 from robotether_agent.enrolment.known_hosts import HostKey
-from robotether_agent.problems import HostKeyChanged, StateUnusable
+from robotether_agent.problems import ServerKeyChanged, StateUnusable
 
 ACCESS = SshAccess("tunnel", None, (2222, 443))
 ENROLMENT = Enrolment("a.example", "sim1", "00:1b:44:11:3a:b7", ACCESS)
@@ -25,7 +25,7 @@ def test_other_host_keys_of_the_same_server_are_refused(place):
     """A second join changes neither pin nor enrolment when the host keys differ."""
     store = EnrolmentStore(place)
     store.keep(ENROLMENT, [KEY])
-    with pytest.raises(HostKeyChanged):
+    with pytest.raises(ServerKeyChanged):
         store.keep(Enrolment("a.example", "renamed", ENROLMENT.mac, ACCESS), [OTHER])
     assert store.load("a.example") == ENROLMENT
 
@@ -36,7 +36,7 @@ def test_a_broken_enrolment_keeps_the_pin(place):
     store.keep(ENROLMENT, [KEY])
     (place / "enrolment.json").write_text("{")
     assert store.load("a.example") is None
-    with pytest.raises(HostKeyChanged):
+    with pytest.raises(ServerKeyChanged):
         store.keep(ENROLMENT, [OTHER])
 
 

@@ -15,7 +15,7 @@ from robotether_agent.enrolment.known_hosts import (
     pinned,
 )
 from robotether_agent.fields import FieldError
-from robotether_agent.problems import HostKeyChanged, StateUnusable
+from robotether_agent.problems import ServerKeyChanged, StateUnusable
 
 ED = HostKey("ssh-ed25519", "RUQx")
 ED_OTHER = HostKey("ssh-ed25519", "RUQy")
@@ -51,7 +51,7 @@ def test_only_what_agrees_with_the_pin_is_trusted(now, trusted):
     if trusted:
         check(PATH, [ED], now)
         return
-    with pytest.raises(HostKeyChanged, match="SHA256:"):
+    with pytest.raises(ServerKeyChanged, match="SHA256:"):
         check(PATH, [ED], now)
 
 

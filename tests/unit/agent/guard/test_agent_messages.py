@@ -15,12 +15,12 @@ from robotether_agent.guard.agent_messages import (
     AgentMessage,
     Exit,
     GuardConfig,
-    Lease,
-    Release,
-    Reports,
+    GuardReporter,
+    LeaseUpdate,
+    ReleaseRequest,
     SessionIs,
     State,
-    Stop,
+    StopRequest,
     Tick,
     parse,
 )
@@ -41,10 +41,10 @@ def read(**line: Any) -> AgentMessage | None:
         ({"type": "tick"}, Tick()),
         ({"type": "exit"}, Exit()),
         ({"type": "session", "up": True}, SessionIs(up=True)),
-        ({"type": "lease", "fence": 13, "held": True}, Lease(13, held=True)),
-        ({"type": "stop", "id": "5f", "by": "ben"}, Stop("5f", "ben")),
-        ({"type": "stop"}, Stop("", "")),
-        ({"type": "release", "id": "77", "by": "ann"}, Release("77", "ann")),
+        ({"type": "lease", "fence": 13, "held": True}, LeaseUpdate(13, held=True)),
+        ({"type": "stop", "id": "5f", "by": "ben"}, StopRequest("5f", "ben")),
+        ({"type": "stop"}, StopRequest("", "")),
+        ({"type": "release", "id": "77", "by": "ann"}, ReleaseRequest("77", "ann")),
         ({"type": "of tomorrow"}, None),
     ],
 )
@@ -122,14 +122,14 @@ def test_a_broken_line_is_no_order(line: bytes) -> None:
 
 
 def test_each_line_has_its_type() -> None:
-    reports = Reports(pipe := FakePipe())
+    reports = GuardReporter(pipe := FakePipe())
     reports.ready(40123)
     reports.tick()
     assert pipe.lines == [{"type": "ready", "port": 40123}, {"type": "tick"}]
 
 
 def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
-    reports = Reports(pipe := FakePipe())
+    reports = GuardReporter(pipe := FakePipe())
     reports.state(STANDS, COUNTS)
     reports.state(STANDS, COUNTS)
     reports.state(STANDS, COUNTS, answers="5f")
@@ -149,7 +149,7 @@ def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
 def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
     """As a driver may have it do; and in the end it is told how it is. A stop never waits."""
     now = 5.0
-    reports = Reports(pipe := FakePipe(), lambda: now)
+    reports = GuardReporter(pipe := FakePipe(), lambda: now)
     for number in range(1000):
         reports.state(State(stopped=False, by="", moving=number % 2 == 0), COUNTS)
         now += 0.001
@@ -163,7 +163,7 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
 
 def test_what_is_refused_is_told_without_a_motion_too() -> None:
     now, counts = 5.0, dict(COUNTS)
-    reports = Reports(pipe := FakePipe(), lambda: now)
+    reports = GuardReporter(pipe := FakePipe(), lambda: now)
     reports.state(STANDS, counts)
     for _ in range(1000):
         counts["held"] += 1
@@ -179,7 +179,7 @@ def test_what_is_refused_is_told_without_a_motion_too() -> None:
 
 def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
     """Its lines are dropped, and the state is told again when it reads."""
-    reports = Reports(pipe := FakePipe())
+    reports = GuardReporter(pipe := FakePipe())
     pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.tick()
     reports.state(STANDS, COUNTS)

@@ -171,7 +171,7 @@ def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
 def test_a_guard_that_ends_moves_nothing() -> None:
     rights = authorizer()
     authorization = rights.authorize(headers())
-    rights.ending = True
+    rights.exiting = True
     assert kind(rights, authorization) == "held"
     assert status(rights, headers()) == 409
 

@@ -13,8 +13,8 @@ from robotether_agent.guard.commands import (
     MAX_NUMBER,
     MAX_STEP_S,
     SHAPES,
-    Command,
-    Limits,
+    CheckedCommand,
+    DriveLimits,
     Shape,
     Vector,
     limited,
@@ -42,8 +42,8 @@ number = st.floats(-1e6, 1e6)
 vector = st.tuples(number, number, number)
 # Of a subnormal number the last digits are lost, far below any speed.
 limit = st.none() | st.floats(0, 100, allow_subnormal=False)
-limits = st.builds(Limits, limit, limit, limit, limit, limit)
-commands = st.builds(Command, st.just("twist"), vector, vector, number)
+limits = st.builds(DriveLimits, limit, limit, limit, limit, limit)
+commands = st.builds(CheckedCommand, st.just("twist"), vector, vector, number)
 step = st.floats(-1, 1e4)
 
 
@@ -138,13 +138,13 @@ def length(values: Vector) -> float:
     return math.hypot(*values)
 
 
-def driven(speed: float) -> Command:
-    return Command("twist", (speed, 0.0, 0.0))
+def driven(speed: float) -> CheckedCommand:
+    return CheckedCommand("twist", (speed, 0.0, 0.0))
 
 
 @given(commands, st.none() | commands, step, limits)
 def test_no_command_exceeds_a_limit(
-    wanted: Command, before: Command | None, step_s: float, within: Limits
+    wanted: CheckedCommand, before: CheckedCommand | None, step_s: float, within: DriveLimits
 ) -> None:
     """Whatever came before and whenever that was."""
     got = limited(wanted, before, step_s, within)
@@ -163,7 +163,7 @@ def test_no_command_exceeds_a_limit(
 
 @given(commands, st.none() | commands, step, limits)
 def test_a_command_only_becomes_slower_and_keeps_its_direction(
-    wanted: Command, before: Command | None, step_s: float, within: Limits
+    wanted: CheckedCommand, before: CheckedCommand | None, step_s: float, within: DriveLimits
 ) -> None:
     """A limit never turns, speeds up or reverses a robot."""
     got = limited(wanted, before, step_s, within)
@@ -176,43 +176,43 @@ def test_a_command_only_becomes_slower_and_keeps_its_direction(
 
 @given(vector, st.floats(0, 1), step, limits)
 def test_braking_is_never_delayed(
-    before: Vector, part: float, step_s: float, within: Limits
+    before: Vector, part: float, step_s: float, within: DriveLimits
 ) -> None:
     """Less of the same motion passes as it is, if the robot was within its speed."""
     x, y, z = before
-    wanted = Command("twist", (x * part, y * part, z * part), (x * part, y * part, z * part))
-    growth = Limits(
+    wanted = CheckedCommand("twist", (x * part, y * part, z * part), (x * part, y * part, z * part))
+    growth = DriveLimits(
         None, None, within.max_acceleration_m_s2, within.max_turn_acceleration_rad_s2, None
     )
-    got = limited(wanted, Command("twist", before, before), step_s, growth)
+    got = limited(wanted, CheckedCommand("twist", before, before), step_s, growth)
     assert math.dist(got.linear, wanted.linear) <= length(wanted.linear) * 1e-9
     assert math.dist(got.angular, wanted.angular) <= length(wanted.angular) * 1e-9
 
 
 @given(commands, step, limits)
-def test_a_stop_is_a_stop(before: Command, step_s: float, within: Limits) -> None:
-    assert not limited(Command("twist"), before, step_s, within).moves
+def test_a_stop_is_a_stop(before: CheckedCommand, step_s: float, within: DriveLimits) -> None:
+    assert not limited(CheckedCommand("twist"), before, step_s, within).moves
 
 
 def test_speed_grows_by_the_acceleration() -> None:
     """From 1 m/s with 2 m/s2, 50 ms later: 1.1 m/s."""
-    got = limited(driven(5), driven(1), 0.05, Limits(max_acceleration_m_s2=2))
+    got = limited(driven(5), driven(1), 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert math.isclose(got.linear[0], 1.1)
 
 
 def test_a_pause_is_not_made_up_for() -> None:
     """After ten seconds a robot that stood begins as slowly as always."""
-    got = limited(driven(5), None, 10, Limits(max_acceleration_m_s2=2))
+    got = limited(driven(5), None, 10, DriveLimits(max_acceleration_m_s2=2))
     assert math.isclose(got.linear[0], 2 * MAX_STEP_S)
 
 
 def test_the_other_way_begins_at_a_standstill() -> None:
     """Full reverse brakes at once and then grows as from zero."""
-    got = limited(driven(-5), driven(5), 0.05, Limits(max_acceleration_m_s2=2))
+    got = limited(driven(-5), driven(5), 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert math.isclose(got.linear[0], -0.1)
 
 
 def test_speed_is_the_vectors_length() -> None:
     """3 and 4 m/s are 5, limited to 1 they are 0.6 and 0.8."""
-    got = limited(Command("twist", (3.0, 4.0, 0.0)), None, 0, Limits(max_speed_m_s=1))
+    got = limited(CheckedCommand("twist", (3.0, 4.0, 0.0)), None, 0, DriveLimits(max_speed_m_s=1))
     assert math.dist(got.linear, (0.6, 0.8, 0.0)) < 1e-12

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.commands import Limits
+from robotether_agent.guard.commands import DriveLimits
 from robotether_agent.guard.drive_controller import AHEAD_MS
 from robotether_agent.guard.motion_state import Driven, MotionFile
 from sim_client import until
@@ -209,7 +209,7 @@ async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> No
 
 async def test_commands_are_limited_against_the_last_one(world: World) -> None:
     """0.05 s after 0.1 m/s, 2 m/s2 make 0.2 m/s."""
-    world.controller.use(GuardConfig("ws://x", limits=Limits(max_acceleration_m_s2=2)))
+    world.controller.use(GuardConfig("ws://x", limits=DriveLimits(max_acceleration_m_s2=2)))
     await world.drive(5)
     await world.pass_time(0.05)
     await world.drive(5)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.agent_messages import Release, Stop
+from robotether_agent.guard.agent_messages import ReleaseRequest, StopRequest
 from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
 from sim_client import until
 
@@ -58,7 +58,7 @@ async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_pa
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        latch.handle(Stop("5f", "ben"))
+        latch.handle(StopRequest("5f", "ben"))
         assert (latch.stopped, latch.by) == (True, "ben")
         await asyncio.sleep(0)
         assert answers == []
@@ -76,7 +76,7 @@ async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
     async with running(file, answers) as latch:
         assert (latch.stopped, latch.by) == (True, "ben")
         file.go.clear()
-        latch.handle(Release("77", "ann"))
+        latch.handle(ReleaseRequest("77", "ann"))
         assert (latch.stopped, latch.reported_by) == (True, "ben")
         file.go.set()
         await latch.settled()
@@ -88,12 +88,12 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
     """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
     file, answers, told = SlowFile(tmp_path), list[str](), list[str | None]()
     async with running(file, answers, told) as latch:
-        latch.handle(Stop("1", "ben"))
+        latch.handle(StopRequest("1", "ben"))
         await latch.settled()
         file.go.clear()
-        latch.handle(Release("2", "ann"))
+        latch.handle(ReleaseRequest("2", "ann"))
         await asyncio.sleep(0)
-        latch.handle(Stop("3", "eve"))
+        latch.handle(StopRequest("3", "eve"))
         file.go.set()
         await latch.settled()
         assert (latch.stopped, latch.by, file.read()) == (True, "eve", "eve")
@@ -107,8 +107,8 @@ async def test_a_stop_is_written_however_many_messages_wait(tmp_path: Path) -> N
     async with running(file, answers) as latch:
         file.go.clear()
         for number in range(MAX_WAITING + 1):
-            latch.handle(Release(str(number), "ann"))
-        latch.handle(Stop("last", "ben"))
+            latch.handle(ReleaseRequest(str(number), "ann"))
+        latch.handle(StopRequest("last", "ben"))
         file.go.set()
         await latch.settled()
         assert (latch.stopped, file.read(), answers[-1]) == (True, "ben", "last")
@@ -120,10 +120,10 @@ async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_pat
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
-        latch.handle(Stop("first", "ben"))
+        latch.handle(StopRequest("first", "ben"))
         await asyncio.sleep(0)
         for number in range(1000):
-            latch.handle(Stop(str(number), f"p{number}"))
+            latch.handle(StopRequest(str(number), f"p{number}"))
         assert (latch.stopped, latch.by) == (True, "p999")
         file.go.set()
         await latch.settled()
@@ -137,8 +137,8 @@ async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
     async with running(file, answers) as latch:
         file.go.clear()
         for number in range(10 * MAX_WAITING):
-            latch.handle(Stop(f"s{number}", "ben"))
-            latch.handle(Release(f"r{number}", "ann"))
+            latch.handle(StopRequest(f"s{number}", "ben"))
+            latch.handle(ReleaseRequest(f"r{number}", "ann"))
         file.go.set()
         await latch.settled()
         assert len(answers) <= MAX_WAITING + 1
@@ -162,11 +162,11 @@ def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
             for number, step in enumerate(steps):
                 if step.startswith("stop"):
                     last = step.removeprefix("stop by ")
-                    latch.handle(Stop(str(number), last))
+                    latch.handle(StopRequest(str(number), last))
                     assert (latch.stopped, latch.by) == (True, last)
                 elif step == "release":
                     last = None
-                    latch.handle(Release(str(number), "ann"))
+                    latch.handle(ReleaseRequest(str(number), "ann"))
                 elif step == "wait":
                     await asyncio.sleep(0.001)
                 else:
@@ -189,7 +189,7 @@ async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> Non
     (tmp_path / "stop.json").mkdir()
     async with running(StopFile(tmp_path), answers) as latch:
         assert latch.stopped
-        latch.handle(Release("77", "ann"))
+        latch.handle(ReleaseRequest("77", "ann"))
         await until("it answers", lambda: answers == ["77"])
         assert latch.stopped
 
@@ -200,7 +200,7 @@ async def test_a_stop_that_no_disk_takes_is_told_and_logged(
     """The robot is stopped, which is what counts; that it will not last is for the log."""
     answers = list[str]()
     async with running(StopFile(tmp_path / "gone"), answers) as latch:
-        latch.handle(Stop("5f", "ben"))
+        latch.handle(StopRequest("5f", "ben"))
         await until("it answers", lambda: answers == ["5f"])
         assert (latch.stopped, latch.reported_by) == (True, "ben")
     assert "stop.json" in caplog.text

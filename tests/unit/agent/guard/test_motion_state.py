@@ -100,10 +100,10 @@ def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
     MotionTracker(MotionFile(tmp_path)).ensure(A, ["/a"])
     tracker = MotionTracker(MotionFile(tmp_path))
     tracker.end(1.0)
-    assert tracker.left() == [A]
+    assert tracker.read_previous() == [A]
     tracker.adopt([A])
     tracker.end(1.0)
-    assert tracker.left() is None
+    assert tracker.read_previous() is None
 
 
 def test_a_motion_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:

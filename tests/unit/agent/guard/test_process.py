@@ -17,7 +17,7 @@ from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import GuardClient, GuardProcess
 from robotether_agent.clock import robot_time
-from robotether_agent.guard.agent_messages import Reports
+from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
 from robotether_agent.guard.sockets import new_http
@@ -197,7 +197,7 @@ async def test_a_stop_is_told_when_the_disk_has_it(
     write, go = StopFile.write, threading.Event()
     monkeypatch.setattr(StopFile, "write", lambda file, by: go.wait(5) and write(file, by))
     async with new_http() as http:
-        guard = Guard(http, tmp_path, tmp_path, Reports(pipe := FakePipe()))
+        guard = Guard(http, tmp_path, tmp_path, GuardReporter(pipe := FakePipe()))
         disk = asyncio.create_task(guard._latch.run())
         guard._report_state()
         guard._on_line(b'{"type": "stop", "id": "5f", "by": "ben"}')

@@ -9,10 +9,10 @@ from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.commands import Command
+from robotether_agent.guard.commands import CheckedCommand
 from robotether_agent.guard.drive_messages import MessageId
 from robotether_agent.guard.refused import Kind, Refused
-from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, Topic, Topics, Waiting
+from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, PendingCommand, Topic, Topics
 
 
 class Nobody:
@@ -123,7 +123,10 @@ def test_what_a_source_sent_goes_with_it() -> None:
     topics, on_disconnected, other = Topics(), Nobody(), Nobody()
     for name, source in (("/a", on_disconnected), ("/b", other)):
         topic = topics.add(name)
-        topic.source, topic.waiting = source, Waiting(Command("twist"), source, 0.0, None)
+        topic.source, topic.waiting = (
+            source,
+            PendingCommand(CheckedCommand("twist"), source, 0.0, None),
+        )
     assert topics.of(lambda source: source is on_disconnected) == ["/a"]
     topics.forget_waiting(lambda source: source is on_disconnected)
     topics.forget_source(on_disconnected)

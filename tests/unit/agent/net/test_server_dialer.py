@@ -12,7 +12,7 @@ from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.net import server_dialer
 from robotether_agent.net.http_proxy import proxy_of
-from robotether_agent.net.server_dialer import ServerDialer, Target
+from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import Resolver
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from ssh_ports import BANNER, SshPort
@@ -20,8 +20,8 @@ from ssh_ports import BANNER, SshPort
 WAIT_S = 20.0
 
 
-def at(port: int, host: str = "127.0.0.1") -> Target:
-    return Target(host, port, "tunnel")
+def at(port: int, host: str = "127.0.0.1") -> SshAddress:
+    return SshAddress(host, port, "tunnel")
 
 
 @pytest.fixture

@@ -26,8 +26,8 @@ from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.enrolment.known_hosts import pin
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
-from robotether_agent.net.server_dialer import Target
-from robotether_agent.problems import HostKeyChanged, PortTaken, Problem
+from robotether_agent.net.server_dialer import SshAddress
+from robotether_agent.problems import AgentProblem, PortTaken, ServerKeyChanged
 from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Connector, Report, Role, run_connection
@@ -48,7 +48,7 @@ class Up:
     configs: list[SessionConfig] = field(default_factory=list)
     ports_were_open: bool = True
 
-    def note(self, _: Target, config: SessionConfig, __: Session) -> None:
+    def note(self, _: SshAddress, config: SessionConfig, __: Session) -> None:
         self.configs.append(config)
         self.ports_were_open &= listens(config.ros_port)
 
@@ -65,14 +65,14 @@ class Robot:
     files: SshFiles
     started: list[asyncio.Future[Any]] = field(default_factory=list)
 
-    def trust(self, ssh: OpenSshServer) -> Target:
+    def trust(self, ssh: OpenSshServer) -> SshAddress:
         """Pin the server's host key, and return where it is."""
         pin(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
-        return Target("127.0.0.1", ssh.port, ssh.user)
+        return SshAddress("127.0.0.1", ssh.port, ssh.user)
 
     def connect(
         self,
-        target: Target,
+        target: SshAddress,
         up: Up,
         health: Health | None = None,
         recheck: asyncio.Event | None = None,
@@ -104,7 +104,7 @@ async def robot(place) -> AsyncIterator[Robot]:
     yield made
     for connection in made.started:
         connection.cancel()
-        with suppress(asyncio.CancelledError, Problem):
+        with suppress(asyncio.CancelledError, AgentProblem):
             await connection
     assert not made.files.control.exists()
 
@@ -169,9 +169,9 @@ async def is_up(up: Up, count: int = 1) -> None:
     await eventually(lambda: len(up.configs) >= count, lambda: f"up {count} times: {up}")
 
 
-async def problem_of(connection: asyncio.Future[Any]) -> Problem:
+async def problem_of(connection: asyncio.Future[Any]) -> AgentProblem:
     """Return what ends the connection."""
-    with pytest.raises(Problem) as caught:
+    with pytest.raises(AgentProblem) as caught:
         await asyncio.wait_for(connection, 10)
     return caught.value
 
@@ -355,7 +355,7 @@ async def test_another_host_key_than_the_pinned_one_gets_no_session(cloud, robot
     cloud.ssh.new_host_key()
     cloud.ssh.start()
     problem = await problem_of(robot.connect(target, Up()))
-    assert isinstance(problem, HostKeyChanged)
+    assert isinstance(problem, ServerKeyChanged)
     assert cloud.links == []
 
 

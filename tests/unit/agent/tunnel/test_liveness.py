@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import pytest
 from robotether_agent.net import netlink
-from robotether_agent.net.server_dialer import SETTLED_AFTER_S, Target
+from robotether_agent.net.server_dialer import SETTLED_AFTER_S, SshAddress
 from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.liveness import (
@@ -152,7 +152,7 @@ async def watched(network):
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as connection,
     ):
-        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
+        target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
         task = asyncio.ensure_future(watch(session, Tunnel(connection), target))
         yield session, dialer, task
         task.cancel()
@@ -250,7 +250,7 @@ async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as connection,
     ):
-        target = Target("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
+        target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
         watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
         assert not (await asyncio.wait({watching}, timeout=0.1))[0]
         network._event.set()

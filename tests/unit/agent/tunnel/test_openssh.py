@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from robotether_agent.net.server_dialer import Target
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.tunnel.openssh import (
     Forward,
     SshFiles,
@@ -23,14 +23,14 @@ from robotether_agent.tunnel.openssh import (
 )
 
 FILES = SshFiles((Path("/s/id_ed25519"),), Path("/s/known_hosts"), Path("/r/session.ctl"))
-TARGET = Target("robots.example.com", 2222, "tunnel")
+TARGET = SshAddress("robots.example.com", 2222, "tunnel")
 SSH_FILES = SshFiles(
     (Path("/state/id_ed25519"),), Path("/state/known_hosts"), Path("/run/session.ctl")
 )
 CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
 
 
-def in_force(target: Target) -> dict[str, str]:
+def in_force(target: SshAddress) -> dict[str, str]:
     """Ask ssh what our command line means."""
     command = connect_command(target, FILES, "session")
     asked = [command[0], "-G", *command[1:]]
@@ -40,7 +40,7 @@ def in_force(target: Target) -> dict[str, str]:
 
 def test_ssh_understands_the_options_as_meant():
     """The pin, the key and the time-outs are in force, and nothing asks or adds a key."""
-    options = in_force(Target("robots.example.com", 2222, "tunnel"))
+    options = in_force(SshAddress("robots.example.com", 2222, "tunnel"))
     assert options["hostname"] == "robots.example.com"
     assert options["port"] == "2222"
     assert options["user"] == "tunnel"
@@ -59,7 +59,7 @@ def test_ssh_understands_the_options_as_meant():
 def test_two_keys_are_shown_in_their_order():
     """While a key is being changed the server may know either."""
     files = replace(FILES, keys=(Path("/s/old"), Path("/s/new")))
-    command = connect_command(Target("h", 22, "tunnel"), files, "session")
+    command = connect_command(SshAddress("h", 22, "tunnel"), files, "session")
     assert [word for word in command if word.startswith("IdentityFile")] == [
         "IdentityFile=/s/old",
         "IdentityFile=/s/new",
@@ -73,7 +73,7 @@ def test_two_keys_are_shown_in_their_order():
 )
 def test_control_goes_before_a_file_copy(kind, class_of_service):
     """The network hears of it, as far as it listens."""
-    command = connect_command(Target("h", 22, "tunnel"), FILES, kind)
+    command = connect_command(SshAddress("h", 22, "tunnel"), FILES, kind)
     asked = [command[0], "-G", *command[1:]]
     text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
     assert re.search(rf"^ipqos ({class_of_service}) ", text, re.MULTILINE)
@@ -81,7 +81,7 @@ def test_control_goes_before_a_file_copy(kind, class_of_service):
 
 def test_the_host_key_is_checked_without_a_key():
     """The doctor logs in nowhere, and meets the same pin as the agent."""
-    command = host_key_command(Target("h", 2222, "tunnel"), Path("/s/known_hosts"))
+    command = host_key_command(SshAddress("h", 2222, "tunnel"), Path("/s/known_hosts"))
     asked = [command[0], "-G", *command[1:]]
     text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
     options = dict(line.partition(" ")[::2] for line in text.splitlines())
@@ -93,12 +93,12 @@ def test_the_host_key_is_checked_without_a_key():
 
 def test_an_ipv6_host_is_taken():
     """An address with colons needs no brackets here."""
-    assert in_force(Target("2001:db8::1", 443, "tunnel"))["hostname"] == "2001:db8::1"
+    assert in_force(SshAddress("2001:db8::1", 443, "tunnel"))["hostname"] == "2001:db8::1"
 
 
 def test_the_host_can_be_no_option():
     """The host stands after --, whatever it looks like."""
-    command = connect_command(Target("h", 22, "tunnel"), FILES, "media")
+    command = connect_command(SshAddress("h", 22, "tunnel"), FILES, "media")
     assert command[-3:] == ["--", "tunnel@h", "media"]
 
 

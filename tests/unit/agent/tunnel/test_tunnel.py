@@ -14,7 +14,7 @@ from openssh_server import descendants, listens, wait_until
 from robotether_agent.enrolment.enrolment_store import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.enrolment.known_hosts import pin
-from robotether_agent.net.server_dialer import Target
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
@@ -31,7 +31,7 @@ async def dialer(make_cloud, place):
     cloud.authorize(key.public)
     pin(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
     files = SshFiles((key.path,), place / "known_hosts", place / "session.ctl")
-    return cloud, Target("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
+    return cloud, SshAddress("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
 
 
 async def test_forwards_are_added_and_cancelled_while_it_runs(dialer):
@@ -93,7 +93,7 @@ async def test_a_client_that_an_agent_left_is_ended(dialer):
 async def test_close_before_it_connects(place):
     """A client that waits for a server which accepts and says nothing ends at once, and wholly."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
         files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
         before = set(descendants(os.getpid()))
         tunnel = await Tunnel.open(target, files, "session")
@@ -104,7 +104,7 @@ async def test_close_before_it_connects(place):
 async def test_a_close_that_is_cut_short_kills(place):
     """Even a cancelled close leaves no client."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
         files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
         before = set(descendants(os.getpid()))
         tunnel = await Tunnel.open(target, files, "session")
@@ -121,7 +121,7 @@ async def test_without_ssh(place, monkeypatch):
     monkeypatch.setenv("PATH", str(place))
     files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        target = Target("127.0.0.1", silent.getsockname()[1], "tunnel")
+        target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
         with pytest.raises(SshMissing, match="openssh-client"):
             await Tunnel.open(target, files, "session")
 
@@ -158,7 +158,7 @@ async def test_a_server_that_refuses(place):
     """A port without a server is told before any client starts."""
     files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
     with pytest.raises(ServerUnreachable, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
-        await Tunnel.open(Target("127.0.0.1", free_port(), "tunnel"), files, "session")
+        await Tunnel.open(SshAddress("127.0.0.1", free_port(), "tunnel"), files, "session")
 
 
 def _descriptors() -> int:

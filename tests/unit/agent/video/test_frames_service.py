@@ -270,7 +270,7 @@ async def test_what_is_no_receiver_is_told_so(world):
 
 async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     """503 beyond; a place that was left is free again."""
-    monkeypatch.setattr(service_module, "MAX_FEEDS", 2)
+    monkeypatch.setattr(service_module, "MAX_SHARED_SOURCES", 2)
     monkeypatch.setattr(service_module, "MAX_RECEIVERS", 3)
     first = await world.receive("/a")
     await world.receive("/b")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_agent.video import multipart
-from robotether_agent.video.multipart import Parts, PartsBrokenError, boundary_of
+from robotether_agent.video.multipart import MultipartBrokenError, MultipartParser, boundary_of
 
 BODIES = [b"\xff\xd8one\r\n\xff\xd9", b"\xff\xd8two\n\n\xff\xd9"]
 SERVER = b"--b\r\n" + b"".join(
@@ -20,7 +20,7 @@ BARE_LF = b"".join(b"\n--b\nContent-Length: %d\n\n%s" % (len(body), body) for bo
 
 
 def in_pieces(stream: bytes, length: int) -> list[multipart.Part]:
-    parts = Parts(b"--b")
+    parts = MultipartParser(b"--b")
     pieces = (stream[at : at + length] for at in range(0, len(stream), length))
     return [part for piece in pieces for part in parts.feed(piece)]
 
@@ -53,7 +53,7 @@ def test_the_boundary_as_cameras_name_it(content_type):
 @pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
 def test_what_is_no_stream_is_named(content_type):
     """A page, or a stream that does not say how its parts end."""
-    with pytest.raises(PartsBrokenError, match="not multipart pictures"):
+    with pytest.raises(MultipartBrokenError, match="not multipart pictures"):
         boundary_of(content_type)
 
 
@@ -66,5 +66,5 @@ def test_nothing_grows_without_bound(monkeypatch):
         b"--b\r\n" + b"A: b\r\n" * 2000,
         b"\r\n" * 10_000,
     ):
-        with pytest.raises(PartsBrokenError):
+        with pytest.raises(MultipartBrokenError):
             in_pieces(stream, 100)

@@ -33,21 +33,21 @@ def at(at_s: float, written: int) -> Reading:
 def test_handed_bytes_leave_when_ssh_wrote_them() -> None:
     """It writes a little more than it was handed, which must not become a debt."""
     handed = UnwrittenBytes()
-    assert handed.left(at(0, 100)) == 0
+    assert handed.remaining(at(0, 100)) == 0
     handed.add(1000)
-    assert handed.left(at(0.01, 500)) == 600
-    assert handed.left(at(0.02, 1150)) == 0
+    assert handed.remaining(at(0.01, 500)) == 600
+    assert handed.remaining(at(0.02, 1150)) == 0
     handed.add(1000)
-    assert handed.left(at(0.03, 1150)) == 1000
+    assert handed.remaining(at(0.03, 1150)) == 1000
 
 
 def test_bytes_that_ssh_cannot_write_are_forgotten() -> None:
     """They are stuck at a viewer who takes nothing."""
     handed = UnwrittenBytes()
-    handed.left(at(0, 100))
+    handed.remaining(at(0, 100))
     handed.add(1000)
-    assert handed.left(at(STUCK_AFTER_S - 0.01, 100)) == 1000
-    assert handed.left(at(STUCK_AFTER_S + 0.01, 100)) == 0
+    assert handed.remaining(at(STUCK_AFTER_S - 0.01, 100)) == 1000
+    assert handed.remaining(at(STUCK_AFTER_S + 0.01, 100)) == 0
 
 
 def test_a_bucket_fills_with_time() -> None:

@@ -16,9 +16,9 @@ from fake_cloud import eventually
 from frame_header import SIZE, unpacked
 from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
-from robotether_agent.video.feeds import Feeds
-from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceRequest
 from robotether_agent.video.receiver import FrameRateCounter, FrameRateLimiter, Receiver
+from robotether_agent.video.shared_sources import SharedSources
 
 
 def passed(limiter: FrameRateLimiter, moments: list[float]) -> list[int]:
@@ -103,11 +103,11 @@ class World:
         self.now_s = 100.0
         self.socket = FakeSocket()
         self.open: dict[SourceRequest, object] = {}
-        self.feeds = Feeds(self._run, lambda: self.now_s)
+        self.shared_sources = SharedSources(self._run, lambda: self.now_s)
         self.receiver = Receiver(
             self.socket,
             "/camera",
-            self.feeds,
+            self.shared_sources,
             steps_quality=steps_quality,
             clock=lambda: self.now_s,
         )
@@ -124,7 +124,7 @@ class World:
     async def end(self) -> None:
         self.task.cancel()
         await asyncio.gather(self.task, return_exceptions=True)
-        await self.feeds.close()
+        await self.shared_sources.close()
 
     async def until_open(self) -> SourceRequest:
         await eventually(lambda: bool(self.open), lambda: "a source is open")
@@ -133,7 +133,7 @@ class World:
     def give(self, number: int, after_s: float = 0.1) -> None:
         self.now_s += after_s
         for take in tuple(self.open.values()):
-            take(Frame(fake_jpeg(number), self.now_s, self.now_s))
+            take(CameraFrame(fake_jpeg(number), self.now_s, self.now_s))
 
     async def got(self, count: int) -> list[int]:
         await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 from fake_cameras import fake_jpeg
-from robotether_agent.video.feeds import GIVE_UP_S, Condition, Feed, SourceSwitch
-from robotether_agent.video.frame import Frame, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceRequest
+from robotether_agent.video.shared_sources import GIVE_UP_S, Condition, SharedSource, SourceSwitch
 
 HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
 
 
-class FakeFeed:
-    """A feed without a source."""
+class FakeSharedSource:
+    """A shared source that opens none."""
 
     def __init__(self, source_request: SourceRequest) -> None:
         self.source_request = source_request
@@ -22,33 +22,33 @@ class FakeFeed:
         return Condition(self.state)
 
 
-class FakeFeeds:
+class FakeSharedSources:
     """Who follows what; a clock too."""
 
     def __init__(self) -> None:
-        self.open: dict[SourceRequest, FakeFeed] = {}
+        self.open: dict[SourceRequest, FakeSharedSource] = {}
         self.now_s = 10.0
 
     def follow(self, source_request, who, take):
-        feed = self.open.setdefault(source_request, FakeFeed(source_request))
-        feed.followers[who] = take
-        return feed
+        shared = self.open.setdefault(source_request, FakeSharedSource(source_request))
+        shared.followers[who] = take
+        return shared
 
-    def leave(self, feed: Feed, who: object) -> None:
-        feed.followers.pop(who, None)
-        if not feed.followers:
-            self.open.pop(feed.source_request, None)
+    def leave(self, shared: SharedSource, who: object) -> None:
+        shared.followers.pop(who, None)
+        if not shared.followers:
+            self.open.pop(shared.source_request, None)
 
     def give(self, source_request: SourceRequest, timestamp_s: float) -> None:
-        frame = Frame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
+        frame = CameraFrame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
         for take in tuple(self.open[source_request].followers.values()):
             take(frame)
 
 
 @pytest.fixture
-def feeds() -> FakeFeeds:
+def shared_sources() -> FakeSharedSources:
     """No real source is needed for the order of frames."""
-    return FakeFeeds()
+    return FakeSharedSources()
 
 
 @pytest.fixture
@@ -58,83 +58,89 @@ def got() -> list[tuple[float, int]]:
 
 
 @pytest.fixture
-def switch(feeds, got) -> SourceSwitch:
+def switch(shared_sources, got) -> SourceSwitch:
     """What follows them."""
     return SourceSwitch(
-        feeds, lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)), lambda: feeds.now_s
+        shared_sources,
+        lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)),
+        lambda: shared_sources.now_s,
     )
 
 
-def test_the_new_source_is_open_before_the_old_one_ends(feeds, switch, got):
+def test_the_new_source_is_open_before_the_old_one_ends(shared_sources, switch, got):
     """Frames go on from the old one until the new one has a newer one."""
     switch.follow(HIGH)
     for n in range(10):
-        feeds.give(HIGH, n * 0.066)
+        shared_sources.give(HIGH, n * 0.066)
     switch.follow(LOW)
-    assert set(feeds.open) == {HIGH, LOW}
-    feeds.give(HIGH, 0.66)
+    assert set(shared_sources.open) == {HIGH, LOW}
+    shared_sources.give(HIGH, 0.66)
     # The same frame at another quality, some ms later as the server's own stamp tells.
-    feeds.give(LOW, 0.668)
-    assert (switch.source_request, set(feeds.open)) == (LOW, {LOW})
-    feeds.give(LOW, 0.726)
+    shared_sources.give(LOW, 0.668)
+    assert (switch.source_request, set(shared_sources.open)) == (LOW, {LOW})
+    shared_sources.give(LOW, 0.726)
     assert [quality for _, quality in got] == [80] * 11 + [40]
     moments = [moment for moment, _ in got]
     assert moments == sorted(set(moments))
 
 
-def test_a_new_source_that_is_first_with_a_frame(feeds, switch, got):
+def test_a_new_source_that_is_first_with_a_frame(shared_sources, switch, got):
     switch.follow(HIGH)
-    feeds.give(HIGH, 1.0)
+    shared_sources.give(HIGH, 1.0)
     switch.follow(LOW)
-    feeds.give(LOW, 1.066)
+    shared_sources.give(LOW, 1.066)
     assert got == [(1.0, 80), (1.066, 40)]
-    assert set(feeds.open) == {LOW}
+    assert set(shared_sources.open) == {LOW}
 
 
-def test_an_older_frame_does_not_go_on(feeds, switch, got):
+def test_an_older_frame_does_not_go_on(shared_sources, switch, got):
     switch.follow(HIGH)
-    feeds.give(HIGH, 5.0)
-    feeds.give(HIGH, 4.9)
+    shared_sources.give(HIGH, 5.0)
+    shared_sources.give(HIGH, 4.9)
     assert got == [(5.0, 80)]
 
 
-def test_a_request_that_changes_meanwhile(feeds, switch):
+def test_a_request_that_changes_meanwhile(shared_sources, switch):
     """The newest counts, and going back opens nothing."""
     other = SourceRequest("/camera", 20, None, None, 15.0)
     switch.follow(HIGH)
-    feeds.give(HIGH, 1.0)
+    shared_sources.give(HIGH, 1.0)
     switch.follow(LOW)
     switch.follow(other)
-    assert set(feeds.open) == {HIGH, other}
+    assert set(shared_sources.open) == {HIGH, other}
     switch.follow(HIGH)
-    assert set(feeds.open) == {HIGH}
+    assert set(shared_sources.open) == {HIGH}
 
 
-def test_a_new_source_that_gives_nothing_is_let_go(feeds, switch):
+def test_a_new_source_that_gives_nothing_is_let_go(shared_sources, switch):
     switch.follow(HIGH)
-    feeds.give(HIGH, 1.0)
+    shared_sources.give(HIGH, 1.0)
     switch.follow(LOW)
     assert not switch.give_up_late()
-    feeds.now_s += GIVE_UP_S
+    shared_sources.now_s += GIVE_UP_S
     assert switch.give_up_late()
-    assert (switch.source_request, set(feeds.open)) == (HIGH, {HIGH})
+    assert (switch.source_request, set(shared_sources.open)) == (HIGH, {HIGH})
 
 
-def test_when_neither_gives_anything_the_newer_request_counts(feeds, switch):
+def test_when_neither_gives_anything_the_newer_request_counts(shared_sources, switch):
     """So that what is wanted is asked for when the camera comes back."""
     switch.follow(HIGH)
-    feeds.open[HIGH].state = "down"
+    shared_sources.open[HIGH].state = "down"
     switch.follow(LOW)
-    feeds.now_s += GIVE_UP_S
+    shared_sources.now_s += GIVE_UP_S
     assert not switch.give_up_late()
-    assert (switch.source_request, set(feeds.open)) == (LOW, {LOW})
+    assert (switch.source_request, set(shared_sources.open)) == (LOW, {LOW})
 
 
-def test_leaving_closes_both(feeds, switch):
+def test_leaving_closes_both(shared_sources, switch):
     """Also in the middle of a change; following begins anew."""
     switch.follow(HIGH)
     switch.follow(LOW)
     switch.leave()
-    assert (feeds.open, switch.source_request, switch.condition()) == ({}, None, Condition())
+    assert (shared_sources.open, switch.source_request, switch.condition()) == (
+        {},
+        None,
+        Condition(),
+    )
     switch.follow(LOW)
     assert switch.source_request == LOW

@@ -16,10 +16,10 @@ from fake_cloud import eventually
 from local_network import free_port
 from robotether_agent.clock import robot_time
 from robotether_agent.video import sources as sources_module
-from robotether_agent.video.frame import Frame, SourceDownError, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
 from robotether_agent.video.sources import (
     NEAR_S,
-    Now,
+    ClockReadings,
     Sources,
     SourceSettings,
     now,
@@ -30,7 +30,7 @@ from robotether_agent.video.sources import (
 from sim_robot.settings import SimSettings
 from sim_robot.simulator import Simulator
 
-ARRIVED = Now(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
+ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
 WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
@@ -65,7 +65,7 @@ def test_the_three_clocks_run():
 class Taken:
     """What a source gave, and what it said it was."""
 
-    pictures: list[Frame] = field(default_factory=list)
+    pictures: list[CameraFrame] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
 
     def some(self, count: int = 3) -> Callable[[], bool]:

@@ -1,7 +1,7 @@
 """One local source for each camera and request, shared by all receivers who request the same; none without a receiver.
 
-A feed keeps no frame: it hands each on to those who follow it, and they keep the newest that they have not sent.
-A source that ends or stalls is opened again, by and by less often.
+A shared source keeps no frame: it hands each on to those who follow it, and they keep the newest that they have not
+sent. A source that ends or stalls is opened again, by and by less often.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import Literal, Protocol
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
-from robotether_agent.video.frame import Frame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video.frame import CameraFrame, Kind, SourceDownError, SourceRequest
 from robotether_agent.video.sources import OnFrame, OnKind
 
 State = Literal["live", "waiting", "down"]
 # A source that is open and gave no frame for so long is waited for.
 WAITS_AFTER_S = 2.0
 MAX_PAUSE_S = 5.0
-MAX_FEEDS = 8
+MAX_SHARED_SOURCES = 8
 GIVE_UP_S = 5.0
 # Of the time between two frames: what comes sooner after the last one, of another source, is the same one again.
 SAME = 0.5
@@ -49,7 +49,7 @@ class Condition:
     source: Kind = "web_video_server"
 
 
-class Feed:
+class SharedSource:
     """A source that runs as long as somebody follows it."""
 
     def __init__(
@@ -97,7 +97,7 @@ class Feed:
     def _on_kind(self, kind: Kind) -> None:
         self._kind = kind
 
-    def _on_frame(self, frame: Frame) -> None:
+    def _on_frame(self, frame: CameraFrame) -> None:
         if self._down or self._last_s is None:
             self._down = ""
             self._pauses = delays(Random())  # noqa: S311
@@ -106,36 +106,38 @@ class Feed:
             on_frame(frame)
 
 
-class Feeds:
-    """All feeds by their request."""
+class SharedSources:
+    """All shared sources by their request."""
 
     def __init__(self, run: Runs, clock: Callable[[], float] = robot_time) -> None:
         self._run = run
         self._clock = clock
-        self._feeds: dict[SourceRequest, Feed] = {}
-        self._ending: set[asyncio.Future[None]] = set()
+        self._shared_sources: dict[SourceRequest, SharedSource] = {}
+        self._closing: set[asyncio.Future[None]] = set()
 
-    def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> Feed:
+    def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> SharedSource:
         """Give `who` all frames of a request from now on."""
-        feed = self._feeds.get(source_request)
-        if feed is None:
-            feed = self._feeds[source_request] = Feed(source_request, self._run, self._clock)
-        feed.followers[who] = on_frame
-        return feed
+        shared = self._shared_sources.get(source_request)
+        if shared is None:
+            shared = self._shared_sources[source_request] = SharedSource(
+                source_request, self._run, self._clock
+            )
+        shared.followers[who] = on_frame
+        return shared
 
-    def leave(self, feed: Feed, who: object) -> None:
+    def leave(self, shared: SharedSource, who: object) -> None:
         """Give no more; the last one to leave closes the source."""
-        feed.followers.pop(who, None)
-        if not feed.followers and self._feeds.get(feed.source_request) is feed:
-            del self._feeds[feed.source_request]
-            ending = feed.end()
-            self._ending.add(ending)
-            ending.add_done_callback(self._ending.discard)
+        shared.followers.pop(who, None)
+        if not shared.followers and self._shared_sources.get(shared.source_request) is shared:
+            del self._shared_sources[shared.source_request]
+            closing = shared.end()
+            self._closing.add(closing)
+            closing.add_done_callback(self._closing.discard)
 
     async def close(self) -> None:
         """Close all sources."""
-        tasks = [*self._ending, *(feed.end() for feed in self._feeds.values())]
-        self._feeds.clear()
+        tasks = [*self._closing, *(shared.end() for shared in self._shared_sources.values())]
+        self._shared_sources.clear()
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
@@ -144,15 +146,15 @@ class SourceSwitch:
 
     def __init__(
         self,
-        feeds: Feeds,
-        on_frame: Callable[[Frame, SourceRequest], None],
+        shared_sources: SharedSources,
+        on_frame: Callable[[CameraFrame, SourceRequest], None],
         clock: Callable[[], float],
     ) -> None:
-        self._feeds = feeds
+        self._shared_sources = shared_sources
         self._on_frame = on_frame
         self._clock = clock
-        self._feed: Feed | None = None
-        self._next: Feed | None = None
+        self._shared: SharedSource | None = None
+        self._next: SharedSource | None = None
         self._asked_s = 0.0
         self._last_s: float | None = None
         self._interval_s = 0.0
@@ -160,27 +162,27 @@ class SourceSwitch:
     @property
     def source_request(self) -> SourceRequest | None:
         """What the frames that come now answer."""
-        return None if self._feed is None else self._feed.source_request
+        return None if self._shared is None else self._shared.source_request
 
     def condition(self) -> Condition:
         """Tell how the source is."""
-        return Condition() if self._feed is None else self._feed.condition()
+        return Condition() if self._shared is None else self._shared.condition()
 
     def follow(self, source_request: SourceRequest) -> None:
         """Go over to a request, as soon as there is a frame that answers it."""
         if self._next is not None and self._next.source_request != source_request:
             self._drop_next()
-        if self._feed is None:
-            self._feed = self._feeds.follow(source_request, self, self._on_current)
-        elif self._feed.source_request != source_request and self._next is None:
+        if self._shared is None:
+            self._shared = self._shared_sources.follow(source_request, self, self._on_current)
+        elif self._shared.source_request != source_request and self._next is None:
             self._asked_s = self._clock()
-            self._next = self._feeds.follow(source_request, self, self._on_next)
+            self._next = self._shared_sources.follow(source_request, self, self._on_next)
 
     def give_up_late(self) -> bool:
         """Go on with the old source if the new one gave nothing for GIVE_UP_S; tell whether that is so now."""
         if self._next is None or self._clock() - self._asked_s < GIVE_UP_S:
             return False
-        if self._feed is not None and self._feed.condition().state != "live":
+        if self._shared is not None and self._shared.condition().state != "live":
             # Neither gives anything: the newer request counts.
             self._go_over()
             return False
@@ -190,37 +192,37 @@ class SourceSwitch:
     def leave(self) -> None:
         """Follow nothing."""
         self._drop_next()
-        if self._feed is not None:
-            self._feeds.leave(self._feed, self)
-            self._feed = None
+        if self._shared is not None:
+            self._shared_sources.leave(self._shared, self)
+            self._shared = None
 
     def _drop_next(self) -> None:
         if self._next is not None:
-            self._feeds.leave(self._next, self)
+            self._shared_sources.leave(self._next, self)
             self._next = None
 
-    def _on_current(self, frame: Frame) -> None:
-        if self._feed is None or (self._last_s is not None and frame.timestamp_s < self._last_s):
+    def _on_current(self, frame: CameraFrame) -> None:
+        if self._shared is None or (self._last_s is not None and frame.timestamp_s < self._last_s):
             return
-        self._hand_on(frame, self._feed.source_request)
+        self._hand_on(frame, self._shared.source_request)
 
-    def _on_next(self, frame: Frame) -> None:
+    def _on_next(self, frame: CameraFrame) -> None:
         """Go over with the new source's first frame, which the old one may have given already."""
         is_same = (
             self._last_s is not None and frame.timestamp_s - self._last_s < SAME * self._interval_s
         )
         self._go_over()
-        if self._feed is not None and not is_same:
-            self._hand_on(frame, self._feed.source_request)
+        if self._shared is not None and not is_same:
+            self._hand_on(frame, self._shared.source_request)
 
     def _go_over(self) -> None:
-        old, self._feed, self._next = self._feed, self._next, None
-        if self._feed is not None:
-            self._feed.followers[self] = self._on_current
+        old, self._shared, self._next = self._shared, self._next, None
+        if self._shared is not None:
+            self._shared.followers[self] = self._on_current
         if old is not None:
-            self._feeds.leave(old, self)
+            self._shared_sources.leave(old, self)
 
-    def _hand_on(self, frame: Frame, source_request: SourceRequest) -> None:
+    def _hand_on(self, frame: CameraFrame, source_request: SourceRequest) -> None:
         if self._last_s is not None:
             passed_s = min(MAX_INTERVAL_S, frame.timestamp_s - self._last_s)
             self._interval_s += 0.2 * (passed_s - self._interval_s)

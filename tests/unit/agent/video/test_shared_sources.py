@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Callable
 import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
-from robotether_agent.video import feeds as feeds_module
-from robotether_agent.video.feeds import Condition, Feeds
-from robotether_agent.video.frame import Frame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video import shared_sources as shared_sources_module
+from robotether_agent.video.frame import CameraFrame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video.shared_sources import Condition, SharedSources
 
 WISH = SourceRequest("/camera", 70, None, None, 15.0)
 
@@ -19,7 +19,7 @@ class FakeSource:
     """A source that gives and ends as a test says; a clock too."""
 
     def __init__(self) -> None:
-        self.takes: dict[SourceRequest, Callable[[Frame], None]] = {}
+        self.takes: dict[SourceRequest, Callable[[CameraFrame], None]] = {}
         self.opened = 0
         self.fault: Exception | None = None
         self.now_s = 100.0
@@ -27,7 +27,7 @@ class FakeSource:
     async def run(
         self,
         source_request: SourceRequest,
-        take: Callable[[Frame], None],
+        take: Callable[[CameraFrame], None],
         tell: Callable[[Kind], None],
     ) -> None:
         self.opened += 1
@@ -45,19 +45,19 @@ class FakeSource:
 
     def give(self, number: int = 1) -> None:
         for take in self.takes.values():
-            take(Frame(fake_jpeg(number), self.now_s, self.now_s))
+            take(CameraFrame(fake_jpeg(number), self.now_s, self.now_s))
 
 
 @pytest.fixture
 def source() -> FakeSource:
-    """What is behind the feeds."""
+    """What is behind the shared sources."""
     return FakeSource()
 
 
 @pytest.fixture
-async def feeds(source: FakeSource) -> AsyncIterator[Feeds]:
-    """All feeds of a robot."""
-    made = Feeds(source.run, source.clock)
+async def shared_sources(source: FakeSource) -> AsyncIterator[SharedSources]:
+    """All shared sources of a robot."""
+    made = SharedSources(source.run, source.clock)
     yield made
     await made.close()
 
@@ -66,68 +66,70 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
     await eventually(lambda: len(source.takes) == count, lambda: f"{len(source.takes)} are open")
 
 
-async def test_equal_requests_share_a_source(feeds, source):
+async def test_equal_requests_share_a_source(shared_sources, source):
     """Two followers of one request, one source; another quality has its own."""
-    got: dict[str, list[Frame]] = {"a": [], "b": []}
-    followed = [feeds.follow(WISH, name, got[name].append) for name in got]
+    got: dict[str, list[CameraFrame]] = {"a": [], "b": []}
+    followed = [shared_sources.follow(WISH, name, got[name].append) for name in got]
     await until_open(source)
     source.give()
     assert (source.opened, len(got["a"]), len(got["b"])) == (1, 1, 1)
-    other = feeds.follow(SourceRequest("/camera", 60, None, None, 15.0), "a", got["a"].append)
+    other = shared_sources.follow(
+        SourceRequest("/camera", 60, None, None, 15.0), "a", got["a"].append
+    )
     await until_open(source, 2)
-    feeds.leave(other, "a")
+    shared_sources.leave(other, "a")
     await until_open(source, 1)
     assert followed[0] is followed[1]
 
 
-async def test_the_last_to_leave_closes_the_source(feeds, source):
-    feed = feeds.follow(WISH, "a", print)
-    feeds.follow(WISH, "b", print)
+async def test_the_last_to_leave_closes_the_source(shared_sources, source):
+    shared = shared_sources.follow(WISH, "a", print)
+    shared_sources.follow(WISH, "b", print)
     await until_open(source)
-    feeds.leave(feed, "a")
+    shared_sources.leave(shared, "a")
     source.give()
     assert source.takes
-    feeds.leave(feed, "b")
+    shared_sources.leave(shared, "b")
     await until_open(source, 0)
-    feeds.leave(feed, "b")
+    shared_sources.leave(shared, "b")
 
 
-async def test_the_condition_follows_the_frames(feeds, source):
+async def test_the_condition_follows_the_frames(shared_sources, source):
     """Waiting, live, waiting again after two seconds, down with the reason."""
-    feed = feeds.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
-    assert feed.condition() == Condition("waiting", "", "mjpeg")
+    assert shared.condition() == Condition("waiting", "", "mjpeg")
     source.give()
-    assert feed.condition() == Condition("live", "", "mjpeg")
+    assert shared.condition() == Condition("live", "", "mjpeg")
     source.now_s += 2.5
-    assert feed.condition().state == "waiting"
+    assert shared.condition().state == "waiting"
 
 
-async def test_a_source_that_ends_is_opened_again(feeds, source, monkeypatch):
+async def test_a_source_that_ends_is_opened_again(shared_sources, source, monkeypatch):
     """Until it gives frames, and then it is not down any more."""
-    monkeypatch.setattr(feeds_module, "MAX_PAUSE_S", 0.02)
+    monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
     source.fault = SourceDownError("the camera has no power")
-    feed = feeds.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(WISH, "a", lambda _: None)
     await eventually(lambda: source.opened > 2, lambda: f"opened {source.opened} times")
-    assert feed.condition() == Condition("down", "the camera has no power", "mjpeg")
+    assert shared.condition() == Condition("down", "the camera has no power", "mjpeg")
     source.fault = None
     await until_open(source)
     source.give()
-    assert feed.condition().state == "live"
+    assert shared.condition().state == "live"
 
 
-async def test_a_defect_is_no_end(feeds, source, monkeypatch, caplog):
+async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
     """It is logged, told, and tried again."""
-    monkeypatch.setattr(feeds_module, "MAX_PAUSE_S", 0.02)
+    monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
     source.fault = KeyError("a defect")
-    feed = feeds.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(WISH, "a", lambda _: None)
     await eventually(lambda: source.opened > 1, lambda: f"opened {source.opened} times")
-    assert feed.condition().state == "down"
+    assert shared.condition().state == "down"
     assert "KeyError" in caplog.text
 
 
-async def test_closing_closes_all(feeds, source):
-    feeds.follow(WISH, "a", lambda _: None)
+async def test_closing_closes_all(shared_sources, source):
+    shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
-    await feeds.close()
+    await shared_sources.close()
     assert source.takes == {}
