@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
+from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -43,6 +46,11 @@ AGENT_MAY_IMPORT = {
 FOUNDATION = ("problems", "settings", "variables", "tickets", "macs", "ssh_keys")
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def modules(package: Path) -> dict[str, Path]:
     """Every module of a package by its dotted name."""
     found = {}
@@ -54,9 +62,8 @@ def modules(package: Path) -> dict[str, Path]:
 
 def imports(path: Path, known: dict[str, Path]) -> set[str]:
     """The package's own modules that one of them imports when it is loaded."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     found: set[str] = set()
-    for node in ast.walk(tree):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -75,7 +82,7 @@ def graph(name: str) -> dict[str, set[str]]:
 
 def nested_imports(path: Path) -> Iterator[str]:
     """Imports inside functions."""
-    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for function in ast.walk(tree(path)):
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
             for node in ast.walk(function):
                 if isinstance(node, ast.Import | ast.ImportFrom):
@@ -147,8 +154,9 @@ def sources(name: str) -> set[str]:
 
 def does_something(path: Path) -> bool:
     """Whether a module has a function of its own; exceptions and constants alone need no tests."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return any(isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) for node in ast.walk(tree))
+    return any(
+        isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) for node in ast.walk(tree(path))
+    )
 
 
 def modules_with_tests(name: str) -> set[str]:
@@ -180,3 +188,108 @@ def test_every_folder_of_tests_has_its_package(name: str) -> None:
     """A package that moves takes its tests along."""
     folders = {path.parent.relative_to(TESTS / name) for path in (TESTS / name).rglob("test_*.py")}
     assert [f for f in sorted(folders) if not (PACKAGES[name] / f / "__init__.py").exists()] == []
+
+
+# What agent and server each have for the same thing on the wire between them.
+BOTH_ENDS = {"Battery", "JoinRequest", "PreviousKey", "StreamRequest", "VideoDown"}
+# Words of our own, and the field's words for them. None is a word of an identifier, in singular or plural.
+BANNED_WORDS = {
+    "helm joint keeper bench": "drive_controller, client_proxy, guard_supervisor, spare",
+    "marking order reach patience": "motion_state, message, command, robot_dialer, timeout",
+    "authority admission allowance": "authorization, rate_limiter",
+    "wish want gate": "requested_features, stream_request, rate_limiter, message_validator",
+    "handover door front": "fd_passing, video_proxy, site_certificate",
+    "pace budget meter": "pacer, bandwidth_estimator, probe",
+    "unfinished switching forgetting": "pending_upgrade, upgrade, unenrol",
+    "examination board journal delivery": "doctor, fleet_events, event_writer, viewer_stats",
+    "ending deed unsure": "close_reason, closing, action, ConfirmedAction, focusLoss",
+    "seat came told visit visitor": "DriveLease, on_command, connected, session, current_user",
+    "moment beat picture": "timestamp, clock_sync, frame",
+    "vouching stranger crew mission": "enrolment_credentials, unknown_robots, fleet_run",
+    "wheel truth sight sighthold": "controlPanel, safety, video, videoInterlock",
+    "outlook lookout": "statusSelector, observerConnection",
+}
+# Ordinary words, banned as the whole name of a class, function, module, folder or script's export.
+BANNED_NAMES = {
+    "Gate Kept Order Own Parts Shown": "message_validator, Command, LocalService, PresentedKey",
+    "way race pass_socket rounds marks": "server_dialer, happy_eyeballs, motion_state",
+    "switch kept kept_identity managed left": "source_switch, identity_store, permissions",
+    "why EndedError means": "describe_error, ConnectionClosed, HandlerContext, AppContext",
+    "ages records reports latencies": "timestamps, database, observers, latency_histogram",
+    "trip deeds heavy vitals still": "latencyBreakdown, robotButtons, largeTypes, overlays",
+    "moves rest news": "reorder, pointerPause, controlState",
+}
+# As the first word of a function or export.
+BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
+# Standard terms, or fixed names, each in its files.
+ALLOWED = {
+    ("JournalFormatter", "robotether_agent/log.py"): "systemd's journal",
+    ("SWITCHING_PROTOCOLS", "sim_robot/healthcheck.py"): "HTTP's name of status 101",
+    ("TLS_FRONT", "robotether_server/variables.py"): "a variable of the environment",
+    ("_check_authority", "doctor/server.py"): "a certificate authority",
+    ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
+    ("authority", "robotether_server/install_line.py"): "host and port, in RFC 3986",
+    ("inNameOrder", "fleet/filters.js"): "sorted",
+    ("inOrder", "fleet/filters.js"): "sorted",
+    ("in_order", "robotether_agent/"): "one after the other",
+    ("moves", "guard/commands.py"): "of a robot",
+    ("picture_bytes", "robotether_server/"): "a column of SQL",
+    ("pictures", "robotether_server/"): "a column of SQL",
+    ("switch", "robotether_agent/cli.py"): "a command of the program",
+    ("take", "relay/control/"): "an action of the API",
+    ("tls_front", "robotether_server/settings.py"): "TLS_FRONT's field",
+    ("vitals", "robotether_agent/vitals.py"): "a line of the session",
+}
+WHOLE = set(" ".join(BANNED_NAMES).split())
+SINGULAR = " ".join(BANNED_WORDS).split()
+FORMS = {f"{one}{end}" for one in SINGULAR for end in ("", "s", "es")} | {"deliveries"}
+PRODUCT = [path for package in PACKAGES.values() for path in package.rglob("*.py")]
+SCRIPTS = [*(ROOT / "server" / "frontend" / "src").rglob("*.js")]
+EXPORT = re.compile(r"^export (?:async )?(?:function\*?|class|const|let) (\w+)", re.MULTILINE)
+
+
+def named_in(path: Path) -> Iterator[tuple[str, str]]:
+    """What a file names: itself, its folder, its scripts' exports, and all that Python gives a name."""
+    yield from (("module", path.stem), ("module", path.parent.name))
+    if path.suffix == ".js":
+        yield from (("function", name) for name in EXPORT.findall(path.read_text(encoding="utf-8")))
+        return
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.ClassDef):
+            yield "class", node.name
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield "function", node.name
+        elif isinstance(node, ast.arg):
+            yield "variable", node.arg
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield "variable", node.id if isinstance(node, ast.Name) else node.attr
+
+
+def is_banned(kind: str, name: str) -> bool:
+    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
+    return (
+        not FORMS.isdisjoint(parts)
+        or (kind != "variable" and name.strip("_") in WHOLE)
+        or (kind == "function" and not BANNED_VERBS.isdisjoint(parts[:1]))
+    )
+
+
+def test_no_class_name_stands_twice() -> None:
+    """One thing has one name, in all of the product."""
+    names = [name for path in PRODUCT for kind, name in named_in(path) if kind == "class"]
+    assert {name for name, count in Counter(names).items() if count > 1} == BOTH_ENDS
+
+
+def test_no_identifier_has_a_banned_word() -> None:
+    """Names are the field's own terms; an exception that nothing needs any more goes, too."""
+    found = {
+        (name, str(path.relative_to(ROOT)))
+        for path in (*PRODUCT, *SCRIPTS)
+        for kind, name in named_in(path)
+        if is_banned(kind, name)
+    }
+    allowed = {
+        (one, key) for one in found for key in ALLOWED if one[0] == key[0] and key[1] in one[1]
+    }
+    assert sorted(found - {one for one, _ in allowed}) == []
+    assert sorted(set(ALLOWED) - {key for _, key in allowed}) == []
