@@ -171,7 +171,7 @@ async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
                 setup.lasted_s = time.perf_counter() - started
                 await stop(watching)
                 if setup.with_video and not setup.frame_ages_ms:
-                    raise RuntimeError(f"cannot measure {setup.name}: no picture came")
+                    raise RuntimeError(f"cannot measure {setup.name}: no frame came")
     finally:
         await stop(watching)
 
@@ -243,17 +243,18 @@ def measure(seconds: float = SECONDS) -> Section:
 def section(measured: list[Setup]) -> Section:
     """The result, with what was asked for."""
     text = (
-        f"A {MESSAGE_BYTES}-byte message to the robot and back at {RATE_HZ} Hz over an emulated link: 38 ms, "
-        f"{UP_MBIT_S} Mbit/s up and {DOWN_MBIT_S} down, queues of 256 KB. The camera "
-        f"offers {OFFERED_BIT_S / 1e6:g} Mbit/s in {FRAMES_HZ} pictures a second; the robot's TCP is cubic.\n"
-        "Aim: p50 under 60 ms and p99 under 100 ms with video. Not in it: guard and relay, which `Round trip` has."
+        f"A {MESSAGE_BYTES}-byte message goes to the robot and back at {RATE_HZ} Hz over an emulated link: 38 ms, "
+        f"{UP_MBIT_S} Mbit/s up, {DOWN_MBIT_S} Mbit/s down, queues of 256 KB. The camera "
+        f"offers {OFFERED_BIT_S / 1e6:g} Mbit/s in {FRAMES_HZ} frames a second. The robot's TCP is cubic. Guard and "
+        "relay are not included; the table above has them.\n\n"
+        "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
     return Section("Round trip while video fills the uplink", text, list(table(measured)))
 
 
 def table(measured: list[Setup]) -> Iterator[str]:
-    """Round trips, and what became of the pictures."""
-    yield "| way | round trips | p50 ms | p99 ms | max ms | video Mbit/s | pictures/s | picture age p50 ms | p99 ms |"
+    """Round trips, and how the frames fared."""
+    yield "| route | round trips | p50 ms | p99 ms | max ms | video Mbit/s | frames/s | frame age p50 ms | p99 ms |"
     yield "|---|---|---|---|---|---|---|---|---|"
     for setup in measured:
         trips, ages = setup.round_trips_ms, setup.frame_ages_ms

@@ -1,9 +1,8 @@
 """`make bench`: runs the experiments one after the other and writes docs/measurements.md.
 
-Needs `make demo` and root, as some of them make networks of their own. `--only NAME,...` runs these alone and puts what
-they measured in place of what stood there; `--quick` repeats less, to see that all of them work, and writes nothing;
-`--repeat N` repeats cuts and losses so often, which the tables show. Each part of the page says when and on what it was
-measured.
+Needs `make demo`, and root for the networks that some experiments create. `--only NAME,...` runs these alone and
+replaces their parts of the page. `--quick` repeats less, to check that all of them work, and writes nothing.
+`--repeat N` is how often cuts and losses are repeated.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ import viewers
 from demo import ROOT, Demo
 from measurements_page import page, parts
 from paper.circumstances import described, machine
-from sections import Section
+from sections import Section, wrapped
 
 PAGE = ROOT / "docs" / "measurements.md"
 
@@ -61,12 +60,12 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
 
 
 def circumstances() -> str:
-    """When, at which commit, on what, and beside how much other work; to be asked before it is measured."""
+    """When, at which commit, on what machine and at what load; call it before the measurement."""
     here = machine()
-    return (
-        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {described()}; {here['processor']}, "
-        f"{here['cores']} cores, everything on this one machine, Linux {here['kernel']}, Python "
-        f"{platform.python_version()}; the load was {os.getloadavg()[0]:.1f} when it began."
+    return wrapped(
+        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {described()}, all on one machine: "
+        f"{here['processor']}, {here['cores']} cores, Linux {here['kernel']}, Python "
+        f"{platform.python_version()}, load {os.getloadavg()[0]:.1f} at the start."
     )
 
 
@@ -81,7 +80,7 @@ def names_of(text: str) -> list[str]:
 
 
 def write_part(name: str, section: Section, measured: str) -> None:
-    """Put a part into the page at once, so that a later experiment that fails takes nothing along."""
+    """Write a part to the page at once: a later experiment may fail."""
     known = parts(PAGE.read_text()) if PAGE.exists() else {}
     known[name] = f"{section.markdown}\n{measured}"
     PAGE.write_text(page(known, EXPERIMENTS))
@@ -91,9 +90,9 @@ def main() -> None:
     """Measure, print, write."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument(
-        "--only", type=names_of, default=list(EXPERIMENTS), help="run these, divided by commas"
+        "--only", type=names_of, default=list(EXPERIMENTS), help="run these, separated by commas"
     )
-    arguments.add_argument("--quick", action="store_true", help="repeat less, and write nothing")
+    arguments.add_argument("--quick", action="store_true", help="repeat less, write nothing")
     arguments.add_argument("--repeat", type=int, help="how often cuts and losses are repeated")
     chosen = arguments.parse_args()
     demo, effort = Demo(), Effort(chosen.quick, chosen.repeat)

@@ -134,7 +134,7 @@ def first_frame_ms(page: Page, demo: Demo) -> float:
         if first is not None:
             return float(first)
         page.wait_for_timeout(POLL_EVERY_MS)
-    raise RuntimeError(f"cannot measure: no picture in {FIRST_WITHIN_MS} ms")
+    raise RuntimeError(f"cannot measure: no frame in {FIRST_WITHIN_MS} ms")
 
 
 def weigh(browser: Browser, demo: Demo) -> Weight:
@@ -198,21 +198,21 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
     return Section(
         title="The drive page in Chromium",
         text=(
-            "Over the whole demo on loopback, with a live picture of 640x480 at 15 a second. The weight is what comes "
-            "over the wire when nothing is cached, headers included, without pictures; the first picture counts from "
-            "the click on the fleet page, with a warm cache. Headless Chromium draws without a graphics processor, on "
-            "the cores that run everything else."
+            "Over the whole demo on loopback, with live video of 640x480 at 15 frames a second. The weight is what the "
+            "page loads with an empty cache, with headers, without video. The first frame counts from the click on the "
+            "fleet page, with a warm cache. Headless Chromium draws without a GPU, on the cores that run everything "
+            "else."
         ),
         table=[
             "| what | measured | aim |",
             "|---|---|---|",
             f"| weight, KB | {found.weight.total_kb:.1f} ({parts}) | under {AIM_KB} |",
-            f"| click to first picture, ms, p50 and max of {len(found.first_ms)} "
+            f"| click to first frame, ms, p50 and max of {len(found.first_ms)} "
             f"| {percentile(found.first_ms, 50):.0f}, {max(found.first_ms):.0f} | under {AIM_FIRST_MS} |",
-            f"| age of the picture when the page has drawn it, ms, p50 and p95 of {len(found.ages_ms)} "
+            f"| age of a frame when the page has drawn it, ms, p50 and p95 of {len(found.ages_ms)} "
             f"| {percentile(found.ages_ms, 50):.0f}, {percentile(found.ages_ms, 95):.0f} | p95 under 80 |",
             f"| animation frames a second, processor {THROTTLE}x slower | {found.fps:.1f} | {AIM_FPS} |",
-            f"| of {len(found.gaps_ms)} such frames more than half a frame late | {late} | - |",
-            f"| pictures a second then | {found.frames_per_s:.1f} | 15 |",
+            f"| of {len(found.gaps_ms)} animation frames, more than half a frame late | {late} | - |",
+            f"| video frames a second meanwhile | {found.frames_per_s:.1f} | 15 |",
         ],
     )

@@ -105,13 +105,14 @@ def measure(demo: Demo, presses: int = PRESSES) -> Section:
         browser.close()
     both = [times for times in tried if times is not None]
     if not both:
-        raise RuntimeError("cannot measure: the page held driving at each press")
+        raise RuntimeError("cannot measure: the page paused driving at each press")
     return Section(
         title="From a key event to `cmd_vel` on the robot",
         text=(
-            f"W pressed and let go {presses} times on the drive page in Chromium, with its live picture, over the "
-            "whole demo on loopback: from the event's own time stamp until a subscriber of the robot's rosbridge "
-            f"has the command. In {len(tried) - len(both)} presses the page held driving, for an old picture.\n"
+            f"W is pressed and released {presses} times on the drive page in Chromium, with live video, over the "
+            "whole demo on loopback. The time is from the event's timestamp until a subscriber of the robot's "
+            f"rosbridge has the command. During {len(tried) - len(both)} presses the page paused driving because the "
+            "video was old.\n\n"
             f"Aim: p50 under {AIM_P50_MS} ms and p99 under {AIM_P99_MS} ms."
         ),
         table=[

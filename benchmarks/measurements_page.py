@@ -1,7 +1,7 @@
-"""docs/measurements.md as `make bench` writes it: one part an experiment, each saying when and on what it was measured.
+"""Reads and writes docs/measurements.md, one part an experiment.
 
-So that some parts can be measured anew without the others. A part begins with a comment that names its experiment,
-which readers do not see; what stands there is replaced as a whole, and nothing else is touched.
+A part begins with a comment that names its experiment. `make bench` replaces the parts that it measured again, and
+leaves the others.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 
 HEAD = """# Measurements
 
-Written by `make bench`, which can measure some parts anew and leave the others: each says when and on what it was
-measured. Compare within a table, not between tables.
+`make bench` writes this page. It may measure only some parts again, so each says when and where it
+was measured. Compare numbers within a table, not between tables.
 """
 _MARK = re.compile(r"^<!-- experiment: (\w+) -->\n", re.MULTILINE)
 

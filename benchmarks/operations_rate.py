@@ -65,10 +65,10 @@ def kinds() -> Mapping[str, bytes]:
         "`publish` of 500 numbers, 10 KB": {
             "op": "publish", "topic": "/scan", "msg": {"ranges": [number / 7 for number in range(560)]},
         },
-        "`publish` of as many numbers as may be": {
+        "`publish` of as many numbers as allowed": {
             "op": "publish", "topic": "/cloud", "msg": {"data": numbers},
         },
-        "`publish` of as many objects as may be": {
+        "`publish` of as many objects as allowed": {
             "op": "publish", "topic": "/cloud", "msg": {"data": [{}] * LARGEST_OBJECTS},
         },
     }  # fmt: skip
@@ -103,11 +103,11 @@ def measure() -> Section:
     rates = [time_of(name, data) for name, data in kinds().items()]
     return Section(
         "Operations checked by the relay",
-        f"One core, one connection, the check and the new writing of a message alone, the quickest of {REPEATS}\n"
-        f"rounds. Aim: a small message under {AIM_US} us. While it reads a large one, the relay does nothing else; by\n"
-        "default one driver's connection may send about one of the largest a second.",
+        f"The time to check and rewrite one message, on one core and connection, the fastest of {REPEATS} rounds. "
+        "While the relay reads a large message, it does nothing else. By default a driver's connection may send about "
+        f"one of the largest a second.\n\nAim: a small message under {AIM_US} us.",
         [
-            "| message | bytes | us each | a second and core |",
+            "| message | bytes | us each | a second on a core |",
             "|---|---:|---:|---:|",
             *(rate.row for rate in rates),
         ],

@@ -44,7 +44,7 @@ PLAIN_QUALITIES = (95, 80)
 
 @dataclass(frozen=True)
 class Row:
-    """What was seen one way."""
+    """What was seen on one route."""
 
     where: str
     transport: str
@@ -82,9 +82,7 @@ async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
             if looking.done():
                 looking.result()
             if len(seen) < 2:
-                raise RuntimeError(
-                    f"cannot measure {transport}, {where}: {len(seen)} pictures came"
-                )
+                raise RuntimeError(f"cannot measure {transport}, {where}: {len(seen)} frames came")
             return Row(where, transport, list(seen), seconds)
         finally:
             looking.cancel()
@@ -125,7 +123,7 @@ def plain(port: int, quality: int) -> View:
 
 
 def plain_name(quality: int) -> str:
-    """What such a way is called."""
+    """Name such a route."""
     return f"plain MJPEG, quality {quality}, bare ssh -R"
 
 
@@ -171,7 +169,7 @@ async def until_seen(view: View) -> None:
     deadline = asyncio.get_running_loop().time() + STARTS_WITHIN_S
     while not seen:
         if asyncio.get_running_loop().time() > deadline:
-            raise RuntimeError(f"cannot measure: no picture in {STARTS_WITHIN_S:g} s")
+            raise RuntimeError(f"cannot measure: no frame in {STARTS_WITHIN_S:g} s")
         async with aiohttp.ClientSession() as http:
             looking = asyncio.ensure_future(view(http, seen.append))
             with suppress(AssertionError):
@@ -235,26 +233,27 @@ def bare_forward(link: Link, sshd: OpenSshServer) -> Iterator[int]:
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
-    """Measure all ways, and return them as a table."""
+    """Measure all routes, and return them as a table."""
     if why := why_not_here():
-        raise RuntimeError(f"cannot measure the age of pictures over a link: {why}")
+        raise RuntimeError(f"cannot measure the age of frames over a link: {why}")
     rows = asyncio.run(on_loopback(demo, seconds))
     with Link(up=UP, down=DOWN) as link:
         link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
         with link.server.entered():
             rows += asyncio.run(over_link(link, seconds))
     return Section(
-        title="Age of the picture at the viewer",
+        title="Age of a frame at the viewer",
         text=(
-            "From the moment that the simulated camera draws into its 640x480 picture until a viewer has the picture "
-            f"whole, {seconds:g} s each, {SETTLE_S:g} s after the first. Drawing and encoding are in it, the camera's "
-            "own pause between pictures is not. Loopback is the whole demo, nginx and TLS included; over the link the "
-            "viewer is beside the relay, without these two, and the robot's TCP is cubic. Plain MJPEG of quality 95 "
-            "(web_video_server's default) is more than the link takes, and its age grows as long as it is watched.\n"
+            "The age is from the timestamp that the simulated camera draws into its 640x480 frame until a viewer has "
+            f"the whole frame. Each row took {seconds:g} s, from {SETTLE_S:g} s after the first frame. Drawing and "
+            "encoding are included, the pause between frames is not. Loopback is the whole demo, with nginx and TLS. "
+            "Over the link the viewer is beside the relay, without these two, and the robot's TCP is cubic. Plain "
+            "MJPEG of quality 95 (web_video_server's default) is more than the link carries, so its age grows with "
+            "time.\n\n"
             f"Aim: p95 under {AIM_LOOPBACK_MS} ms on loopback and under {AIM_LINK_MS} ms over the link."
         ),
         table=[
-            "| where | way | pictures | p50 ms | p95 ms | max ms | pictures/s | KB a picture | Mbit/s |",
+            "| where | route | frames | p50 ms | p95 ms | max ms | frames/s | KB a frame | Mbit/s |",
             "|---|---|---|---|---|---|---|---|---|",
             *(row.line for row in rows),
         ],

@@ -343,10 +343,10 @@ def measure(repeat: int = REPEAT, settings: Mapping[str, str] | None = None) -> 
         made = asyncio.run(measure_all(networks, repeat, settings or {}))
     return Section(
         title="How soon a robot is drivable again",
-        text="From the moment in which the robot has a network again until a new drive connection through the relay "
-        f"has passed a message and its answer, {repeat} times each, in seconds; the aim is {AIM_S:g} s at p99 and no "
-        "failure. All at once on one machine, the network by namespaces; a reboot is a kill and start of the agent and "
-        "of all that it started, without the machine's own boot.",
+        text="Seconds from when the robot has a network again until a new drive connection through the relay has "
+        f"passed a message and its answer, {repeat} times each. All rows run at once, on one machine with network "
+        "namespaces. A reboot is a kill and a start of the agent and of all that it started, without the machine's "
+        f"boot.\n\nAim: {AIM_S:g} s at p99 and no failure.",
         table=[
             "| after | p50 | p99 | max | failures |",
             "|---|---|---|---|---|",

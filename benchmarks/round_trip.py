@@ -89,9 +89,9 @@ async def _measure_all(urls: dict[str, str], count: int) -> list[Route]:
 
 
 def table(routes: list[Route]) -> Iterator[str]:
-    """The result as a Markdown table, with each way beside the bare `ssh -R`."""
+    """The result as a Markdown table, with each route beside the bare `ssh -R`."""
     bare = routes[1].round_trips
-    yield "| way | round trips | p50 ms | p99 ms | max ms | p50 more than bare ssh -R, ms | p99, times bare ssh -R |"
+    yield "| route | round trips | p50 ms | p99 ms | max ms | p50 above bare ssh -R, ms | p99, times bare ssh -R |"
     yield "|---|---|---|---|---|---|---|"
     for route in routes:
         p50, p99 = percentile(route.round_trips, 50), percentile(route.round_trips, 99)
@@ -107,6 +107,6 @@ def measure(demo: Demo, count: int = COUNT) -> Section:
         routes = asyncio.run(_measure_all(targets(demo, bare.port), count))
     return Section(
         title=f"Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz",
-        text="Aim: at most 0.5 ms more than the bare `ssh -R` at p50, twice at p99.",
+        text="Aim: at most 0.5 ms above the bare `ssh -R` at p50, and twice its p99.",
         table=list(table(routes)),
     )

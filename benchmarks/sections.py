@@ -1,4 +1,4 @@
-"""What one measurement gives to docs/measurements.md, and the statistics that all of them use.
+"""A section of docs/measurements.md, and the statistics that all measurements use.
 
 Each experiment that `make bench` runs returns a `Section`; `bench` writes them one after the other.
 """
@@ -6,6 +6,7 @@ Each experiment that `make bench` runs returns a `Section`; `bench` writes them 
 from __future__ import annotations
 
 import statistics
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,7 +22,15 @@ class Section:
     @property
     def markdown(self) -> str:
         """The section as it stands in the page."""
-        return f"## {self.title}\n\n{self.text}\n\n" + "\n".join(self.table) + "\n"
+        return f"## {self.title}\n\n{wrapped(self.text)}\n\n" + "\n".join(self.table) + "\n"
+
+
+def wrapped(text: str) -> str:
+    """The text with lines of at most 100 characters; an empty line divides its paragraphs."""
+    return "\n\n".join(
+        textwrap.fill(paragraph, 100, break_long_words=False, break_on_hyphens=False)
+        for paragraph in text.split("\n\n")
+    )
 
 
 def percentile(values: Sequence[float], percent: int) -> float:

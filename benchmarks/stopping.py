@@ -240,9 +240,9 @@ def row(cause: str, outcome: Outcome) -> str:
 
 
 def measure(demo: Demo, repeat: int) -> Section:
-    """Lose the driver in each way, `repeat` times."""
+    """Lose the driver by each cause, `repeat` times."""
     table = [
-        "| way | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | drove on |",
+        "| cause | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | continued to drive |",
         "|---|---|---|---|---|---|",
     ]
     for cause, once in CAUSES.items():
@@ -256,10 +256,11 @@ def measure(demo: Demo, repeat: int) -> Section:
         table.append(row(cause, total))
     wait_drivable(demo)
     return Section(
-        title="From the loss of the driver to a robot that stands",
+        title="From the loss of the driver to the stopped robot",
         text=(
-            f"Aim: zero on `cmd_vel` {AIM_MS} ms after the last command, never more than {LIMIT_MS} ms, and no "
-            "repetition in which the robot drove on. The simulated robot, dead man's time 500 ms, commands at 20 Hz."
+            "The simulated robot with `deadman_ms` 500, commands at 20 Hz.\n\n"
+            f"Aim: zero on `cmd_vel` {AIM_MS} ms after the last command, never later than {LIMIT_MS} ms, and no "
+            "repetition in which the robot continued to drive."
         ),
         table=table,
     )
