@@ -25,10 +25,16 @@ class Section:
         return f"## {self.title}\n\n{wrapped(self.text)}\n\n" + "\n".join(self.table) + "\n"
 
 
-def wrapped(text: str) -> str:
-    """The text with lines of at most 100 characters; an empty line divides its paragraphs."""
+def wrapped(text: str, indent: str = "") -> str:
+    """The text in lines of at most 100 characters, all but the first indented; an empty line divides its paragraphs."""
     return "\n\n".join(
-        textwrap.fill(paragraph, 100, break_long_words=False, break_on_hyphens=False)
+        textwrap.fill(
+            paragraph,
+            100,
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
         for paragraph in text.split("\n\n")
     )
 

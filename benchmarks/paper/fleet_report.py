@@ -39,14 +39,15 @@ def title(group: Group) -> str:
 
 def _starts(starts: Sequence[Group]) -> Section:
     text = (
-        "All robots are told to start in the same moment. When the server's events say that one is online, an "
-        "operator asks for a ticket, connects to drive through nginx and TLS, and publishes one std_msgs/String that "
-        "names robot and run; a subscriber on the robot's ROS side hears it. The time runs from the order to start "
-        f"until it is heard. A robot without it after {FAILED_AFTER_S:g} s has failed, also when it comes later; one "
-        "that the server does not reach yet is tried again, which is part of the time. Light robots are the real "
-        "agent and guard, some 25 to 50 in a process, each with two OpenSSH connections of its own and a rosbridge; "
-        "those of one process share an address. They leave out the start of Python and a process for each guard, "
-        "which the whole robots have. Robots, operators and server share this machine's cores."
+        "All robots are told to start at the same time. When the server's events report one online, an "
+        "operator gets a ticket, connects to drive through nginx and TLS, and publishes one "
+        "std_msgs/String with robot and run. A subscriber on the robot's ROS side receives it: the time "
+        "is from the order to start until then. An operator whom the server cannot connect yet tries "
+        f"again, within that time. A robot without its message after {FAILED_AFTER_S:g} s has failed, even "
+        "if it comes later. Light robots are the real agent and guard, some 25 to 50 in a process, each "
+        "with two OpenSSH connections of its own and a rosbridge. Those of one process share an address. "
+        "Unlike whole robots, they do not start a Python and a guard process each. Robots, operators and "
+        "server share this machine's cores."
     )
     head = (
         "| robots at once | runs | message in time | later | never | p50, s | p99, s | max, s | online p50, s "
@@ -73,12 +74,12 @@ def _start_row(group: Group) -> str:
 
 def _costs(starts: Sequence[Group]) -> Section:
     text = (
-        "For each robot that came online: processor time from the order to start until the last message, and memory "
-        "that the server's containers held more at its end, as their control groups tell (the programs' own pages "
-        "and the kernel's for them). The robots' side counts agents, guards, rosbridges and OpenSSH clients, "
-        "which run at the lowest priority (nice 19), as robots have processors of their own; the "
-        "rest is what this machine did beside, such as Docker, the kernel's network, and other programs. Idle is the "
-        "whole fleet, online and used by nobody."
+        "For each robot that came online: processor time from the order to start until the last message, "
+        "and the memory that the server's containers had gained by then, from their control groups (the "
+        "programs' pages and the kernel's for them). The robots' side is agents, guards, rosbridges and "
+        "OpenSSH clients. They run at the lowest priority (nice 19), because real robots have processors "
+        "of their own. The rest is this machine's other work, such as Docker, the kernel's network and "
+        "other programs. Idle is the whole fleet, online and unused."
     )
     head = (
         "| robots at once | cores busy | CPU a robot, ms: sshd | relay | nginx, web, database | robots' side | "
@@ -104,9 +105,10 @@ def _cost_row(group: Group) -> str:
 
 def _returns(returns: Sequence[Group]) -> Section:
     text = (
-        "A fleet that is online loses its server: containers are killed and started again. The time runs from before "
-        "that until a robot has got a message that an operator sent afterwards. The server answers when it tells of "
-        "its fleet again. Nobody tells the agents: they notice, and try again by themselves."
+        "The containers of an online fleet's server are killed and started again. The time is from just "
+        "before the kill until a robot has received a message that an operator sent afterwards. The "
+        "server answers when it reports its fleet again. Nobody tells the agents: they notice, and "
+        "reconnect by themselves."
     )
     head = (
         "| restarted | robots | back in time | later | never | server answers, s | p50, s | p99, s | max, s "

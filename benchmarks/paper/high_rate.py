@@ -31,22 +31,24 @@ RATE_HZ, FAST_HZ = 100, 1000
 LADDER = (10, 5, 2, 1)
 MEGABIT = 1e6
 TEXT = (
-    f"std_msgs/String in operations of {FRAME_BYTES} bytes, each with its number, published on an operator's "
-    "connection (TLS, ticket, relay, tunnel, guard) and taken by a subscriber at the robot's own rosbridge, or the "
-    "other way where the run says so. Robots are the real agent and guard with the simulated robot's rosbridge. "
-    "Latency in ms is from the moment in which a message was due, by the one clock of this machine; so it includes "
-    "the sender's own lateness, which stands beside it, and what a subscriber waits for a processor. A run ends "
-    "when all have come or after 10 s of silence. Each message is sent once; a connection that ends is dialled "
-    "again and counted."
+    f"Each message is a std_msgs/String in an operation of {FRAME_BYTES} bytes, with its number. It is "
+    "published on an operator's connection (TLS, ticket, relay, tunnel, guard) and received by a "
+    "subscriber at the robot's own rosbridge, or in the other direction where the run says so. Robots are "
+    "the real agent and guard with the simulated robot's rosbridge. Latency in ms is from the time at "
+    "which the message was due, by this machine's clock. So it includes the sender's lateness, which has "
+    "columns of its own, and the subscriber's wait for a processor. A run ends when all messages have "
+    "come, or after 10 s of silence. Each message is sent once. A connection that ends is dialled again "
+    "and counted."
 )
 LINE_TEXT = (
-    "The paper limits the server's bandwidth; its rates are not at hand, so these are our own: both ways of one "
-    "cable in front of the server, for all operators and robots together, by the kernel's token bucket with a queue"
-    " of half a second, at least 64 KiB. What the line had to carry is counted on it, with all headers and "
-    "acknowledgements, in Mbit/s over the time that punctual senders take. Where that is more than the line, "
-    "messages first wait in its queue, then in the sockets of those who send, which then send late, and the run takes "
-    "longer. TCP loses none of them; but the relay ends a driver's connection of which it hears nothing for 2.5 s, as "
-    "the robot must not wait longer for its driver, and what was under way on that connection is lost."
+    "The paper limits the server's bandwidth. We do not know its rates, so these are our own. The "
+    "limit is on both directions of one cable in front of the server, for all operators and robots "
+    "together: the kernel's token bucket, with a queue of half a second and at least 64 KiB. The load is "
+    "counted on the line, with all headers and acknowledgements, in Mbit/s over the time that punctual "
+    "senders take. If it is more than the line, messages wait in its queue, then in the senders' sockets; "
+    "the senders are then late and the run takes longer. TCP loses no message. But the relay ends a "
+    "driver's connection after 2.5 s of silence, because the robot must not wait longer, and the messages "
+    "on their way are lost."
 )
 LINE_COLUMNS = (
     "run", "line Mbit/s", "offered to the server", "from the server", "packets dropped to it", "from it",

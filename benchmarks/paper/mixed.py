@@ -56,18 +56,18 @@ START_COLUMNS = (
     "max s",
 )
 START_TEXT = (
-    "Light robots (the real agent with its own OpenSSH tunnels, as in the start of many), each behind a network "
-    "of its own, all started at once; their operators are behind one network of the same kind. The time is from "
-    "the order to start until the robot's subscriber has got one std_msgs/String, with ticket and connection in "
-    "it. Each robot that got none in 60 s counts."
+    "Light robots (the real agent with its own OpenSSH tunnels, as above) start at once, each behind a "
+    "network of its own. Their operators are behind one network of the same kind. The time is from the "
+    "order to start until the robot's subscriber has received one std_msgs/String, with ticket and "
+    "connection. Each robot without a message after 60 s counts as failed."
 )
 TEXT = (
-    "As the high rate: whole robots, latency in ms from the moment in which a message was due. Each robot and "
-    "each operator is behind a network of its own, both of a pair of the same kind, so that a message crosses two"
-    " of them and cannot arrive before the sum of their delays. Links are emulated in order, as a radio link "
-    "retransmits; what is lost or does not fit into the link's queue is TCP's to send again, and the messages "
-    "behind it wait. On the worst network 10 messages a second are sent, as 100 with their headers and "
-    "acknowledgements are more than half of its 500 kbit/s."
+    "As in the high rate: whole robots, latency in ms from the time at which the message was due. Each "
+    "robot and each operator is behind a network of its own, both of the same kind. A message crosses "
+    "both, and cannot arrive before the sum of their delays. Links keep the order, as a radio link that "
+    "retransmits does. TCP sends again what is lost or does not fit into the link's queue, and the "
+    "messages behind it wait. On the worst network 10 messages a second are sent, because 100 with their "
+    "headers and acknowledgements are more than half of its 500 kbit/s."
 )
 CAPTION = "The share of messages that came later than a latency, by the networks; both axes are logarithmic."
 ROBOTS_A_NETWORK, QUICK_ROBOTS_A_NETWORK = 2, 1

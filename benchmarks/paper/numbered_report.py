@@ -35,10 +35,11 @@ COST_COLUMNS = ("run", "µs a message: nginx", "relay", "sshd", "robots",
 
 
 COST_TEXT = (
-    "Processor time a message of each container on its way, and of the robots (agents, guards, OpenSSH and rosbridge); "
-    "what a core of the server would pass on if it had nothing else to do, reckoned from the three containers' times; "
-    "the processes that send, receive and emulate networks, as shares of one core; and the share of all cores that was "
-    "used at all, also by what has nothing to do with this run, which is the last column."
+    "The first columns are the processor time for a message, of each container on its way and of the "
+    "robots (agents, guards, OpenSSH and rosbridge). The next is how many messages a core of the server "
+    "could pass on if it did nothing else, from the three containers' times. The next are the processes "
+    "that send, receive and emulate networks, as shares of one core. The last two are how much of all "
+    "cores was used, and how much of it by other work."
 )
 
 
@@ -203,7 +204,7 @@ def _shortfalls(title: str, run: Values) -> Iterable[str]:
         others = _percent(_others(run))
         yield (
             f"{title}: the machine was {_percent(busy(run))} busy ({others} with other work), so that latency{late} is "
-            "that of a full machine with all ends on it, not of the way."
+            "that of a full machine with all ends on it, not of the connection."
         )
 
 

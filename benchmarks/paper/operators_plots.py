@@ -1,4 +1,4 @@
-"""The operators' figures: throughput and delay between pictures in the paper's form, then ages and latencies. Pure."""
+"""The operators' figures: throughput and delay between frames in the paper's form, then ages and latencies. Pure."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def plots(summaries: Summaries) -> list[Plot]:
         return []
     video: Sequence[Row] = (
         ("mbit_s", "throughput of a robot, Mbit/s", "linear"),
-        ("delay_mean_ms", "delay between pictures, ms", "linear"),
+        ("delay_mean_ms", "delay between frames, ms", "linear"),
     )
     late: Sequence[Row] = (
-        ("age_p95_ms", "age of pictures, p95, ms", "log"),
+        ("age_p95_ms", "age of frames, p95, ms", "log"),
         ("command_p99_ms", "command latency, p99, ms", "log"),
     )
     return [
         Plot(
             name="operators-video",
             caption=(
-                "Throughput of one robot's video (above) and mean delay between pictures (below) by JPEG quality, one "
+                "Throughput of one robot's video (above) and mean delay between frames (below) by JPEG quality, one "
                 "line a network, three robots at once; left ours, right plain MJPEG through a bare ssh -R."
             ),
             draw=partial(draw, summaries=summaries, rows=video),
@@ -49,7 +49,7 @@ def plots(summaries: Summaries) -> list[Plot]:
         Plot(
             name="operators-age",
             caption=(
-                "Age of the pictures, p95 (above), and latency of commands meanwhile, p99 (below), by JPEG quality, "
+                "Age of the frames, p95 (above), and latency of commands meanwhile, p99 (below), by JPEG quality, "
                 "one line a network, on logarithmic axes; left ours, right plain MJPEG through a bare ssh -R."
             ),
             draw=partial(draw, summaries=summaries, rows=late),

@@ -23,7 +23,7 @@ HELD_UP = 0.97
 # Of the machine's processors: beyond it nothing comes at its time.
 FULL = 0.95
 HEADER = (
-    "| quality | way | pictures/s | camera's own | width, pixels | KB a picture | Mbit/s a robot "
+    "| quality | transport | frames/s | camera's own | width, pixels | KB a frame | Mbit/s a robot "
     "| delay between, mean, ms | p95 "
     "| age p50, ms | p95 | command p50, ms | p99 | lost | refused | longest pause, ms | simulator, % of a core "
     "| machine busy, % |"
@@ -44,11 +44,11 @@ class Measure:
 
 
 MEASURES = (
-    Measure("pictures_per_s", "pictures a second", "pictures/s", "higher"),
-    Measure("width_px", "width of pictures", "pixels", "higher"),
-    Measure("delay_p95_ms", "delay between pictures, p95", "ms", "lower"),
-    Measure("age_p50_ms", "age of pictures, p50", "ms", "lower"),
-    Measure("age_p95_ms", "age of pictures, p95", "ms", "lower"),
+    Measure("pictures_per_s", "frames a second", "frames/s", "higher"),
+    Measure("width_px", "width of frames", "pixels", "higher"),
+    Measure("delay_p95_ms", "delay between frames, p95", "ms", "lower"),
+    Measure("age_p50_ms", "age of frames, p50", "ms", "lower"),
+    Measure("age_p95_ms", "age of frames, p95", "ms", "lower"),
     Measure("command_p50_ms", "command latency, p50", "ms", "lower"),
     Measure("command_p99_ms", "command latency, p99", "ms", "lower"),
 )
@@ -96,22 +96,23 @@ def _sections(results: Results, runs: Runs) -> Iterator[Section]:
 def _how(results: Results) -> str:
     good = len(succeeded(results))
     return (
-        f"{ROBOTS} operators look at {ROBOTS} robots' cameras and drive them, all at once: {good} of {len(results)} "
-        "steps that were run succeeded. The robots are simulated ones with the real agent and guard, each behind a "
-        "network of its own; each operator is behind the first fixed line. A camera gives 640x480 pixels at "
-        f"{FPS} pictures a second, and draws the moment into each. Ours is the frames protocol with one quality alone "
-        "(`quality_min` and `quality_max` are the same: where a link is too narrow, pictures become smaller, which "
-        'their width tells, or are skipped), and once, "adaptive", with the range of a viewer who asks for nothing '
-        "else; the quality shown is then the mean of what the camera was asked for. Beside it, with the same robots "
-        "right before or after, is what the paper has: plain MJPEG and rosbridge through one bare `ssh -R` a robot, "
-        "without TLS, logins, guard and relay, which are in each figure of ours. The robots' TCP is cubic.\n\n"
-        "Commands go at 20 Hz: a twist, and with it a numbered text that tells when it was due. Command latency is "
-        "from that moment until the text is at the robot's own rosbridge. Lost is what had not come "
-        f"{LAST_S:g} s after the end, and is in no percentile; refused is what the guard let nobody drive with, as it "
-        "was over 0.5 s old; the longest pause is the longest time without a twist. Samples of the robots are put "
-        "together, rates are those of one robot. \"Camera's own\" is what the camera gave, by the pictures' numbers or "
-        f"by a viewer on the robot itself: less than {FPS} is this machine's limit and not the network's. Operators, "
-        "and those who note what arrives, are one process on this machine."
+        f"{ROBOTS} operators watch {ROBOTS} robots' cameras and drive them, all at once: {good} of "
+        f"{len(results)} steps that were run succeeded. The robots are simulated ones with the real agent "
+        "and guard, each behind a network of its own. Each operator is behind the first fixed line. A "
+        f"camera gives 640x480 pixels at {FPS} frames a second, and draws a timestamp into each. Our rows "
+        "use the frames protocol with a single quality (`quality_min` equals `quality_max`): on a link "
+        "that is too narrow, frames get smaller, as their width shows, or are skipped. One row, "
+        '"adaptive", has a viewer\'s default range of qualities; its quality is the mean of what the '
+        "camera was asked for. The other rows are the paper's system, with the same robots just before or "
+        "after: plain MJPEG and rosbridge through one bare `ssh -R` a robot, without TLS, logins, guard "
+        "and relay, which all our figures include. The robots' TCP is cubic.\n\n"
+        "Commands go at 20 Hz: a twist, and with it a numbered text that says when it was due. Command "
+        "latency is from then until the text is at the robot's own rosbridge. Lost is what had not come "
+        f"{LAST_S:g} s after the end; it is in no percentile. Refused is what the guard rejected because "
+        "it was over 0.5 s old. The longest pause is the longest time without a twist. Percentiles are "
+        "over all robots, rates are of one robot. \"Camera's own\" is the camera's rate, by the frames' "
+        f"sequence numbers or by a viewer on the robot itself: less than {FPS} is this machine's limit, "
+        "not the network's. Operators and recorders are one process on this machine."
     )
 
 
@@ -188,7 +189,7 @@ def _machine(runs: Runs) -> Iterator[str]:
         network, quality, transport = min(slow, key=slow.__getitem__)
         yield (
             f"This machine was a limit in {len(slow)} of {len(runs)} runs: the simulated cameras themselves gave "
-            f"fewer than {HELD_UP * FPS:.1f} pictures a second, at the least {slow[network, quality, transport]:.1f} "
+            f"fewer than {HELD_UP * FPS:.1f} frames a second, at the least {slow[network, quality, transport]:.1f} "
             f"({_condition(network, quality)}, {NAMES[transport]})."
         )
     full = [key for key, run in runs.items() if run.busy > FULL]

@@ -1,7 +1,7 @@
-"""docs/experiments/index.md: from what the journal holds to one page of Markdown, which html_page makes HTML of.
+"""Writes docs/experiments/index.md from the kept outcomes; html_page makes HTML of it.
 
-What has not run, has failed, could not be reported or falls short stands on
-the page; nothing is left out for looking bad.
+What has not run, has failed, could not be reported or falls short is on the page;
+nothing is left out for looking bad.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from sections import wrapped
+
 from paper import csv_files, figures
 from paper.runner import checked_steps, sentence
 from paper.step import Comparison, Part, Report, Results, Scale
@@ -22,15 +24,16 @@ from paper.words import duration, number, plain
 
 HEAD = """# Experiments
 
-The experiments of Sorrentino, Cavallo and Fiorini, "A Plug and Play Transparent Communication Layer for Cloud Robotics
-Architectures" (Robotics 2020, 9, 17), and what goes beyond them, on the real stack. Written by `make experiments` from
-what it measured: agent, OpenSSH, relay, nginx and MariaDB are the real ones, robots are simulated, networks emulated.
-A step that fails is counted and never run again. Ratio is ours divided by the reference's; the paper's figures are from
-other machines and networks, those of peers from this same run.
+The experiments of Sorrentino, Cavallo and Fiorini, "A Plug and Play Transparent Communication Layer
+for Cloud Robotics Architectures" (Robotics 2020, 9, 17), and more, on the real stack.
+`make experiments` writes this page. Agent, OpenSSH, relay, nginx and MariaDB are the real ones.
+Robots are simulated and networks emulated. A step that fails is counted and never repeated. The
+ratio is our value divided by the reference's. The paper's values are from other machines and
+networks, the peers' from this same run.
 """
-HOW = """Run it with `make experiments` on Debian with root or sudo; `QUICK=1` runs all of it small and writes
-elsewhere, `FULL=1` has the paper's 1000 repetitions of the start, `ONLY=PART,...` runs these parts alone, and an
-interrupted run goes on where it was.
+HOW = """Run it with `make experiments` on Debian, as root or with sudo. `QUICK=1` runs all of it small and
+writes elsewhere. `FULL=1` repeats the start 1000 times, as the paper does. `ONLY=PART,...` runs
+these parts alone. An interrupted run continues where it was.
 """
 COMPARISONS = "| part | what | against | reference | ours | ratio | better is | verdict |"
 MOST_TITLES = 5
@@ -127,7 +130,7 @@ def markdown(
 
 
 def _list(lines: Sequence[str]) -> str:
-    return "\n".join(f"- {line}" for line in lines)
+    return "\n".join(wrapped(f"- {line}", "  ") for line in lines)
 
 
 def _circumstances(
@@ -229,10 +232,10 @@ def _chapter(one: Chapter, written: Sequence[str]) -> str:
         _list(_failures(one)),
     ]
     for section in one.report.sections:
-        text += [f"### {section.title}", section.text, "\n".join(section.table)]
+        text += [f"### {section.title}", wrapped(section.text), "\n".join(section.table)]
     for plot in one.report.plots:
         if (name := figures.file_name(plot)) in written:
-            text += [f"![{plain(plot.caption)}]({name})", f"*{plain(plot.caption)}*"]
+            text += [f"![{plain(plot.caption)}]({name})", wrapped(f"*{plain(plot.caption)}*")]
     links = [
         f"[{name}]({name}): {plain(data.about)}"
         for data in one.report.data

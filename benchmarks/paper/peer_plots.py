@@ -22,8 +22,8 @@ def plots(conditions: Conditions) -> list[Plot]:
     if not conditions:
         return []
     caption = (
-        "Round trips of a 200-byte message by way, idle and behind video: the point is the median, the line ends at "
-        "the 99th percentile."
+        "Round trips of a 200-byte message by transport, idle and behind video: the point is the median, the line "
+        "ends at the 99th percentile."
     )
     return [
         Plot(

@@ -98,25 +98,26 @@ def _conditions(measured: Measured) -> dict[str, dict[str, Sequence[float]]]:
 
 def _latency_section(measured: Measured) -> Section:
     text = (
-        f"One simulated robot behind an emulated link ({LINK.name}, {LINK.ping_ms:g} ms), an operator beside the "
-        f"server, one way after the other. A {MESSAGE_BYTES}-byte std_msgs/String is published {RATE_HZ} times a "
-        "second without waiting, and comes back to the same connection, for "
-        f"{measured.plan.seconds:g} s each: with nothing else on the link, and {measured.plan.settle_s:g} s after "
-        "somebody began to look at the camera. The others' pictures are plain MJPEG in web_video_server's own "
-        "quality, which is more than this link takes, and in one that fits; Robotether's go by its frames protocol, "
-        "which chooses. Robotether alone has TLS up to the operator, tickets, permissions and a guard on the robot, "
-        "all of which is in its figures. The robot's TCP is cubic, as Debian has it, unless a way chooses. Each way "
-        "is set up as its own example or manual says: WireGuard with a keep-alive of "
-        f"{WireGuard.KEEPALIVE_S} s, OpenVPN over UDP with keep-alives of 10 and 120 s, nebula with the server as "
-        f"lighthouse, ssh with keep-alives of {ALIVE_S} s, {ALIVE_TIMES} times, at both ends, and autossh without a "
+        f"One simulated robot is behind an emulated link ({LINK.name}, {LINK.ping_ms:g} ms), the operator "
+        f"beside the server. The transports are measured one after the other. A {MESSAGE_BYTES}-byte "
+        f"std_msgs/String is published {RATE_HZ} times a second without waiting, and returns to the same "
+        f"connection, for {measured.plan.seconds:g} s each: on an idle link, and from "
+        f"{measured.plan.settle_s:g} s after somebody opened the camera. The peers' video is plain MJPEG, "
+        "in web_video_server's default quality, which is more than this link carries, and in one that "
+        "fits. Robotether uses its frames protocol, which chooses the quality. Only Robotether has TLS to "
+        "the operator, tickets, permissions and a guard on the robot, and its figures include them. The "
+        "robot's TCP is cubic, Debian's default, unless a transport sets another. Each peer is set up as "
+        f"its own example or manual says: WireGuard with a keep-alive of {WireGuard.KEEPALIVE_S} s, "
+        "OpenVPN over UDP with keep-alives of 10 and 120 s, nebula with the server as lighthouse, ssh "
+        f"with keep-alives of {ALIVE_S} s, {ALIVE_TIMES} times, at both ends, and autossh without a "
         "monitoring port."
     )
     table = [
-        "| way | meanwhile | round trips | p50 ms | p99 ms | max ms | pictures/s | KB each | age p50 ms | p95 ms |",
+        "| transport | meanwhile | round trips | p50 ms | p99 ms | max ms | frames/s | KB each | age p50 ms | p95 ms |",
         "|---|---|---|---|---|---|---|---|---|---|",
         *(row for key in measured.plan.transports for row in _latency_rows(measured, key)),
     ]
-    return Section("Round trips and pictures on one way after the other", text, table)
+    return Section("Round trips and frames by transport", text, table)
 
 
 def _latency_rows(measured: Measured, key: str) -> list[str]:
@@ -140,15 +141,16 @@ def _trips(trips: Sequence[float]) -> str:
 
 def _load_section(measured: Measured) -> Section:
     text = (
-        f"From the robot to the operator, for {measured.plan.load_s:g} s: a program on the robot publishes messages "
-        f"of {LOAD_BYTES // 1024} KiB as they are asked for, so many at a time that the link never waits. Counted is "
-        "the JSON text that comes. Processor seconds are user and system time of the way's own programs, for each "
-        "10^6 bytes that came: autossh, ssh and sshd; wireguard-go, openvpn or nebula at each end; and of ours the "
-        "agent with its guard and ssh, and all of sshd, relay and nginx. What the kernel does outside of a program "
-        "is nobody's: without a tunnel that is all of it."
+        f"For {measured.plan.load_s:g} s, a program on the robot publishes messages of "
+        f"{LOAD_BYTES // 1024} KiB to the operator on request, enough at a time that the link is always "
+        "busy. The JSON text that arrives counts. Processor time is user and system time of the "
+        "transport's own programs for each 10^6 bytes that arrived: autossh, ssh and sshd; wireguard-go, "
+        "openvpn or nebula at each end; for Robotether the agent with its guard and ssh, and all of sshd, "
+        "relay and nginx. What the kernel does outside a program is not counted: without a tunnel that is "
+        "everything."
     )
     table = [
-        f"| way | Mbit/s | of the link's {LINK.up_mbit_s:g} | robot's side, s per MB | server's side, s per MB |",
+        f"| transport | Mbit/s | of the link's {LINK.up_mbit_s:g} | robot's side, s per MB | server's side, s per MB |",
         "|---|---|---|---|---|",
         *(_load_row(measured, key) for key in measured.plan.transports),
     ]
@@ -168,14 +170,15 @@ def _load_row(measured: Measured, key: str) -> str:
 
 def _changes_section(measured: Measured) -> Section:
     text = (
-        "Start: from the start of the robot's client program until an operator has the first message that was asked "
-        f"for, on a connection that is tried anew each {EVERY_S:g} s. New address: from the moment in which the robot "
-        "has another address until a message passes, on such a new connection or on one that was there and sends "
-        f"{HELD_HZ} messages a second and takes the robot's odometry. Nobody waits longer than {GIVE_UP_S:g} s. "
-        f"Without a tunnel the operator is told the new address at once.{_patient(measured)}"
+        "Start is from the start of the robot's client program until an operator has the first message "
+        f"that was requested, on a connection that is tried again every {EVERY_S:g} s. New address is from "
+        "when the robot has another address until a message passes, on such a new connection or on an "
+        f"older one that sends {HELD_HZ} messages a second and subscribes to the robot's odometry. Each "
+        f"try ends after {GIVE_UP_S:g} s. Without a tunnel the operator learns the new address at "
+        f"once.{_patient(measured)}"
     )
     table = [
-        "| way | start, p50 s | max s | never | new address, p50 s | max s | never |",
+        "| transport | start, p50 s | max s | never | new address, p50 s | max s | never |",
         "|---|---|---|---|---|---|---|",
         *(_changes_row(measured, key) for key in measured.plan.transports),
     ]
@@ -191,9 +194,9 @@ def _patient(measured: Measured) -> str:
         "it did not come back in three minutes" if took_s is None else f"that took {took_s:.0f} s"
     )
     return (
-        " It seems that a bare ssh -R needs an operator who leaves it alone: attempts into the dead tunnel may be what "
-        "keeps it, and with it the port, which was not looked into. Once, beside the table, the operator hung up and "
-        f"tried each {PATIENT_EVERY_S:g} s only: {after}."
+        " A bare ssh -R seems to need an operator who leaves it alone: attempts into the dead tunnel may keep it "
+        "alive, and with it the port. This was not examined. Once, outside the table, the operator hung up and tried "
+        f"only every {PATIENT_EVERY_S:g} s: {after}."
     )
 
 
@@ -230,8 +233,8 @@ def figures(measured: Measured, key: str) -> dict[str, tuple[float, str, str]]:
             trips, ages = one["round_trips_ms"], one["picture_ages_ms"]
             found[f"round trip p50, {meanwhile}"] = (quantile(trips, 0.5), "ms", "lower")
             found[f"round trip p99, {meanwhile}"] = (quantile(trips, 0.99), "ms", "lower")
-            found[f"age of pictures p95, {meanwhile}"] = (quantile(ages, 0.95), "ms", "lower")
-            found[f"pictures a second, {meanwhile}"] = (one["pictures_per_s"], "1/s", "higher")
+            found[f"age of frames p95, {meanwhile}"] = (quantile(ages, 0.95), "ms", "lower")
+            found[f"frames a second, {meanwhile}"] = (one["pictures_per_s"], "1/s", "higher")
     if (load := measured.of(key, LOAD)) is not None:
         found["throughput to the operator"] = (load["payload_bit_s"] / 1e6, "Mbit/s", "higher")
         if key != STRAIGHT:
@@ -293,7 +296,7 @@ def _never(measured: Measured) -> list[str]:
 def _round_trips_file(measured: Measured) -> Data:
     return Data(
         name="peers-round-trips",
-        about=f"Round trips of a {MESSAGE_BYTES}-byte message by way and what went on meanwhile, in order",
+        about=f"Round trips of a {MESSAGE_BYTES}-byte message by transport and what went on meanwhile, in order",
         header=("way", "meanwhile", "round_trip_ms"),
         rows=[
             (title, meanwhile, round(value, 2))
@@ -312,7 +315,7 @@ def _frames_file(measured: Measured) -> Data:
             rows += [(TITLES[key], video, round(age, 2)) for age in one["picture_ages_ms"]]
     return Data(
         name="peers-pictures",
-        about="Age of each picture when it was whole at the operator, by way and video, in order",
+        about="Age of each frame when it was whole at the operator, by transport and video, in order",
         header=("way", "video", "age_ms"),
         rows=rows,
     )

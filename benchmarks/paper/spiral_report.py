@@ -35,14 +35,15 @@ def report(plan: Plan, results: Results) -> Report:
 
 def _ends_section(plan: Plan, results: Results, runs: Sequence[Run]) -> Section:
     text = (
-        f"An operator's program publishes a twist at {spiral_course.RATE_HZ:g} Hz without looking at the robot: "
-        f"{spiral_course.FIRST_SPEED_M_S:g} m/s and {spiral_course.SPEED_STEP_M_S:g} m/s more each time, at "
-        f"{spiral_course.TURN_RAD_S:g} rad/s, until {LENGTH_M:g} m are commanded, then zero.{_shortened(plan)} "
-        f"{_how_often(plan, results)} Each robot is the real agent and guard "
-        "with a simulator of turtlesim's kinematics, behind an uplink of its own; the operators of one network share "
-        "one uplink of the same kind. The guard of these robots waits 1 s for a command, as 0.5 s is what lies between "
-        "two. Where a robot is, is read at its own rosbridge; the ideal end is computed in closed form for commands at "
-        "exact intervals. A run counts as completed when the robot got each command once, in order, and then stood."
+        f"An operator's program publishes a twist at {spiral_course.RATE_HZ:g} Hz without looking at the "
+        f"robot: {spiral_course.FIRST_SPEED_M_S:g} m/s and {spiral_course.SPEED_STEP_M_S:g} m/s more each "
+        f"time, at {spiral_course.TURN_RAD_S:g} rad/s, until {LENGTH_M:g} m are commanded, then "
+        f"zero.{_shortened(plan)} {_how_often(plan, results)} Each robot is the real agent and guard with "
+        "a simulator of turtlesim's kinematics, behind an uplink of its own. The operators of one network "
+        "share one uplink of the same kind. The guard of these robots waits 1 s for a command, because "
+        "commands are 0.5 s apart. The position is read at the robot's own rosbridge. The ideal end is "
+        "computed in closed form, for commands at exact intervals. A run is complete if the robot "
+        "received each command once, in order, and then stopped."
     )
     table = [
         "| network | completed | sigma of x, m | sigma of y, m | off the ideal end, p50, mm | max, mm "
@@ -69,7 +70,7 @@ def _shortened(plan: Plan) -> str:
         return ""
     return (
         f" This run drove only the first {plan.duration_s:g} s of it "
-        f"({commanded_m(plan.wanted):.3f} m), so that its ends are not the paper's and are not compared with them."
+        f"({commanded_m(plan.wanted):.3f} m), so its ends are not compared with the paper's."
     )
 
 
@@ -88,12 +89,13 @@ def _ends_row(plan: Plan, network: str, runs: Sequence[Run]) -> str:
 
 def _causes_section(plan: Plan, runs: Sequence[Run]) -> Section:
     text = (
-        f"turtlesim moves in steps of {STEP_S * 1000:g} ms and takes a command at its next step. {_steps(plan)} The "
-        'row "exact intervals" is what that alone makes: computed with the simulator\'s own kinematics for all phases '
-        'of its clock, without a network. "Same number of steps" keeps, of each network, only the runs that took the '
-        'commonest number of steps. "Arrivals alone" takes the times at which the commands came to the robot, and a '
-        "robot that follows at once and without steps: this is what the network, and everything of ours in it, adds. "
-        "These three are the sigma of x / of y. The last columns are times of the commands as the watching process saw "
+        f"turtlesim moves in steps of {STEP_S * 1000:g} ms and applies a command at its next step. "
+        f'{_steps(plan)} The row "exact intervals" shows the effect of that alone: computed with the '
+        'simulator\'s kinematics for all phases of its clock, without a network. "Same number of steps" '
+        'keeps, of each network, only the runs with the commonest number of steps. "Arrivals alone" '
+        "applies the commands at the times at which they came to the robot, to a robot that follows at "
+        "once and without steps: this is the effect of the network and of Robotether. These three columns "
+        "are sigma of x / of y. The last columns are times of the commands as the watching process saw "
         "them, on a machine that runs everything."
     )
     return Section("Where the spread comes from", text, _causes_table(plan, runs))
@@ -105,9 +107,8 @@ def _steps(plan: Plan) -> str:
         return f"The whole drive is {steps:g} steps."
     apart_mm = plan.wanted[-1].linear_x * STEP_S * 1000
     return (
-        f"The whole drive is {steps:g} steps, so that even commands that arrive at exact intervals move a robot for "
-        f"{int(steps)} or {int(steps) + 1} of them, as its clock happens to stand: ends that lie {apart_mm:.0f} mm "
-        "apart."
+        f"The whole drive is {steps:g} steps. So even commands at exact intervals move a robot for {int(steps)} or "
+        f"{int(steps) + 1} of them, depending on its clock: ends that are {apart_mm:.0f} mm apart."
     )
 
 
