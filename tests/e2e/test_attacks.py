@@ -297,7 +297,7 @@ PAGES: dict[str, tuple[Sent, str]] = {
     "stop without an origin": (("POST", STOP, {}, {}), "403 csrf_refused"),
     "stop all": (("POST", f"{API}/stop", FROM_ELSEWHERE, {}), "403 origin_refused"),
     "release": (("POST", f"{API}/robots/{ROBOT}/release", FROM_ELSEWHERE, None), "403 origin_refused"),
-    "ask for the control": (("POST", LEASE, FROM_ELSEWHERE, {"action": "ask"}), "403 origin_refused"),
+    "ask for control": (("POST", LEASE, FROM_ELSEWHERE, {"action": "ask"}), "403 origin_refused"),
     "take without an origin": (("POST", LEASE, {}, {"action": "take"}), "403 csrf_refused"),
     "ticket": (("POST", f"{API}/tickets", {}, {"robot": ROBOT, "mode": "drive"}), "403 csrf_refused"),
     "ticket with a token of its own": (

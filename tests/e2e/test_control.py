@@ -93,7 +93,7 @@ def test_the_second_one_watches_and_reads_who_drives(
     page_users: PageUsers, ann: Page, ben: Page
 ) -> None:
     """Who comes second reads who drives since when and may ask; who may only watch reads the same."""
-    drives = re.compile(r"ann drives since \d\d:\d\d")
+    drives = re.compile(r"ann has been driving since \d\d:\d\d")
     expect(ben.get_by_test_id("driver")).to_have_text(drives)
     expect(ben.get_by_test_id("control-ask")).to_be_visible()
     expect(ben.get_by_test_id("control-take")).to_be_hidden()
@@ -163,7 +163,7 @@ def test_a_manager_takes_the_control_after_a_second_thought(
     admin = page_users.open("admin", ROBOT)
     expect_mode(admin, "observe")
     admin.get_by_test_id("control-take").click()
-    expect(admin.get_by_test_id("take-sure")).to_contain_text("Take the control from ann?")
+    expect(admin.get_by_test_id("take-sure")).to_contain_text("Take control from ann?")
     answer(admin, "take-no")
     expect(admin.get_by_test_id("take-sure")).to_be_hidden()
     expect_mode(ann, "drive")
@@ -275,7 +275,7 @@ def test_the_first_held_input_takes_the_control_and_drives(
         held.release()
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
     expect(page.get_by_test_id("driver")).to_contain_text("You drive since")
-    expect(page.get_by_test_id("control-note")).to_have_text("You took the control.")
+    expect(page.get_by_test_id("control-note")).to_have_text("You took control.")
 
 
 def _drove(watch: SimWatch, since: float) -> bool:

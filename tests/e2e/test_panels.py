@@ -270,7 +270,7 @@ def test_no_topic_is_asked_for_until_it_is_opened(page_users: PageUsers, stack: 
     assert subscribed.topics.count("/battery_state") == asked + 1
     page.evaluate(HIDE)
     expect(page.get_by_test_id("topic-notice")).to_have_text(
-        "Not connected. This goes on by itself."
+        "Not connected. This page reconnects by itself."
     )
     wait_until(page, "closed", subscribed.sockets[-1].is_closed)
 

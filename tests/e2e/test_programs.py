@@ -210,7 +210,7 @@ async def test_offline_robot_closes_with_a_reason(program: Program, stack: Stack
         assert frame.type is aiohttp.WSMsgType.CLOSE
         assert told_after_s < 1.5
         assert frame.data == 4503
-        assert "sim3 is offline since" in frame.extra
+        assert "sim3 has been offline since" in frame.extra
     finally:
         await asyncio.to_thread(sim.start)
         await asyncio.to_thread(wait_until_back, stack, "sim3")

@@ -318,7 +318,7 @@ def test_a_frozen_camera_is_grey_and_says_so(robot: Page, stack: Stack) -> None:
     tile = _tile(robot, FRONT)
     with frozen_cameras(stack, ROBOT):
         _expect_picture(tile, "old", seconds=5)
-        expect(tile.get_by_test_id("tile-words")).to_contain_text("This picture is old.")
+        expect(tile.get_by_test_id("tile-words")).to_contain_text("This video is old.")
         assert "grayscale" in robot.get_by_test_id("video").evaluate(
             "canvas => getComputedStyle(canvas).filter"
         )

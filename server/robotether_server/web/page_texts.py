@@ -31,7 +31,7 @@ KINDS: Mapping[str, str] = {
     "guard_fence": "of another driver at the robot",
     "guard_stopped": "while the robot was stopped",
     "guard_shape": "not understood by the robot's guard",
-    "guard_held": "while the robot could not take them",
+    "guard_held": "while the robot could not accept them",
 }
 # They follow on "ended by". The codes are those of docs/protocols.md, and one that a new relay writes
 # for what the relay before it left open.
@@ -46,10 +46,10 @@ DRIVES: Mapping[str, str] = {
     "robot_stopped": "a stop of the robot",
     "lease_held": "somebody else, who drove already",
     "lease_lost": "a change of driver",
-    "lease_unavailable": "a database without answer",
+    "lease_unavailable": "a database that did not answer",
     "too_many_connections": "too many connections",
     "robot_offline": "the robot, which was offline",
-    "rosbridge_down": "a rosbridge without answer",
+    "rosbridge_down": "a rosbridge that did not answer",
     "link_lost": "loss of the link to the robot",
     "message_too_big": "a message that was too big",
     "protocol_broken": "a breach of the WebSocket protocol",
@@ -117,7 +117,7 @@ SENTENCES: Mapping[str, str] = {
     "key_claimed": "another machine says to be {robot}",
     "drive_started": "began to drive {robot}",
     "drive_ended": "drives {robot} no more",
-    "lease_asked": "asked for the control of {robot}",
+    "lease_asked": "asked for control of {robot}",
     "lease_refused": "did not hand the control of {robot} over to {to}",
     "lease_handed_over": "handed the control of {robot} over to {to}",
     "lease_passed": "got the control of {robot}, as {driver} did not answer",

@@ -3,7 +3,7 @@
 export const connection = {
   connecting: {
     title: "Connecting",
-    detail: ({ driving }) => (driving ? "Taking the control." : "Opening the connection to the robot."),
+    detail: ({ driving }) => (driving ? "Taking control." : "Opening the connection to the robot."),
   },
   live: {
     title: "Live",
@@ -14,17 +14,17 @@ export const connection = {
   },
   offline: {
     title: "Robot offline",
-    detail: ({ since, reason }) => `${offlineSince(since, reason)}Connects by itself when it is back.`,
+    detail: ({ since, reason }) => `${offlineSince(since, reason)}This page connects by itself when the robot is back.`,
     action: "Try now",
   },
   rosbridge_down: {
     title: "ROS not answering",
-    detail: () => "The robot is online, its rosbridge is not. Start rosbridge there; this page keeps trying.",
+    detail: () => "The robot is online, but its rosbridge is not. Start rosbridge there; this page keeps trying.",
     action: "Try now",
   },
   link_lost: {
     title: "Link lost",
-    detail: () => "No command reaches the robot. Resuming by itself.",
+    detail: () => "No command reaches the robot. This page reconnects by itself.",
     action: "Try now",
   },
   server_unreachable: {
@@ -39,7 +39,7 @@ export const connection = {
   },
   lease_unavailable: {
     title: "Control unavailable",
-    detail: () => "The server cannot hand out the control now; this page keeps trying.",
+    detail: () => "The server cannot give control to anybody now; this page keeps trying.",
     action: "Try now",
   },
 };
@@ -49,37 +49,37 @@ export const control = {
   drive: "Drive",
   driveHere: "Drive here",
   nobody: "Nobody drives.",
-  you: (since) => `You drive since ${since}.`,
-  yourOther: (since) => `You drive in another window since ${since}.`,
-  other: (user, since) => `${user} drives since ${since}.`,
-  reservedForYou: "The control is kept for you.",
-  reserved: (user) => `The control goes to ${user}.`,
-  waiting: (user) => `${user} asks for the control.`,
-  guardDown: "The robot's guard does not answer: it takes no commands until it is back.",
-  guardOff: "This robot's guard is switched off: it does not stop by itself.",
+  you: (since) => `You have been driving since ${since}.`,
+  yourOther: (since) => `You have been driving in another window since ${since}.`,
+  other: (user, since) => `${user} has been driving since ${since}.`,
+  reservedForYou: "Control is reserved for you.",
+  reserved: (user) => `Control goes to ${user}.`,
+  waiting: (user) => `${user} asks for control.`,
+  guardDown: "The robot's guard does not answer. The robot accepts no commands until it is back.",
+  guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
   asks: (user) => `${user} asks for control.`,
-  passes: (seconds) => `Without an answer it passes on in ${seconds} s, unless you drive.`,
-  arrives: (user, seconds) => `You asked ${user}. Without an answer you get the control in ${seconds} s.`,
-  takeSure: (user) => `Take the control from ${user}? The robot stops, and ${user} can only watch.`,
+  passes: (seconds) => `If you neither reply nor drive, control passes on in ${seconds} s.`,
+  arrives: (user, seconds) => `You asked ${user}. Without a reply you get control in ${seconds} s.`,
+  takeSure: (user) => `Take control from ${user}? The robot stops, and ${user} can only watch.`,
   failed: (detail) => detail || "The server does not answer. Try again.",
 };
 
 // By why the drive mode changed, as in driveMode.js.
 export const driveMode = {
-  lease_held: () => "The control is somebody else's, so you are watching.",
-  lease_lost: ({ reason }) => `You no longer drive: ${reason || "somebody else has the control"}.`,
-  superseded: () => "You went on in another window, so this one is watching.",
+  lease_held: () => "Somebody else has control, so you are watching.",
+  lease_lost: ({ reason }) => `You no longer drive: ${reason || "somebody else has control"}.`,
+  superseded: () => "You continued in another window, so this one is watching.",
   robot_stopped: () => "The robot was stopped, so you are watching.",
-  stopped_meanwhile: () => "The robot was stopped, so nobody gets the control.",
+  stopped_meanwhile: () => "The robot was stopped, so nobody gets control.",
   refused: ({ by }) => `${by} said no.`,
-  arrived: () => "You have the control now.",
-  pressed: () => "You took the control.",
+  arrived: () => "You have control now.",
+  pressed: () => "You took control.",
   busy_driver: ({ by }) => `${by} is driving. To drive, ask for control.`,
   busy_reserved: ({ by }) => `${by} is about to drive.`,
   busy_stopped: () => "The robot is stopped. Release it to drive.",
-  busy_window: () => "You are driving in another window. Press Drive here to go on in this one.",
+  busy_window: () => "You are driving in another window. Press Drive here to continue in this one.",
   released: () => "The robot is released.",
-  left: () => "You gave up the control.",
+  left: () => "You gave up control.",
   failed: ({ reason }) => reason,
 };
 
@@ -105,11 +105,11 @@ export const release = {
 export const reasons = {
   login: "Your login has ended. Log in again.",
   robot: "There is no such robot, or it is not open to you.",
-  grant: "Your account may no longer do this. Reload to see what is left.",
+  grant: "Your account may no longer do this. Reload the page to see what it may do.",
   stale: "This page is too old. Reload it.",
   restarting: "The server is restarting; this page keeps trying.",
   busy: "The server asks to slow down; this page keeps trying.",
-  crowded: "Too many connections to this robot or of your account are open. Close other windows; this page keeps trying.",
+  crowded: "This robot or your account has too many open connections. Close other windows; this page keeps trying.",
 };
 
 export const logIn = "Log in";
@@ -157,10 +157,10 @@ export const states = {
   held: {
     title: "Paused",
     detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
-    action: "Drive without picture",
+    action: "Drive without video",
   },
   blind: {
-    title: "Driving without picture",
+    title: "Driving without video",
     detail: () => "You cannot see what is in front of the robot.",
   },
 };

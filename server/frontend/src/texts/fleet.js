@@ -13,7 +13,7 @@ export const fleet = {
   video: "video does not answer",
   guard: "its guard does not answer",
   batteryLow: "battery low",
-  driverAsked: (driver, asking) => `${driver}; ${asking} asks for the control`,
+  driverAsked: (driver, asking) => `${driver}; ${asking} asks for control`,
   stopAll: "Stop all robots",
   stopSite: (site) => `Stop site ${site}`,
   stopResult: ({ name, stopped, confirmed }) => {

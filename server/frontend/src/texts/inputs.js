@@ -43,20 +43,20 @@ export const hints = {
 
 // By the state as of gamepad.js, besides none, lost and learning.
 export const gamepad = {
-  none: () => "No gamepad seen yet. Press any button on it.",
-  lost: () => "The gamepad is gone. What it drove was stopped.",
+  none: () => "No gamepad found yet. Press any button on it.",
+  lost: () => "The gamepad is disconnected. What it drove has stopped.",
   unknown: () => "This gamepad is new here. Set it up to drive with it.",
-  off: () => "Gamepad found. It drives when you do.",
-  stuck: ({ enable }) => `Let go of ${enable} first, then hold it to drive.`,
+  off: () => "Gamepad found. It works when you drive.",
+  stuck: ({ enable }) => `Release ${enable} first, then hold it to drive.`,
   ready: ({ enable }) => `Gamepad ready. Hold ${enable} to drive.`,
-  learning: () => "Setting the gamepad up. Meanwhile it neither drives nor stops.",
+  learning: () => "Setting up the gamepad. Meanwhile it neither drives nor stops the robot.",
 };
 
 export const gamepadUse = {
   enable: (name) => `Hold ${name} to drive.`,
-  turbo: (name) => (name ? `With ${name} too it goes up to the turbo limit.` : ""),
+  turbo: (name) => (name ? `Hold ${name} too for the turbo limit.` : ""),
   stop: (name) => (name ? `Press ${name} to stop the robot.` : "No button stops the robot; set one up."),
-  left: "No stick drives it sideways; set one up.",
+  left: "No stick drives the robot sideways; set one up.",
 };
 
 export const learning = {

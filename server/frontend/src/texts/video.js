@@ -1,8 +1,8 @@
 // Sentences of the pages: pictures, overlays, battery and diagnostics. No logic beyond filling in.
 
 export const frame = {
-  of: (name) => `Live picture of ${name}`,
-  old: "This picture is old.",
+  of: (name) => `Live video of ${name}`,
+  old: "This video is old.",
   age: (ms) => (ms < 10_000 ? `${Math.round(ms)} ms` : `${Math.round(ms / 1000)} s old`),
   rate: (perSecond) => `${perSecond.toFixed(1)}/s`,
   quality: (percent) => `${percent} %`,
@@ -10,8 +10,8 @@ export const frame = {
   enlarge: (name) => `Show ${name} large`,
   // Why there is no new picture, by the words of client/frames.js.
   why: {
-    starting: () => "Waiting for the first picture.",
-    waiting: () => "The camera sends no picture.",
+    starting: () => "Waiting for the first frame.",
+    waiting: () => "The camera sends no video.",
     down: (detail) => `The camera does not answer${detail ? `: ${detail}` : ""}.`,
     paused: () => "Paused while this page is in the background.",
     old: () => "",
@@ -20,7 +20,7 @@ export const frame = {
     login_missing: () => "Your login has ended.",
     rights_ended: () => "Your rights have changed.",
     crowded: () => "Too many windows show this camera.",
-    slow: () => "This device took no pictures. Starting again.",
+    slow: () => "This device received no video. Starting again.",
     restarting: () => "The server is restarting.",
     link_lost: () => "The link to the robot was lost. Starting again.",
     cut: () => "The stream was cut. Starting it again.",

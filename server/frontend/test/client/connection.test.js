@@ -111,7 +111,7 @@ test("a robot that is offline is told by the close code, and each attempt has a 
   connection.start();
   await settle();
   links[0].onOpen();
-  links[0].onClose({ code: 4503, reason: "robot sim1 is offline since 12:03 UTC" });
+  links[0].onClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
   assert.deepEqual(states, ["connecting", "offline"]);
   await pass(500);
   assert.equal(links.length, 2);

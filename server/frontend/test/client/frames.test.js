@@ -226,8 +226,8 @@ test("a link that brings nothing, no beat either, is a cut", async () => {
 
 test("the close code says why", async () => {
   const socket = await goOpen();
-  socket.end(4503, "robot sim1 is offline since 12:03 UTC");
-  assert.deepEqual([last().why, last().detail], ["robot_offline", "robot sim1 is offline since 12:03 UTC"]);
+  socket.end(4503, "robot sim1 has been offline since 12:03 UTC");
+  assert.deepEqual([last().why, last().detail], ["robot_offline", "robot sim1 has been offline since 12:03 UTC"]);
 });
 
 test("news that the robot is back brings the next attempt at once, but not a second one beside a link", async () => {

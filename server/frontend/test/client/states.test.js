@@ -43,7 +43,7 @@ test("a cut without a code is a lost link when it was live, else an unreachable 
 });
 
 test("an offline robot keeps the reason that the server gave", () => {
-  const state = afterClose({ code: 4503, reason: "robot sim1 is offline since 12:03 UTC" });
+  const state = afterClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
   const detail = texts.offline.detail({ since: "", reason: state.reason });
   assert.match(detail, /offline since 12:03 UTC/);
 });

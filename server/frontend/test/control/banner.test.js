@@ -36,7 +36,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   held();
   press();
   assert.deepEqual(deeds, ["retry"]);
-  assert.equal(parts["state-action"].textContent, "Drive without picture");
+  assert.equal(parts["state-action"].textContent, "Drive without video");
 });
 
 test("who has had the time to read it, or saw no button before, may drive without a picture", () => {

@@ -23,7 +23,7 @@ test("a card tells who drives, who gets the control and who asks for it", () => 
   assert.equal(driverText({}), "");
   assert.equal(driverText({ control: { driver: ann } }), "ann");
   assert.equal(driverText({ control: { driver: null, reserved: ben } }), "ben");
-  assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for the control");
+  assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for control");
 });
 
 test("a card tells the battery, and one that is low calls for attention unless it is charged", () => {

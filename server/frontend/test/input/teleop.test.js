@@ -320,7 +320,7 @@ test("with nothing held, being disarmed sends nothing: somebody else may drive",
   assert.deepEqual(sent, []);
 });
 
-test("a press on a page that watches asks for the control and sends nothing", () => {
+test("a press on a page that watches asks for control and sends nothing", () => {
   teleop.watch();
   teleop.hold("keyboard", FORWARD);
   pass(900);

@@ -75,7 +75,7 @@ test("an old picture stays with words and its age", async () => {
   clock = 13_900;
   tile.showState();
   assert.equal(element.dataset.picture, "old");
-  assert.match(parts.words.textContent, /^This picture is old. The link to the robot was lost/);
+  assert.match(parts.words.textContent, /^This video is old. The link to the robot was lost/);
   assert.match(parts.facts.textContent, /^13 s old/);
 });
 
@@ -119,7 +119,7 @@ test("before the first picture the reason is told in words", async () => {
   streams[0].onStatus({ picture: "none", why: "down", detail: "no such topic" });
   assert.equal(parts.words.textContent, "The camera does not answer: no such topic.");
   streams[0].onStatus({ picture: "none", why: "a word of a newer client", detail: "" });
-  assert.equal(parts.words.textContent, "The camera sends no picture.");
+  assert.equal(parts.words.textContent, "The camera sends no video.");
 });
 
 // A canvas that writes down what is drawn, in place of a browser's.

@@ -60,7 +60,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Waiting:
-    """Who asked for the control."""
+    """Who asked for control."""
 
     user: RelayUser
     since: Now
@@ -159,9 +159,9 @@ class Lease:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
-            raise LeaseFree("cannot ask for the control: it is yours")
+            raise LeaseFree("cannot ask for control: it is yours")
         if self.waiting is not None and self.waiting.user.id != user.id:
-            raise AlreadyAsked(f"cannot ask for the control: {self.waiting.user.name} waits for it")
+            raise AlreadyAsked(f"cannot ask for control: {self.waiting.user.name} waits for it")
         if self.waiting is not None:
             return False
         self._count_question(user, now)
@@ -171,7 +171,7 @@ class Lease:
     def withdraw(self, user: RelayUser) -> None:
         """Take one's question back."""
         if self.waiting is None or self.waiting.user.id != user.id:
-            raise NobodyAsks("cannot take the question back: you have not asked for the control")
+            raise NobodyAsks("cannot take the question back: you have not asked for control")
         self.waiting = None
 
     def refuse(self, user: RelayUser, now: Now) -> RelayUser:
@@ -230,7 +230,7 @@ class Lease:
         if not limiter.allow(now.s):
             wait_s = math.ceil(limiter.free_in_s(now.s))
             raise Throttled(
-                f"cannot ask for the control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
+                f"cannot ask for control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
                 f"ask again in {wait_s} s",
                 wait_s,
             )
@@ -240,14 +240,14 @@ class Lease:
             return self.driver
         kept = self.reserved(now)
         if kept is not None:
-            raise AlreadyAsked(f"cannot ask for the control: it is kept for {kept.user.name}")
-        raise LeaseFree("cannot ask for the control: nobody drives; just connect")
+            raise AlreadyAsked(f"cannot ask for control: it is kept for {kept.user.name}")
+        raise LeaseFree("cannot ask for control: nobody drives; just connect")
 
     def _asker_of(self, user: RelayUser, now: Now) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
             raise LeaseNotYours("cannot answer for the driver: you do not drive this robot")
         if self.waiting is None:
-            raise NobodyAsks("cannot answer: nobody asks for the control")
+            raise NobodyAsks("cannot answer: nobody asks for control")
         return self.waiting.user
 
     def _pass_to(self, user: RelayUser, now: Now) -> Passed:

@@ -75,7 +75,7 @@ def rights_ended(robot: str) -> CloseReason:
 
 def superseded(robot: str) -> CloseReason:
     """The same user drives with a newer connection."""
-    return CloseReason(4002, "superseded", f"you drive robot {robot} with a newer connection now")
+    return CloseReason(4002, "superseded", f"a newer connection of yours drives robot {robot} now")
 
 
 def robot_stopped(robot: str, by: str, at: datetime) -> CloseReason:
@@ -88,16 +88,16 @@ def lease_held(robot: str, by: str, since: datetime | None) -> CloseReason:
     """Somebody else drives, or is about to."""
     if since is None:
         return CloseReason(
-            4009, "lease_held", f"the control of {robot} is kept for {by}; wait a moment"
+            4009, "lease_held", f"control of {robot} is reserved for {by}; wait a moment"
         )
     timestamp = since.astimezone(timezone.utc).strftime("%H:%M UTC")
-    why = f"{by} drives {robot} since {timestamp}; ask for the control, or wait"
+    why = f"{by} has been driving {robot} since {timestamp}; ask for control, or wait"
     return CloseReason(4009, "lease_held", why)
 
 
 def lease_lost(robot: str, to: str) -> CloseReason:
     """The control was handed over, passed on or taken."""
-    return CloseReason(4010, "lease_lost", f"the control of {robot} is {to}'s now")
+    return CloseReason(4010, "lease_lost", f"{to} controls {robot} now")
 
 
 def lease_unavailable(robot: str) -> CloseReason:
@@ -109,14 +109,14 @@ def lease_unavailable(robot: str) -> CloseReason:
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """Neither pong nor message came in time."""
     return CloseReason(
-        4408, "client_silent", f"nothing came from you for {limit_s:g} s; robot {robot} let go"
+        4408, "client_silent", f"you sent nothing for {limit_s:g} s, so the connection to robot {robot} is closed"
     )
 
 
 def client_slow(robot: str, limit_s: float) -> CloseReason:
     """The operator does not take what the robot sends."""
     return CloseReason(
-        4413, "client_slow", f"you took nothing of what robot {robot} sent for {limit_s:g} s"
+        4413, "client_slow", f"you did not read what robot {robot} sent for {limit_s:g} s"
     )
 
 
@@ -173,4 +173,4 @@ def offline_sentence(robot: str, since: datetime | None, now: datetime) -> str:
         return f"robot {robot} is offline: it has not connected yet"
     since, now = since.astimezone(timezone.utc), now.astimezone(timezone.utc)
     layout = "%H:%M UTC" if since.date() == now.date() else "%Y-%m-%d %H:%M UTC"
-    return f"robot {robot} is offline since {since.strftime(layout)}"
+    return f"robot {robot} has been offline since {since.strftime(layout)}"

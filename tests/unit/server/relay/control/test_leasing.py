@@ -50,7 +50,7 @@ async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
         async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)) as second:
             code, reason = await closing(second)
         assert code == 4009
-        assert reason.startswith("ann drives sim1 since ")
+        assert reason.startswith("ann has been driving sim1 since ")
         assert control(relay, sim1)["driver"]["user"] == "ann"
         await first.ping()
         assert guarded.clients_ever == 1
@@ -132,10 +132,10 @@ async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, mem
         acts.ask(sim1, asker(BEN))
         assert control(relay, sim1)["waiting"]["user"] == "ben"
         acts.hand_over(sim1, asker(ANN))
-        assert await closing(socket) == (4010, "the control of sim1 is ben's now")
+        assert await closing(socket) == (4010, "ben controls sim1 now")
     assert control(relay, sim1)["reserved"]["user"] == "ben"
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        assert await closing(socket) == (4009, "the control of sim1 is kept for ben; wait a moment")
+        assert await closing(socket) == (4009, "control of sim1 is reserved for ben; wait a moment")
     async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)):
         await driven(relay, sim1, BEN)
         assert control(relay, sim1)["reserved"] is None
@@ -445,7 +445,7 @@ async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
     with pytest.raises(ConnectionClosedError) as lost:
         await bare.drives(ANN)
     assert lost.value.close_reason.code == 4009
-    assert lost.value.close_reason.reason == "the control of sim1 is kept for carl; wait a moment"
+    assert lost.value.close_reason.reason == "control of sim1 is reserved for carl; wait a moment"
     assert bare.leasing.of(sim1.id).driver is None
 
 

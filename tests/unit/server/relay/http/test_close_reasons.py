@@ -43,13 +43,13 @@ def test_all_reasons_fit_with_the_longest_name():
 def test_offline_since_today_has_the_time_only():
     """The sentence of the contract."""
     since, now = utc(2026, 1, 1, 12, 3, 59), utc(2026, 1, 1, 23, 0)
-    assert offline_sentence("sim1", since, now) == "robot sim1 is offline since 12:03 UTC"
+    assert offline_sentence("sim1", since, now) == "robot sim1 has been offline since 12:03 UTC"
 
 
 def test_offline_since_another_day_has_the_day():
     """Yesterday's time alone would be read as today's."""
     since, now = utc(2026, 1, 1, 12, 3), utc(2026, 1, 2, 1, 0)
-    expected = "robot sim1 is offline since 2026-01-01 12:03 UTC"
+    expected = "robot sim1 has been offline since 2026-01-01 12:03 UTC"
     assert offline_sentence("sim1", since, now) == expected
 
 
@@ -66,7 +66,7 @@ def test_who_has_the_control_is_named():
         )
     ] == [
         (4003, "ben stopped sim1 at 12:03 UTC; a driver must release it"),
-        (4009, "ann drives sim1 since 12:03 UTC; ask for the control, or wait"),
-        (4009, "the control of sim1 is kept for ann; wait a moment"),
-        (4010, "the control of sim1 is ben's now"),
+        (4009, "ann has been driving sim1 since 12:03 UTC; ask for control, or wait"),
+        (4009, "control of sim1 is reserved for ann; wait a moment"),
+        (4010, "ben controls sim1 now"),
     ]

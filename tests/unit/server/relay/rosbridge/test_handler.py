@@ -135,7 +135,7 @@ async def test_an_offline_robot_says_since_when(relay, robot, sim1, http):
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert await closing(socket) == (
             4503,
-            f"robot sim1 is offline since {since.strftime('%H:%M')} UTC",
+            f"robot sim1 has been offline since {since.strftime('%H:%M')} UTC",
         )
 
 
