@@ -114,7 +114,7 @@ async def _run_checks(settings: Settings) -> int:
         print(finding, flush=True)
         failed += finding.state == FAIL
         warned += finding.state == WARNING
-    well = "all works, but see the warning" if warned else "all is well"
+    well = "everything works, but see the warning" if warned else "all is well"
     print(f"{failed} of these steps failed" if failed else well)
     return 1 if failed else 0
 
@@ -139,7 +139,7 @@ def _confirmed(names: list[str]) -> bool:
         f"This removes {', '.join(names)}. This cannot be undone: the server then sees a new key."
     )
     if not sys.stdin.isatty():
-        print("To go on without a terminal, add --yes.")
+        print("To continue without a terminal, add --yes.")
         return False
     return input("Forget this robot? [y/N] ").strip().lower() in {"y", "yes"}
 
@@ -215,7 +215,7 @@ async def _until_signal(settings: Settings, notifier: Notifier) -> int:
     try:
         return await agent
     except asyncio.CancelledError:
-        log.info("told to stop: closed the tunnels")
+        log.info("asked to stop: closed the tunnels")
         return 0
 
 
@@ -342,18 +342,22 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--config", type=Path, help=f"settings file (usually {DEFAULT_FILE})")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("run", help="connect and stay connected; the boot service runs this")
-    state = commands.add_parser("status", help="tell how the running agent is; 0 when connected")
+    state = commands.add_parser(
+        "status", help="show the state of the running agent; 0 when connected"
+    )
     state.add_argument("--json", action="store_true", help="for programs")
     commands.add_parser("join", help="ask the server once: 0 active, 10 pending, 1 refused")
-    commands.add_parser("doctor", help="check every step, and say what to do; 0 when all is well")
+    commands.add_parser("doctor", help="check every step, and print what to do; 0 if all is well")
     named = commands.add_parser("identity", help="print the MAC that names this robot")
     named.add_argument("--json", action="store_true", help="for programs")
-    commands.add_parser("key", help="make the robot's key if there is none, print its public half")
+    commands.add_parser(
+        "key", help="create the robot's key if there is none, print its public half"
+    )
     gone = commands.add_parser(
         "forget", help="remove key and enrolment, so that a disk can be copied"
     )
     gone.add_argument("--yes", action="store_true", help="do not ask")
-    other = commands.add_parser("switch", help="put another version in place, or go back by itself")
+    other = commands.add_parser("switch", help="switch to another version, or roll back by itself")
     other.add_argument("directory", type=Path, help="such as /opt/robotether-agent/versions/NAME")
     other.add_argument("--wait", type=float, default=60.0, metavar="S", help="usually 60 s")
     # Without a help text it is not listed: a unit starts it, no person.

@@ -158,7 +158,7 @@ class Agent:
         try:
             await self._connector.connect(enrolment, await self._enroller.key(), role)
         except KeyRefused:
-            # Only the join tells why: not approved yet, disabled, or another key in this robot's place.
+            # Only the join says why: not approved yet, disabled, or another key in this robot's place.
             self._enroller.doubt()
             await self._enroller.enrolment()
             raise
@@ -220,7 +220,7 @@ class Agent:
             self._features.shell.clear()
             self._status_writer.set(shell_tunnel="off")
             log.info(
-                "robot %s: the server wants no shell any more", self._status_writer.status.robot
+                "robot %s: the server has turned the shell off", self._status_writer.status.robot
             )
 
     def _reporters(self) -> list[Report]:

@@ -16,7 +16,7 @@ from robotether_agent.files import read_text
 # The kernel's lists of TCP sockets, and the state LISTEN in them.
 LISTS = ("tcp", "tcp6")
 LISTEN = "0A"
-PAST_GUARD = "everybody in its own network can drive this robot past the guard"
+PAST_GUARD = "anyone in its own network can drive this robot past the guard"
 ADVICE = "start it with address:=127.0.0.1, a parameter of its launch file"
 
 

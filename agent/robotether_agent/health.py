@@ -216,7 +216,7 @@ class Health:
 
     def _no_images(self, reason: str) -> AgentProblem:
         if self._rosbridge is None:
-            reason = "rosbridge, where its pictures come from, does not answer"
+            reason = "rosbridge, the source of its video, does not answer"
         return VideoDown(f"there is no video: {reason}")
 
     async def _ros_is(self, problem: AgentProblem | None) -> None:

@@ -171,7 +171,7 @@ class ServerBusy(ServerUnreachable):
 
     default_code = "server_busy"
     default_advice = (
-        "nothing need be done: robots get in one after the other, and this one tries again"
+        "nothing needs to be done: robots log in one after the other, and this one tries again"
     )
 
 

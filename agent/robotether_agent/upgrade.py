@@ -31,9 +31,9 @@ STATES = frozenset({*MEANINGS, SILENT})
 BOOT = "multi-user.target.wants"
 PENDING_ADVICE = "run this with sudo, and see that the disk is neither full nor read-only"
 PENDING_UNIT = """\
-# There only while a change of version lasts; `robotether-agent switch` removes it.
+# There only during a change of version; `robotether-agent switch` removes it.
 [Unit]
-Description=Robotether agent: finish a change of version that was cut short
+Description=Robotether agent: finish an interrupted change of version
 # The verdict is whether the robot connects.
 Wants=network-online.target
 After=network-online.target robotether-agent.service

@@ -259,7 +259,9 @@ def test_a_robot_that_reboots_in_mid_drive_waits_for_a_new_press(
         expect(state).to_have_attribute(
             "data-shown", re.compile("link_lost|offline"), timeout=15_000
         )
-        _expect_shown(page, "offline", "This page connects by itself when the robot is back.", seconds=20)
+        _expect_shown(
+            page, "offline", "This page connects by itself when the robot is back.", seconds=20
+        )
     finally:
         sim.start()
         stack.wait("sim2 online", lambda: stack.online("sim2"), "sim2", seconds=60)

@@ -73,7 +73,7 @@ async def check_key(settings: Settings) -> Finding:
         )
     if not keys.is_protected(key.path):
         return fail(
-            "key", f"others may read the private key {key.path}", f"sudo chmod 600 {key.path}"
+            "key", f"others can read the private key {key.path}", f"sudo chmod 600 {key.path}"
         )
     return ok("key", key.fingerprint)
 
@@ -98,7 +98,7 @@ async def check_video(settings: Settings) -> Finding:
     """Whether web_video_server answers; a robot without a camera, or with other ones, has none."""
     url = settings.video_url
     if settings.video_source == "rosbridge":
-        return skipped("video", "pictures come from rosbridge, which is another check")
+        return skipped("video", "video comes from rosbridge, which is another check")
     try:
         status = await within(TIMEOUT_S, _get(url))
     except aiohttp.ClientConnectorError as error:
@@ -115,7 +115,7 @@ async def check_video(settings: Settings) -> Finding:
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
     if exposed := exposed_at(url):
-        who = "everybody in its own network can watch"
+        who = "anyone in its own network can watch"
         return ok("video", f"answers at {url}, and listens on {exposed}: {who}; or {ADVICE}")
     return ok("video", f"answers at {url}")
 

@@ -176,7 +176,7 @@ def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
             dates = f"{_shown(begin)} to {_shown(end)}"
             return fail("clock", f"{says}, and the server's certificate is for {dates}", advice)
     if now < BUILT:
-        return fail("clock", f"{says}, which is before this program was written", advice)
+        return fail("clock", f"{says}, which is before this program was built", advice)
     return ok("clock", f"{says}; there is nothing to compare it with")
 
 
@@ -200,10 +200,10 @@ def _check_authority(seen: ServerView, shown: str) -> Finding:
     if seen.distrust:
         return fail(
             "certificate",
-            f"no known authority vouches for {shown}: {seen.distrust}",
+            f"no known authority has signed {shown}: {seen.distrust}",
             "set tls_fingerprint or ca_file, and see that the clock is right",
         )
-    return ok("certificate", f"an authority vouches for it ({shown})")
+    return ok("certificate", f"an authority has signed it ({shown})")
 
 
 async def _resolve(host: str, port: int) -> tuple[str, ...]:

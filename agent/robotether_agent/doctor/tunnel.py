@@ -47,7 +47,7 @@ def check_join(settings: Settings, status: Status | None) -> Finding:
             "join", f"{status.problem} (key {status.fingerprint})", "approve it on the server"
         )
     if known is None:
-        why = f"{settings.server} has not let this robot in yet"
+        why = f"{settings.server} has not approved this robot yet"
         return fail("join", why, "run: sudo robotether-agent join")
     return ok("join", f"{known.server} knows this robot as {known.robot} (MAC {known.mac})")
 
@@ -90,7 +90,7 @@ def check_guard(settings: Settings, status: Status | None) -> Finding:
         return skipped(step, "no agent runs")
     if status.guard != "ready":
         detail = status.guard_detail or "it does not run"
-        return fail(step, f"{status.guard}: {detail}", "journalctl -u robotether-agent tells why")
+        return fail(step, f"{status.guard}: {detail}", "journalctl -u robotether-agent says why")
     if status.stopped_by:
         return skipped(step, f"stopped by {status.stopped_by}; a driver releases it on its page")
     return ok(step, "ready; it stops the robot when commands stop")
@@ -108,7 +108,7 @@ def check_session(status: Status | None) -> Finding:
         )
     if status.state != CONNECTED:
         return fail(
-            "connection", f"the agent is {status.state}", "wait some seconds and look again"
+            "connection", f"the agent is {status.state}", "wait some seconds and check again"
         )
     return ok("connection", f"connected as {status.robot}, video tunnel {status.video_tunnel}")
 
@@ -127,10 +127,12 @@ def check_end_to_end(status: Status | None) -> Finding:
     states = ", ".join(f"{name} {state}" for name, state in answers.items())
     if "down" in answers.values():
         return fail(
-            step, f"from the server: {states}", "mend what fails above; else see the server's log"
+            step,
+            f"from the server: {states}",
+            "correct what fails above; else see the server's log",
         )
     if "unknown" in answers.values():
-        return skipped(step, f"the server has not looked yet: {states}")
+        return skipped(step, f"the server has not checked yet: {states}")
     return ok(step, f"from the server: {states}")
 
 

@@ -127,7 +127,7 @@ class Enroller:
         except HARMLESS_ONCE_ENROLLED as problem:
             self._repeats.log_problem("join", problem)
         except asyncio.TimeoutError:
-            log.debug("the web did not answer in %g s: going by what is known", QUICK_ANSWER_S)
+            log.debug("the web did not answer in %g s: using the kept enrolment", QUICK_ANSWER_S)
             self._doubted = False
         return known
 

@@ -56,16 +56,16 @@ ADVICE = {
     "the settings: the robot then waits for an approval",
     "token_used_up": "make a join token with more uses on the server (robotether robot invite), or remove the "
     "token from the settings: the robot then waits for an approval",
-    "token_required": "this server lets nobody in without one: make a join token on the server (robotether "
+    "token_required": "this server requires one: make a join token on the server (robotether "
     "robot invite), and set token_file",
     "robot_disabled": "enable the robot on the server's page",
-    "key_rejected": "if that was a mistake, an admin lets the key ask again on the server's page; or give this "
+    "key_rejected": "if that was a mistake, an admin can allow the key to ask again on the server's page; or give this "
     "robot another key with: sudo robotether-agent forget",
     "key_in_use": "another robot's row has this key: if this machine is a copy of that robot, make it one of its "
     "own with: sudo robotether-agent forget",
     "mac_elsewhere": "if this machine is a copy of that robot, make it one of its own with: sudo robotether-agent "
     "forget; if its network card was replaced, stop the other robot that has its key",
-    "mac_in_use": "another robot's key holds this MAC: if this robot got a new disk, an admin lets the new key in",
+    "mac_in_use": "another robot's key holds this MAC: if this robot got a new disk, an admin approves the new key",
     "field_invalid": "correct the setting that this field comes from",
     "too_many_pending": "approve or remove the robots that wait on the server",
     "grant_missing": "the token's user must be an admin",

@@ -107,13 +107,13 @@ class Authorizer:
         if self.stopped:
             raise Refused("stopped", "the robot is stopped; a driver must release it")
         if self.exiting or not self._session or now >= self.silent_at:
-            raise Refused("held", "the robot's agent or its session with the server is not there")
+            raise Refused("held", "the robot's agent or its session with the server is down")
         if not self.holds(authorization):
-            raise Refused("fence", "somebody else has the control, or the control is over")
+            raise Refused("fence", "somebody else has control, or your control has ended")
         if authorization.mode == "drive" and (
             type(fence) is not int or fence != authorization.fence
         ):
-            raise Refused("fence", "it is not of the connection's lease")
+            raise Refused("fence", "its fence is not that of the connection's lease")
 
     def holds(self, authorization: Authorization) -> bool:
         """Tell whether a connection's right to drive still stands, apart from holds that pass."""
@@ -131,9 +131,7 @@ class Authorizer:
         if self.stopped:
             raise NotAuthorized(409, "cannot drive: the robot is stopped")
         if not self._session or self.exiting:
-            raise NotAuthorized(
-                409, "cannot drive: the robot's session with the server is not there"
-            )
+            raise NotAuthorized(409, "cannot drive: the robot's session with the server is down")
         if fence > self._fence:
             self._fence, self._held, self._first_word = fence, True, False
         if fence != self._fence or not self._held:

@@ -166,7 +166,7 @@ class GuardProcess:
             try:
                 on_line(parse_object(line, "the line"))
             except FieldError as error:
-                raise GuardDown(f"the guard said what cannot be understood: {error}") from error
+                raise GuardDown(f"the guard sent an invalid line: {error}") from error
 
     async def _line(self) -> bytes:
         """Return the next line, or nothing at the guard's end."""
@@ -241,7 +241,7 @@ class GuardHandle:
             ]:
                 on_line(message)
         except FieldError as error:
-            raise GuardDown(f"the guard said what cannot be understood: {error}") from error
+            raise GuardDown(f"the guard sent an invalid line: {error}") from error
 
     async def ended(self, within_s: float | None = None) -> None:
         """Wait for its end and raise GuardDown, or return after `within_s`."""

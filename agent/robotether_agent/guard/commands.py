@@ -166,7 +166,7 @@ def _number(members: Mapping[str, Any], name: str) -> float:
         raise Refused("shape", f"its {name} is no number")
     # An integer may be too large for a float, so it is compared first.
     if not -MAX_NUMBER <= value <= MAX_NUMBER or not math.isfinite(value):
-        raise Refused("shape", f"its {name} is no number that a robot can follow")
+        raise Refused("shape", f"its {name} is no number that a robot can execute")
     return float(value)
 
 

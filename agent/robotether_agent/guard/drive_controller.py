@@ -97,7 +97,9 @@ class DriveController:
             topic.type, topic.sent = driven.type, commands.zero(driven.shape, driven.frame_id)
             topic.moved = True
         names = [driven.topic for driven in left]
-        log.warning("the last guard ended in motion: zeroing %s", ", ".join(names) or "nothing")
+        log.warning(
+            "the last guard ended while the robot moved: zeroing %s", ", ".join(names) or "nothing"
+        )
         self._motion.adopt(left)
         self._deadman.force(names, self._clock())
         self._wake.set()
@@ -227,7 +229,7 @@ class DriveController:
         stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
         if not self.publisher.up or self._deadman.owes:
-            raise Refused("held", "rosbridge does not take commands")
+            raise Refused("held", "rosbridge does not accept commands")
         old_at = self._old_at(source, stamp.get("t_ms"), now)
         known = self._topics.find(message.topic)
         wanted = commands.read(message.fields.get("msg", {}), known.declared if known else None)
@@ -247,14 +249,14 @@ class DriveController:
         if self._deadman.is_at_rest(topic.name) or topic.sent is None:
             return
         if shape != topic.sent.shape:
-            raise Refused("shape", "the robot moves by messages of another type on this topic")
+            raise Refused("shape", "the robot moves by another message type on this topic")
 
     def _old_at(self, source: CommandSource, t_ms: object, now: float) -> float:
         """Return until when a command may be sent, or refuse it."""
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
         if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):
-            raise Refused("old", "nobody knows when it was given")
+            raise Refused("old", "its timestamp is missing or is no number")
         # In this order nothing passes that is no moment, and no integer becomes a float that is too large.
         if not now * 1000 - self._config.max_age_s * 1000 <= t_ms <= now * 1000 + AHEAD_MS:
             raise Refused("old", f"it is not of the last {self._config.max_age_s * 1000:g} ms")
@@ -339,7 +341,7 @@ class DriveController:
         if command.moves and not was_moving:
             moving = Driven(topic.name, command.shape, topic.type, command.frame_id)
             if not self._motion.ensure(moving, self._topics):
-                why = "the guard cannot keep note that the robot moves"
+                why = "the guard cannot write down that the robot moves"
                 self.refuse(waiting.source, "held", _cannot(topic, why), waiting.message_id)
                 return
             self._wake.set()
@@ -355,7 +357,7 @@ class DriveController:
             self._wake.set()
 
     def _drop_old(self, topic: Topic, waiting: PendingCommand, now: float) -> None:
-        why = "rosbridge did not take it in time"
+        why = "rosbridge did not accept it in time"
         self.refuse(waiting.source, "old", _cannot(topic, why), waiting.message_id)
         if not waiting.command.moves:
             # The driver wanted to stop, and there is nothing newer.

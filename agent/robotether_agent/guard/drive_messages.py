@@ -100,7 +100,7 @@ def drive_message(data: bytes, topics: DriveTopics) -> DriveMessage | None:
     if not isinstance(operation, str):
         raise Unclear("its op is no text", message_id(fields))
     if operation in WRAPPERS:
-        raise Unclear(f"the guard cannot look into {operation}", message_id(fields))
+        raise Unclear(f"the guard cannot check {operation}", message_id(fields))
     if operation not in ON_TOPICS:
         return None
     topic = _topic(fields, topics)
@@ -119,7 +119,7 @@ def _topic(fields: Mapping[str, Any], topics: DriveTopics) -> str | None:
         raise Unclear(f"{name!r} may be a drive topic; write its full name", message_id(fields))
     if STAMP in fields:
         # The relay stamps drive commands only: its settings and these are not the same at this moment.
-        raise Unclear(f"{full} drives the robot for the server, and not here", message_id(fields))
+        raise Unclear(f"{full} is a drive topic for the server, but not here", message_id(fields))
     return None
 
 
@@ -143,7 +143,7 @@ class _Parser:
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         made = dict(pairs)
         if len(made) != len(pairs):
-            raise Unclear("a key stands in it twice")
+            raise Unclear("a key appears twice")
         self._guarded += _is_guarded(made)
         return made
 

@@ -141,5 +141,5 @@ class Latch:
 
 def _despite_the_disk(message: StopRequest | ReleaseRequest) -> str:
     if isinstance(message, StopRequest):
-        return "the robot is stopped, but by itself it will not know so after a loss of power"
+        return "the robot is stopped, but will not remember it after a loss of power"
     return "the robot stays stopped"

@@ -124,7 +124,7 @@ class Guard:
         try:
             message = parse(line)
         except FieldError as error:
-            log.error("cannot do what the agent says: %s", error)  # noqa: TRY400 - no defect
+            log.error("cannot handle a line of the agent: %s", error)  # noqa: TRY400 - no defect
             return
         if message is not None:
             self._handle(message)

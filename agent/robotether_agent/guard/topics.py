@@ -135,7 +135,7 @@ class Topics:
         if goes is None:
             raise Refused(
                 "shape",
-                f"the guard knows {MAX_TOPICS} drive topics already, and can forget none now",
+                f"the guard already has {MAX_TOPICS} drive topics, and can drop none now",
             )
         self._forget(goes)
 

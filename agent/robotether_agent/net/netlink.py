@@ -95,12 +95,12 @@ def _open() -> socket.socket | None:
         kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
         listener = socket.socket(socket.AF_NETLINK, kind, socket.NETLINK_ROUTE)
     except OSError as error:
-        log.debug("cannot hear of changes of the network: %s", error)
+        log.debug("cannot watch for changes of the network: %s", error)
         return None
     try:
         listener.bind((0, sum(GROUPS.values())))
     except OSError as error:
-        log.debug("cannot hear of changes of the network: %s", error)
+        log.debug("cannot watch for changes of the network: %s", error)
         listener.close()
         return None
     return listener

@@ -71,7 +71,7 @@ class Banner:
                 return True
             connection.send(CLIENT_BANNER)
             if not await _receives_ssh(connection, BANNER_TIMEOUT_S, name):
-                why = "it accepts the connection and says nothing"
+                why = "it accepts the connection but stays silent"
                 raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=CHECK_NETWORK)
         except OSError as error:
             raise _closed(name) from error
@@ -95,7 +95,7 @@ def _is_long_enough(words: bytes) -> bool:
 
 def _closed(name: str) -> AgentProblem:
     return ServerUnreachable(
-        f"cannot reach SSH at {name}: it closes the connection without a word",
+        f"cannot reach SSH at {name}: it closes the connection silently",
         advice="see that the server is up and not overloaded; this is tried again",
     )
 
@@ -103,7 +103,7 @@ def _closed(name: str) -> AgentProblem:
 def _no_ssh(name: str, words: bytes) -> AgentProblem:
     if words.startswith(FULL):
         return ServerBusy(
-            f"cannot log in at {name} now: as many log-ins are under way there as it takes at once"
+            f"cannot log in at {name} now: it already handles as many log-ins as it accepts at once"
         )
     said = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
     return ServerUnreachable(

@@ -119,7 +119,9 @@ def suspicion(signs: Signs) -> LinkProblem | None:
         why = f"the server was silent for {signs.silent_s:.1f} s"
         return ServerSilent(f"lost the connection: {why}", retry=Retry.AT_ONCE)
     if signs.path is Path.MOVED:
-        return NetworkChanged("left the connection: this robot's way leads through another network")
+        return NetworkChanged(
+            "left the connection: this robot's route now leads through another network"
+        )
     return None
 
 
@@ -186,7 +188,7 @@ class _Watch:
             self._rest_until = 0.0
         uptime_s = self._clock.since_last_s() - CHECK_EVERY_S
         if uptime_s > PAUSED_S:
-            log.info("this process stood still for %.1f s: is the server still there?", uptime_s)
+            log.info("this process was frozen for %.1f s: checking the server", uptime_s)
             self._distrusted_until = time.monotonic() + DISTRUST_S
 
     def _signs(self) -> Signs:

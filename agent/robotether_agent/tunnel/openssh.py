@@ -172,11 +172,11 @@ def why_not_connected(
             return make(line, target, files)
     said = _last(stderr)
     if status != SSH_FAILED:
-        why = said or f"status {status} without a word"
+        why = said or f"status {status}, and no message"
         return SessionRefused(
             f"cannot open the session at {target}: the server's command ended: {why}"
         )
-    return LinkLost(f"cannot connect to {target}: {said or 'ssh ended without a word'}")
+    return LinkLost(f"cannot connect to {target}: {said or 'ssh ended silently'}")
 
 
 def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentProblem:
@@ -219,7 +219,7 @@ def _key_refused(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
 
 
 def _incompatible(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
-    return SshIncompatible(f"cannot speak with {target}: {line}")
+    return SshIncompatible(f"cannot talk to {target}: {line}")
 
 
 def _unreachable(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:

@@ -48,7 +48,7 @@ BYE_ADVICE = {
     "superseded": "if this repeats, two robots use one key: remove the key and enrolment of the copied one",
     "robot_disabled": "enable the robot on the server's page",
     "robot_unknown": "the robot was removed on the server; it must be enrolled again",
-    "key_changed": "the server has another key for this robot now; the next try asks why",
+    "key_changed": "the server has another key for this robot now; the next attempt asks why",
 }
 SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
 
@@ -191,7 +191,7 @@ class Session:
     def send(self, message: Mapping[str, object]) -> None:
         """Send one message; a server that takes none for long ends the session."""
         if self._out.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            raise ServerSilent("lost the session: the server takes nothing any more")
+            raise ServerSilent("lost the session: the server no longer reads")
         self._out.write(line_of(message))
 
     @property

@@ -120,7 +120,7 @@ class FramesService:
         """Answer whoever looks whether video works; without any as if nothing listened, which the server asks for."""
         if not self._has_video() and request.transport is not None:
             request.transport.abort()
-        return web.Response(text="the agent's own pictures: /stream?topic=, /snapshot?topic=\n")
+        return web.Response(text="the agent's own video: /stream?topic=, /snapshot?topic=\n")
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         newest = _Newest(self._shared_sources, _asked(request))
@@ -171,7 +171,7 @@ class _Newest:
         try:
             return await within(STILL_WITHIN_S, self.next())
         except asyncio.TimeoutError as error:
-            reason = self._shared.condition().detail or "there is no picture yet"
+            reason = self._shared.condition().detail or "there is no frame yet"
             raise web.HTTPServiceUnavailable(text=f"{reason}\n") from error
 
     def leave(self) -> None:
@@ -199,7 +199,7 @@ async def _one_answer(request: web.Request, handler: Handler) -> web.StreamRespo
 def _topic(request: web.Request) -> str:
     topic = request.query.get("topic", "")
     if not 0 < len(topic) <= MAX_TOPIC_LENGTH or not topic.isprintable():
-        raise web.HTTPBadRequest(text="say which camera: ?topic=/camera/image_raw\n")
+        raise web.HTTPBadRequest(text="name the camera: ?topic=/camera/image_raw\n")
     return topic
 
 

@@ -34,7 +34,7 @@ def boundary_of(content_type: str) -> bytes:
     message["Content-Type"] = content_type
     boundary = message.get_param("boundary")
     if message.get_content_maintype() != "multipart" or not isinstance(boundary, str):
-        raise MultipartBrokenError(f"it sends {content_type or 'no type'}, not multipart pictures")
+        raise MultipartBrokenError(f"it sends {content_type or 'no type'}, not multipart frames")
     return b"--" + boundary.strip().strip('"').lstrip("-").encode("latin-1", "replace")
 
 
@@ -103,4 +103,4 @@ class MultipartParser:
 
     def _check(self, length: int) -> None:
         if length > MAX_FRAME_BYTES:
-            raise MultipartBrokenError(f"it sends a picture of over {MAX_FRAME_BYTES} bytes")
+            raise MultipartBrokenError(f"it sends a frame of over {MAX_FRAME_BYTES} bytes")

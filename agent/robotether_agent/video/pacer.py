@@ -144,17 +144,19 @@ class Pacer:
 
     def _read(self) -> Reading | None:
         if self._connection is None:
-            self._warn_once("there is no connection to look at")
+            self._warn_once("there is no connection to measure")
             return None
         reading = self._read_state(self._connection, asyncio.get_running_loop().time())
         if reading is None:
-            self._warn_once("the kernel tells too little of the connection (Linux before 4.6?)")
+            self._warn_once(
+                "the kernel reports too little about the connection (Linux before 4.6?)"
+            )
         return reading
 
     def _warn_once(self, why: str) -> None:
         if not self._warned:
             self._warned = True
-            log.warning("video is passed on as fast as it comes: %s", why)
+            log.warning("video is passed on unpaced: %s", why)
 
     def _room(self, reading: Reading) -> int:
         """Return how many bytes may go to ssh now."""

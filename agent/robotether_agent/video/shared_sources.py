@@ -86,12 +86,12 @@ class SharedSource:
                 self._is_down(str(down))
             except Exception:
                 log.exception("the source of %s failed", self.source_request.topic)
-                self._is_down("the agent failed; its log has why")
+                self._is_down("the agent failed; see its log")
             await asyncio.sleep(min(MAX_PAUSE_S, next(self._pauses)))
 
     def _is_down(self, detail: str) -> None:
         if detail != self._down:
-            log.info("no pictures of %s: %s", self.source_request.topic, detail)
+            log.info("no frames of %s: %s", self.source_request.topic, detail)
         self._down = detail
 
     def _on_kind(self, kind: Kind) -> None:

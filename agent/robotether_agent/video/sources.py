@@ -193,7 +193,7 @@ async def run_mjpeg(
         reason = describe_error(error, CONNECT_WITHIN_S)
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
-        raise SourceDownError(f"{what} gave no picture for {STALL_S:g} s") from error
+        raise SourceDownError(f"{what} sent no frame for {STALL_S:g} s") from error
     except MultipartBrokenError as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
@@ -224,10 +224,10 @@ async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFra
                 message = await within(max(STALL_S, 3 / source_request.fps), rosbridge.message())
                 on_frame(_frame_of(message, topic))
     except asyncio.TimeoutError as error:
-        raise SourceDownError(f"rosbridge gave no picture for {STALL_S:g} s") from error
+        raise SourceDownError(f"rosbridge sent no frame for {STALL_S:g} s") from error
     except (aiohttp.ClientError, OSError) as error:
         reason = describe_error(error, CONNECT_WITHIN_S)
-        raise SourceDownError(f"rosbridge at {url} gives no pictures: {reason}") from error
+        raise SourceDownError(f"rosbridge at {url} sends no frames: {reason}") from error
 
 
 async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
@@ -242,7 +242,7 @@ async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
     for found in names:
         if topics.get(found) == IMAGE_TYPE:
             return found
-    raise SourceDownError(f"rosbridge has no compressed pictures of {printable(name, 100)}")
+    raise SourceDownError(f"rosbridge has no compressed images of {printable(name, 100)}")
 
 
 def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
@@ -253,7 +253,7 @@ def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
         jpeg = b""
     if not jpeg.startswith(JPEG_START):
         shown = printable(str(message.get("format", "")), 40)
-        raise SourceDownError(f"{topic} has pictures of format {shown!r}, not JPEG")
+        raise SourceDownError(f"{topic} has images of format {shown!r}, not JPEG")
     arrived = now()
     timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)

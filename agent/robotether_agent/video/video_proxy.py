@@ -106,7 +106,7 @@ class VideoProxy:
                 viewer, _ = await loop.sock_accept(listener)
             except OSError as error:
                 # Too many open files, mostly: it passes, and the listener stays.
-                log.warning("cannot take a video connection: %s", error)
+                log.warning("cannot accept a video connection: %s", error)
                 await asyncio.sleep(1)
                 continue
             if len(self._streams) >= MAX_STREAMS:

@@ -119,7 +119,7 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
         await until(health, lambda report: report.video == "ok")
         await robot.stop()
         report = await until(health, lambda report: report.video == "down")
-        assert "rosbridge, where its pictures come from, does not answer" in report.video_detail
+        assert "rosbridge, the source of its video, does not answer" in report.video_detail
 
 
 async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):

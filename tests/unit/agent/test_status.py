@@ -73,7 +73,7 @@ def test_rosbridge_that_its_network_reaches_is_a_warning():
         for line in render(replace(UP, ros_exposed="0.0.0.0"), NOW).splitlines()
         if line.startswith("warning ")
     ]
-    assert "rosbridge listens on 0.0.0.0: everybody in its own network can drive" in line
+    assert "rosbridge listens on 0.0.0.0: anyone in its own network can drive" in line
     assert "address:=127.0.0.1" in line
     assert "warning" not in render(UP, NOW)
 

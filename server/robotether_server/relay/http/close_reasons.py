@@ -109,7 +109,9 @@ def lease_unavailable(robot: str) -> CloseReason:
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """Neither pong nor message came in time."""
     return CloseReason(
-        4408, "client_silent", f"you sent nothing for {limit_s:g} s, so the connection to robot {robot} is closed"
+        4408,
+        "client_silent",
+        f"you sent nothing for {limit_s:g} s, so the connection to robot {robot} is closed",
     )
 
 

@@ -89,7 +89,7 @@ async def test_the_key(settings):
     assert (await machine.check_key(settings)).detail == key.fingerprint
     key.path.chmod(0o644)
     found = await machine.check_key(settings)
-    assert (found.state, "others may read" in found.detail) == (FAIL, True)
+    assert (found.state, "others can read" in found.detail) == (FAIL, True)
     assert key.path.stat().st_mode & 0o777 == 0o644
     key.path.chmod(0o600)
     key.path.with_suffix(".pub").unlink()
@@ -122,10 +122,10 @@ async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
     monkeypatch.setattr(machine, "exposed_at", lambda _url: "0.0.0.0")
     rosbridge, video = await machine.check_rosbridge(settings), await machine.check_video(settings)
     assert rosbridge.state == WARNING
-    assert "listens on 0.0.0.0: everybody in its own network can drive" in rosbridge.detail
+    assert "listens on 0.0.0.0: anyone in its own network can drive" in rosbridge.detail
     assert "address:=127.0.0.1" in rosbridge.advice
     assert video.state == OK
-    assert "everybody in its own network can watch" in video.detail
+    assert "anyone in its own network can watch" in video.detail
 
 
 async def test_the_robots_own_ssh_server(settings):

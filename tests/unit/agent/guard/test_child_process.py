@@ -82,7 +82,7 @@ async def test_ticks_and_hands_lines_on(start, place):
     [
         ("dies", "ended with status 1"),
         ("hangs", "the guard hangs"),
-        ("rubbish", "what cannot be understood"),
+        ("rubbish", "an invalid line"),
     ],
 )
 async def test_what_is_wrong_with_a_guard_is_told(start, mode, why):

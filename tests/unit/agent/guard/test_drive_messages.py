@@ -118,7 +118,7 @@ def test_operations_on_drive_topics_are_found(operation: str, name: str) -> None
 @pytest.mark.parametrize("operation", ["publish", "advertise", "unadvertise"])
 def test_a_drive_command_for_what_is_no_drive_topic_here_is_refused(operation: str) -> None:
     """Settings change at the server first: what it stamped must not reach the wheels past the guard."""
-    with pytest.raises(Unclear, match="drives the robot for the server"):
+    with pytest.raises(Unclear, match="is a drive topic for the server"):
         read({"op": operation, "topic": "/base/move", "robotether": {"t_ms": 1.0, "fence": 13}})
 
 

@@ -52,7 +52,7 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
 async def test_a_silent_one():
     """What accepts and says nothing is as good as no answer."""
     async with SshPort("silent") as door:
-        with pytest.raises(NoAnswer, match="the door: it accepts the connection and says nothing"):
+        with pytest.raises(NoAnswer, match="the door: it accepts the connection but stays silent"):
             await check(door, Banner())
 
 
@@ -68,5 +68,5 @@ async def test_one_that_is_no_ssh_server(mode, told):
 @pytest.mark.parametrize("mode", ["full", "full_before_10"])
 async def test_a_server_that_lets_no_more_log_ins_begin(mode):
     async with SshPort(mode) as door:
-        with pytest.raises(ServerBusy, match="as many log-ins are under way"):
+        with pytest.raises(ServerBusy, match="as many log-ins as it accepts"):
             await check(door, Banner())

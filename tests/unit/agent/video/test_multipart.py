@@ -53,7 +53,7 @@ def test_the_boundary_as_cameras_name_it(content_type):
 @pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
 def test_what_is_no_stream_is_named(content_type):
     """A page, or a stream that does not say how its parts end."""
-    with pytest.raises(MultipartBrokenError, match="not multipart pictures"):
+    with pytest.raises(MultipartBrokenError, match="not multipart frames"):
         boundary_of(content_type)
 
 

@@ -153,7 +153,7 @@ def test_quality_and_size_stand_in_the_url():
         ("ends", "ended the stream; is there such a camera"),
         ("refuses", "HTTP status 500"),
         ("lists", "cannot be shown: it sends text/html"),
-        ("silent", "no picture for"),
+        ("silent", "no frame for"),
     ],
 )
 async def test_a_server_without_frames_tells_why(run, monkeypatch, mode, why):
@@ -239,7 +239,7 @@ async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, a
 async def test_a_rosbridge_without_such_frames_tells_why(run):
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
-        with pytest.raises(SourceDownError, match="no compressed pictures of /camera/image_raw"):
+        with pytest.raises(SourceDownError, match="no compressed images of /camera/image_raw"):
             await asyncio.wait_for(running, 5)
         rosbridge.topics = IMAGES
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
