@@ -66,7 +66,7 @@ def learn(endpoint: tuple[str, int], host: str) -> Certificate:
         return describe(shown, is_known=_is_known(endpoint, host))
     except (OSError, ValueError) as error:
         raise SiteCertificateUnavailable(
-            f"cannot tell this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
+            f"cannot determine this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
             f"({error}); try again, and see the log of nginx"
         ) from error
 

@@ -53,7 +53,7 @@ class Variable(Generic[T_co]):
         path = environ.get(f"{self.name}_FILE") if self.secret else None
         if given and path:
             raise SettingsError(
-                f"cannot tell which to use: both {self.name} and {self.name}_FILE are set; keep one"
+                f"cannot decide which to use: both {self.name} and {self.name}_FILE are set; keep one"
             )
         text = given or (self._from_file(path) if path else self.default)
         if text is None:
@@ -170,7 +170,7 @@ LOGIN_TTL_H = Variable(
 )
 LOGIN_IDLE_H = Variable(
     "LOGIN_IDLE_H",
-    "how long a login lasts that nobody uses",
+    "how long an unused login lasts",
     "1 to 720 (hours)",
     number(1, 720),
     "4",
@@ -191,7 +191,7 @@ PUBLIC_PORT = Variable(
 )
 TLS_FRONT = Variable(
     "TLS_FRONT",
-    "where the certificate that this site shows is learnt",
+    "where web reads the certificate that this site shows",
     "host:port",
     parse_endpoint,
     "nginx:8443",
@@ -236,7 +236,7 @@ ALLOWED_ORIGINS = Variable(
 )
 DIRECT_PORTS = Variable(
     "DIRECT_PORTS",
-    "whether robots take connections that come to their published ports past the relay",
+    "whether robots accept connections to their published ports, past the relay",
     "no or yes",
     parse_yes,
     "no",

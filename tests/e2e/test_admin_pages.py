@@ -90,7 +90,7 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
     status, answer = key.join(mac)
     assert (status, answer["code"]) == (403, "key_rejected")
     page.goto(f"{stack.url}/admin/pending")
-    page.get_by_role("link", name="Let the key of stranger ask again").click()
+    page.get_by_role("link", name="Allow the key of stranger to ask again").click()
     page.get_by_test_id("deed-do").click()
     _done(page, "The key may ask again.")
     assert key.join(mac)[0] == 202
@@ -144,9 +144,9 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
         page.get_by_test_id("grant-submit").click()
         _done(page, "User petra may observe robot sim2.")
         expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
-        gone = "The user petra has no grant for robot sim2 any more."
+        gone = "The user petra no longer has a grant for robot sim2."
         open_page(page, stack, "/admin/users/petra")
-        page.get_by_test_id("grant-sim2").get_by_role("link", name="Take away").click()
+        page.get_by_test_id("grant-sim2").get_by_role("link", name="Remove").click()
         page.get_by_test_id("deed-do").click()
         _done(page, gone)
         expect(petra.get_by_test_id("robot-card-sim2")).to_have_count(0, timeout=10_000)

@@ -151,7 +151,7 @@ def test_a_ticket_ends_with_the_token_that_got_it(stack: Stack) -> None:
 
 
 ONLY_LOOKS, NO_JSON, NO_NAME = "only subscribes", "not JSON", "no full name"
-UNKNOWN, HIDES, NO_VALUE = "no such operation", "what it hides", "which may not stand here"
+UNKNOWN, HIDES, NO_VALUE = "no such operation", "its content cannot", "which may not stand here"
 OBSERVER_SENDS: dict[str, tuple[str | bytes, str]] = {
     "publish": (PUBLISH, ONLY_LOOKS),
     "publish in a binary frame": (PUBLISH.encode(), ONLY_LOOKS),

@@ -101,7 +101,7 @@ def test_the_second_one_watches_and_reads_who_drives(
     olga = page_users.open("olga", ROBOT)
     expect(olga.get_by_test_id("driver")).to_have_text(drives)
     expect(olga.get_by_test_id("control-ask")).to_be_hidden()
-    expect(ann.get_by_test_id("driver")).to_contain_text("You drive since")
+    expect(ann.get_by_test_id("driver")).to_contain_text("You have been driving since")
     expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
 
 
@@ -186,7 +186,7 @@ def test_who_opens_a_robot_takes_nothing(page_users: PageUsers, stack: Stack) ->
         expect(page.get_by_test_id("control-drive")).to_be_visible()
     assert _newest_fence(stack) == before
     take_control(pages[0])
-    expect(pages[0].get_by_test_id("driver")).to_contain_text("You drive since")
+    expect(pages[0].get_by_test_id("driver")).to_contain_text("You have been driving since")
     expect(pages[1].get_by_test_id("driver")).to_contain_text("ann drives since")
 
 
@@ -274,7 +274,7 @@ def test_the_first_held_input_takes_the_control_and_drives(
             raise AssertionError("the machine never gave the control in time")
         held.release()
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
-    expect(page.get_by_test_id("driver")).to_contain_text("You drive since")
+    expect(page.get_by_test_id("driver")).to_contain_text("You have been driving since")
     expect(page.get_by_test_id("control-note")).to_have_text("You took control.")
 
 
@@ -358,7 +358,9 @@ def test_a_second_window_watches_until_its_person_goes_on_there(
     second = ann.context.new_page()
     page_users.go(second, ROBOT)
     expect_mode(second, "observe")
-    expect(second.get_by_test_id("driver")).to_contain_text("You drive in another window")
+    expect(second.get_by_test_id("driver")).to_contain_text(
+        "You have been driving in another window"
+    )
     second.keyboard.press("w", delay=500)
     expect(second.get_by_test_id("control-note")).to_contain_text("Press Drive here")
     expect_mode(second, "observe")

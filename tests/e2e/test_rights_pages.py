@@ -63,13 +63,13 @@ def test_member_of_a_group_sees_the_robots_of_a_site(
         log_in(ida, stack, "ida", password)
         expect(ida.get_by_test_id("fleet-empty")).to_be_visible()
         page.goto(f"{stack.url}/admin/robots/sim3")
-        page.get_by_label("Where it is").select_option("e2e-lab")
+        page.get_by_label("Robot's site").select_option("e2e-lab")
         page.get_by_test_id("site-save").click()
         _done(page, "Robot sim3 is at site e2e-lab.")
         expect(ida.get_by_test_id("robot-card-sim3")).to_be_visible(timeout=10_000)
         page.goto(f"{stack.url}/admin/groups/e2e-crew/members/ida/remove")
         page.get_by_test_id("deed-do").click()
-        _done(page, "User ida is no member of group e2e-crew any more.")
+        _done(page, "User ida is no longer a member of group e2e-crew.")
         expect(ida.get_by_test_id("robot-card-sim3")).to_have_count(0, timeout=10_000)
 
 
@@ -95,7 +95,7 @@ def test_policy_and_guard_are_set_in_one_form(page: Page, stack: Stack) -> None:
     page.goto(path)
     page.get_by_test_id("defaults").click()
     page.get_by_test_id("deed-do").click()
-    expect(page.get_by_test_id("settings")).to_have_text("All as by default.")
+    expect(page.get_by_test_id("settings")).to_have_text("Everything has its default.")
 
 
 def test_audit_log_is_saved_as_a_file(page: Page, stack: Stack, tmp_path: Path) -> None:

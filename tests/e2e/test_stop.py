@@ -209,7 +209,7 @@ def test_a_release_does_not_end_a_stop_that_its_person_did_not_see(
     seen = {"by": first["by"], "at": first["at"]}
     status, problem = stack.request("POST", f"{path}/release", seen, headers)
     assert (status, problem["code"]) == (409, "not_possible")
-    assert re.match(rf"olga stopped {ROBOT} at \d\d:\d\d UTC too; look again", problem["detail"])
+    assert re.match(rf"olga stopped {ROBOT} at \d\d:\d\d UTC too; check again", problem["detail"])
     _hold_release(ann)
     _expect_released(ann)
 

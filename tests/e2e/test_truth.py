@@ -144,7 +144,7 @@ def test_who_is_logged_out_reads_that_and_nothing_else(page: Page, stack: Stack)
     expect(page.get_by_test_id("control")).to_be_hidden()
     page.wait_for_timeout(1500)  # in which the video was asked for again, and its words changed
     shown = page.locator("main").inner_text()
-    for word in ("You drive", "drives since", "does not answer"):
+    for word in ("You have been driving", "has been driving since", "does not answer"):
         assert word not in shown
 
 

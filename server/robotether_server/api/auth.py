@@ -54,7 +54,7 @@ def api_user(tx: Transaction, request: Request) -> User:
         return token_user(tx, _bearer(header))
     user = page_user(tx, request)
     if user is None:
-        raise LoginMissing("cannot tell who asks: log in, or send an API token as Bearer")
+        raise LoginMissing("cannot identify the caller: log in, or send an API token as Bearer")
     csrf.protect()
     return user
 

@@ -44,4 +44,4 @@ def _add(whole: dict[str, Any], part: dict[str, Any], place: str) -> None:
         elif isinstance(value, dict) and isinstance(whole[name], dict):
             _add(whole[name], value, f"{place}/{name}")
         else:
-            raise ValueError(f"cannot join the description: {place}/{name} stands in two files")
+            raise ValueError(f"cannot join the description: {place}/{name} is in two files")

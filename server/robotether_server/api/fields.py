@@ -42,7 +42,7 @@ def query(request: Request, known: Collection[str]) -> Fields:
     """Return what stands in a request's query, each name once; raise FieldInvalid."""
     for name, values in request.args.lists():
         if len(values) > 1:
-            raise FieldInvalid(f"cannot use {name[:40]!r}: it stands in the query more than once")
+            raise FieldInvalid(f"cannot use {name[:40]!r}: it appears in the query more than once")
     given: Fields = dict(request.args.items())
     check_known(given, known)
     return given

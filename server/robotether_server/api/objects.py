@@ -105,6 +105,6 @@ def read_host_keys(folder: Path) -> list[str]:
             lines.append(" ".join(words[:KEY_WORDS]))
     if not lines:
         raise StoreUnavailable(
-            f"cannot tell sshd's host keys: {folder} holds no *.pub file yet; try again shortly"
+            f"cannot read sshd's host keys: {folder} has no *.pub file yet; try again shortly"
         )
     return lines

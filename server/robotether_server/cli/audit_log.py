@@ -18,8 +18,8 @@ MAX_EVENTS = 10000
 
 
 @click.command("audit")
-@click.option("--robot", help="Only what concerns this robot.")
-@click.option("--actor", help="Only what this user did, or `cli`.")
+@click.option("--robot", help="Only events of this robot.")
+@click.option("--actor", help="Only events of this user, or of `cli`.")
 @click.option("--kind", help="Only events of this kind, such as robot_approved.")
 @click.option(
     "--limit", type=click.IntRange(1, MAX_EVENTS), default=50, show_default=True, help="How many."

@@ -49,7 +49,7 @@ def _who_and_what(command: Command) -> Command:
     # So that an option may stand first: it is one of the hidden command's.
     context_settings={"ignore_unknown_options": True},
     subcommand_metavar="USER ROBOT LEVEL [--until END] | list",
-    short_help="Let a user or a group do something with a robot; list grants.",
+    short_help="Give a user or a group rights on a robot; list grants.",
 )
 def grant() -> None:
     """Let USER observe, drive or manage ROBOT, in place of an earlier grant; or list the grants.
@@ -62,7 +62,7 @@ def grant() -> None:
 
 @grant.command(GIVE, hidden=True)
 @_who_and_what
-@click.option("--until", metavar="END", help="When it ends: a moment, or a day in UTC.")
+@click.option("--until", metavar="END", help="When it ends: a time, or a day in UTC.")
 def give(
     words: tuple[str, ...], group: str | None, site: str | None, everything: bool, until: str | None
 ) -> None:
@@ -100,7 +100,7 @@ def revoke(words: tuple[str, ...], group: str | None, site: str | None, everythi
     _check_end(rest)
     with open_database().transaction() as tx:
         revoked = grants.revoke_from(tx, SOURCE, grantee, scope)
-    click.echo(f"{revoked.holder_words} has no grant for {revoked.scope_words} any more")
+    click.echo(f"{revoked.holder_words} no longer has a grant for {revoked.scope_words}")
 
 
 def _pair(

@@ -57,7 +57,7 @@ def leave(name: str, user: str) -> None:
     """End USER's membership in group NAME; what only its grants opened ends."""
     with open_database().transaction() as tx:
         groups.remove_member(tx, SOURCE, name, user)
-    click.echo(f"user {user} is no member of group {name} any more")
+    click.echo(f"user {user} is no longer a member of group {name}")
 
 
 @group.command()

@@ -29,14 +29,14 @@ MAX_HOURS = 8760
     type=click.IntRange(1, join_tokens.MAX_USES),
     default=1,
     show_default=True,
-    help="How many robots it lets in.",
+    help="How many robots it admits.",
 )
 @click.option(
     "--hours",
     type=click.IntRange(1, MAX_HOURS),
     default=24,
     show_default=True,
-    help="How long it is good for.",
+    help="How long it is valid.",
 )
 @click.option("--name", help="What to call it.  [default: invite and the time]")
 @click.option(

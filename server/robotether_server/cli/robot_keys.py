@@ -53,7 +53,9 @@ def list_pending(as_json: bool) -> None:
     metavar="SHA256:...",
     help="Approve this key alone, without asking; `robotether-agent status` on the robot shows it.",
 )
-@click.option("--yes", is_flag=True, help="Approve whatever key came first, without asking.")
+@click.option(
+    "--yes", is_flag=True, help="Approve the key that waits, whichever it is, without asking."
+)
 def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) -> None:
     """Let a robot in: the key that it showed is its own.
 
@@ -83,7 +85,7 @@ def reject(name: str, fingerprint: str | None) -> None:
         robot, waiting = _find(database, name)
         one = _only(waiting, robot, "reject")
         print_fields(robot_texts.waiting_identity(one, robot))
-        agree(f"reject {name}", "Turn this key away?", f"say --fingerprint {one.fingerprint}")
+        agree(f"reject {name}", "Reject this key?", f"say --fingerprint {one.fingerprint}")
         chosen = one.fingerprint
     with database.transaction() as tx:
         robots.reject(tx, SOURCE, name, chosen)
@@ -102,7 +104,7 @@ def rekey(name: str) -> None:
     with database.transaction() as tx:
         had = db_robots.get(tx, name).fingerprint
         robots.rekey(tx, SOURCE, name)
-    click.echo(f"robot {name} has no key any more; it had {had or 'none'}")
+    click.echo(f"robot {name} has no key now; it had {had or 'none'}")
 
 
 @click.command("rotate-key")
@@ -162,7 +164,7 @@ def _only(waiting: list[PendingKey], robot: Robot, action: str) -> PendingKey:
     if len(waiting) > 1:
         keys = ", ".join(f"{one.fingerprint} from {one.address}" for one in waiting)
         raise NotDone(
-            f"cannot tell which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
+            f"cannot decide which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
         )
     return waiting[0]
 

@@ -37,7 +37,7 @@ def show_settings(name: str) -> None:
         in_force = robot_settings.parse(present).as_dict()
     except FieldInvalid as problem:
         raise NotDone(
-            f"cannot tell the settings of robot {name}, which is locked until they are mended with "
+            f"cannot show the settings of robot {name}; it is locked until they are corrected with "
             f"robot set: {problem.detail}"
         ) from problem
     print_json(in_force)
@@ -68,7 +68,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
     if shell_user is not None:
         asked.append((SHELL_USER, shell_user or None))
     if not asked:
-        raise NotDone(f"cannot set anything of robot {name}: say what; see --help")
+        raise NotDone(f"cannot change robot {name}: say what; see --help")
     _check_said_once([path for path, _ in asked])
     with open_database().transaction() as tx:
         changed = robots.change_settings(tx, SOURCE, name, lambda present: _changed(present, asked))

@@ -40,7 +40,7 @@ def waiting_identity(one: PendingKey, robot: Robot) -> Fields:
         ("joined", f"{timestamp(one.joined_at, NOT_JOINED)} UTC"),
     ]
     if one.reason == "mac_in_use":
-        kept = f"it has another key, {robot.fingerprint}, and goes on with it; this one would replace it"
+        kept = f"it has another key, {robot.fingerprint}, and keeps it; this one would replace it"
         fields.append(("beware", kept))
     return [*fields, ("key", one.fingerprint)]
 

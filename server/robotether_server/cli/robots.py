@@ -67,15 +67,13 @@ def rename(name: str, new_name: str) -> None:
     """
     with open_database().transaction() as tx:
         robots.rename(tx, SOURCE, name, new_name)
-    click.echo(f"robot {name} is {new_name} now")
+    click.echo(f"robot {name} is now {new_name}")
 
 
 @click.command("set-mac")
 @click.argument("name")
 @click.argument("mac")
-@click.option(
-    "--allow-local-mac", is_flag=True, help="Take a MAC that the machine has given itself."
-)
+@click.option("--allow-local-mac", is_flag=True, help="Accept a locally administered MAC.")
 def set_mac(name: str, mac: str, allow_local_mac: bool) -> None:
     """Give a robot another MAC."""
     with open_database().transaction() as tx:
@@ -125,7 +123,7 @@ def robot() -> None:
 @click.option(
     "--allow-local-mac",
     is_flag=True,
-    help="Take a MAC that the machine has given itself, as virtual machines and containers do.",
+    help="Accept a locally administered MAC, as virtual machines and containers have.",
 )
 def add(name: str, mac: str, allow_local_mac: bool) -> None:
     """Add a robot before it joins.

@@ -35,7 +35,7 @@ def create(user_name: str, name: str, days: int | None) -> None:
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
     with open_database().transaction() as tx:
         text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, expires_at)
-    click.echo(f"token {name} of user {user_name}, shown only now: {text}")
+    click.echo(f"token {name} of user {user_name}, shown only once: {text}")
 
 
 @token.command("list")

@@ -28,7 +28,7 @@ PASSWORD_STDIN = click.option(
 )
 
 FIRST_ADMIN = """\
-web: made the first admin. This is shown only now:
+web: created the first admin. This is shown only once:
   open      https://{site}/
   user      {name}
   password  {password}"""
@@ -49,7 +49,7 @@ def ensure_first_admin(loaded: WebSettings) -> None:
                 click.echo(text)
     except StoreUnavailable as problem:
         # At a reboot web may be there before the database, which then has its admin.
-        click.echo(f"web: cannot look for the first admin: {problem.detail}", err=True)
+        click.echo(f"web: cannot check for a first admin: {problem.detail}", err=True)
 
 
 @click.group()

@@ -165,7 +165,7 @@ def translate(error: pymysql.MySQLError) -> StoreProblem | None:
     message = str(error.args[1]) if len(error.args) > 1 else str(error)
     if number in _UNAVAILABLE or number in _CLIENT_ERRORS or isinstance(error, InterfaceError):
         return StoreUnavailable(
-            "cannot reach the records: the database does not answer or is too busy; try again shortly"
+            "cannot reach the database: it does not answer or is too busy; try again shortly"
         )
     if number == SIGNALLED:
         return RecordRefused(message)

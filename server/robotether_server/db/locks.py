@@ -17,5 +17,5 @@ def enrolment(tx: Transaction) -> None:
     row = tx.row("SELECT GET_LOCK('robotether.enrolment', %s) AS held", (WAIT_S,))
     if not row or row["held"] != 1:
         raise StoreUnavailable(
-            f"cannot change robots: others have been at it for {WAIT_S} s; try again shortly"
+            f"cannot change robots: other changes have been running for {WAIT_S} s; try again shortly"
         )

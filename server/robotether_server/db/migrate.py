@@ -54,7 +54,7 @@ def _only_one(database: Database) -> Iterator[None]:
         row = tx.row("SELECT GET_LOCK('robotether.migrate', %s) AS held", (LOCK_WAIT_S,))
         if not row or row["held"] != 1:
             raise StoreUnavailable(
-                f"cannot migrate: another migration has been at work for {LOCK_WAIT_S} s; "
+                f"cannot migrate: another migration has been running for {LOCK_WAIT_S} s; "
                 "wait for it to end"
             )
         yield

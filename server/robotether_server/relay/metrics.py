@@ -33,21 +33,23 @@ class Metrics:
         self._registry.register(_TrafficCollector(traffic))
         self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
         self.close_reasons = self._counter(
-            "connection_endings", "Operators' connections that ended, by reason", "name"
+            "connection_endings", "Operators' connections ended, by reason", "name"
         )
         self.session_close_codes = self._counter(
-            "session_endings", "Robots' sessions that ended, by reason", "code"
+            "session_endings", "Robots' sessions ended, by reason", "code"
         )
         self.session_refusals = self._counter(
             "session_refusals", "Robots' connections refused, by reason", "code"
         )
-        self.dropped_old = self._counter("commands_dropped", "Drive commands that were too old")
+        self.dropped_old = self._counter(
+            "commands_dropped", "Drive commands dropped because they were too old"
+        )
         self.guard_refusals = self._counter(
-            "guard_refusals", "Messages that robots' guards refused, by kind", "kind"
+            "guard_refusals", "Messages refused by robots' guards, by kind", "kind"
         )
         self.port_checks = self._counter(
             "port_checks",
-            "Robots' ports tried from this side, by what answered",
+            "Checks of robots' ports, by result",
             "service",
             "health",
         )
@@ -87,7 +89,7 @@ class _TrafficCollector(Collector):
         sizes.add_metric(["client"], traffic.bytes_to_client)
         refused = CounterMetricFamily(
             "robotether_relay_messages_refused",
-            "Rosbridge messages that may not go on, by kind",
+            "Rosbridge messages refused, by kind",
             labels=["kind"],
         )
         for kind, count in traffic.refused.items():
@@ -102,7 +104,7 @@ class _FeedCollector(Collector):
     def collect(self) -> Iterable[CounterMetricFamily]:
         traffic = self._traffic
         frames = CounterMetricFamily(
-            "robotether_relay_pictures", "Pictures that came, and that went", labels=["to"]
+            "robotether_relay_pictures", "Frames received and sent", labels=["to"]
         )
         frames.add_metric(["relay"], traffic.frames_in)
         frames.add_metric(["client"], traffic.frames_out)
@@ -112,7 +114,7 @@ class _FeedCollector(Collector):
         sizes.add_metric(["relay"], traffic.bytes_in)
         sizes.add_metric(["client"], traffic.bytes_out)
         skipped = CounterMetricFamily(
-            "robotether_relay_pictures_skipped", "Pictures that were newer when a viewer was ready"
+            "robotether_relay_pictures_skipped", "Frames skipped because a newer one was there"
         )
         skipped.add_metric([], traffic.skipped)
         return [frames, sizes, skipped]

@@ -60,7 +60,7 @@ def placed(buttons: list[Button], place: int, name: str) -> int:
     """Return the index of the button at this place, from 1; raise NotPossible when it is not of that name any more."""
     if not 1 <= place <= len(buttons) or buttons[place - 1].name != name:
         raise NotPossible(
-            f"cannot change button {name}: the buttons have changed meanwhile; look at them again"
+            f"cannot change button {name}: the buttons have changed meanwhile; check them again"
         )
     return place - 1
 
@@ -86,7 +86,7 @@ def read(text: str) -> dict[str, object]:
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ValueError("a member stands in it twice")
+        raise ValueError("a member appears twice")
     return found
 
 

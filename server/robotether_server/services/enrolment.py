@@ -81,8 +81,8 @@ def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
     claim = claims.find(tx, key.fingerprint)
     if claim is not None and claim.is_rejected:
         raise KeyRejected(
-            f"cannot join with key {key.fingerprint}: an admin turned it away; make a new key on the robot "
-            "(sudo robotether-agent forget), or let an admin take it off the list of rejected keys"
+            f"cannot join with key {key.fingerprint}: an admin rejected it; make a new key on the robot "
+            "(sudo robotether-agent forget), or ask an admin to remove it from the list of rejected keys"
         )
 
 
@@ -207,7 +207,7 @@ def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
 def _count_use(tx: Transaction, token: join_tokens.JoinToken, key: PublicKey) -> None:
     if join_tokens.has_let_in(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
-            f"cannot join with this token: it has let key {key.fingerprint} in before, and an admin has undone "
+            f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
         )
     if not join_tokens.use(tx, token.id, key.fingerprint):

@@ -46,7 +46,7 @@ def find(tx: Transaction, text: str) -> EnrolmentCredential:
 def of_admin(user: User) -> EnrolmentCredential:
     """Return an admin as a credential; raise GrantMissing for another user."""
     if not user.is_admin:
-        raise GrantMissing("cannot let a robot in with this token: it must be one of an admin")
+        raise GrantMissing("cannot admit a robot with this token: it must be an admin's")
     return EnrolmentCredential(user.name, admin=user)
 
 
@@ -56,7 +56,7 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
         raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
     if token.expires_at <= dt.datetime.now(dt.UTC):
         raise TokenExpired(
-            f"cannot accept the join token: its time was over at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
+            f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
             "make another"
         )
     return token

@@ -173,7 +173,7 @@ class _Joining:
         return Answer(
             next(enrolment.usual_names(presented.mac)),
             "mac_in_use",
-            f"a robot with MAC {presented.mac} and another key is known and goes on with that one; an admin "
+            f"the robot with MAC {presented.mac} has another key and keeps it; an admin "
             f"decides about this key, {presented.key.fingerprint}, in the page of waiting robots",
         )
 
@@ -187,8 +187,8 @@ class _Joining:
         whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
         if is_crowded or len(waiting) >= self.rules.max_pending:
             raise TooManyPending(
-                f"cannot take another unknown robot: {whose} wait for approval already; an admin approves or "
-                "rejects some, or lets this one in beforehand with: robotether robot add NAME --mac MAC"
+                f"cannot admit another unknown robot: {whose} already wait for approval; an admin approves or "
+                "rejects some, or announces this one with: robotether robot add NAME --mac MAC"
             )
 
 
@@ -242,11 +242,11 @@ def _credential(
         return None
     if credential is not None:
         raise TokenUsedUp(
-            "cannot join with this token: it has let this key in before, and an admin has undone that; "
+            "cannot join with this token: it has admitted this key before, and an admin has undone that; "
             "get another token"
         )
     raise TokenRequired(
-        "cannot join without a token: this server takes no other robots (JOIN_POLICY=token-only); an admin makes "
+        "cannot join without a token: this server requires one (JOIN_POLICY=token-only); an admin makes "
         "one with: robotether robot invite"
     )
 
@@ -275,7 +275,7 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
         old, NAMESPACE, _rotation_message(presented), previous.signature
     ):
         raise FieldInvalid(
-            f"cannot use previous_key: its signature is not one of key {old.fingerprint} over this MAC and the "
+            f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"
         )
     source = Source(enrolment_credentials.ROBOT, presented.report.address)

@@ -65,7 +65,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
             audit.record(tx, source, Event(SUCCEEDED))
             return logins.create(tx, user, source.address or "", lifetime)
         audit.record(tx, source, Event(FAILED))
-    raise LoginFailed("cannot log in: name and password do not fit")
+    raise LoginFailed("cannot log in: the name or the password is wrong")
 
 
 def confirm(database: Database, source: Source, password: str) -> None:
@@ -78,7 +78,7 @@ def confirm(database: Database, source: Source, password: str) -> None:
             return
         with database.transaction() as tx:
             audit.record(tx, source, Event(FAILED))
-    raise LoginFailed("cannot go on: the present password is not right")
+    raise LoginFailed("cannot continue: the current password is wrong")
 
 
 @contextmanager
@@ -109,7 +109,7 @@ def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:
         return
     wait_s = math.ceil((free_at - guess.at).total_seconds())
     raise Throttled(
-        f"cannot log in now: too many tries failed; try again at {free_at:%H:%M:%S} UTC "
+        f"cannot log in now: too many attempts failed; try again at {free_at:%H:%M:%S} UTC "
         f"(in {math.ceil(wait_s / 60)} min)",
         wait_s,
     )

@@ -38,5 +38,5 @@ def place(tx: Transaction, source: Source, robot: str, site: str | None) -> Robo
 def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
     """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
     if robots.get(tx, robot).site != site:
-        raise NotPossible(f"cannot take robot {robot} out of site {site}: it is not there")
+        raise NotPossible(f"cannot remove robot {robot} from site {site}: it is not there")
     return place(tx, source, robot, None)

@@ -81,4 +81,4 @@ def _answer_http(error: HTTPException) -> Response:
 def _answer_unforeseen(error: Exception) -> Response:
     logger.error("cannot answer %s %s", request.method, request.path, exc_info=error)
     status = HTTPStatus.INTERNAL_SERVER_ERROR
-    return answer(HttpProblem(status, "cannot answer: a mistake in the server; its log says more"))
+    return answer(HttpProblem(status, "cannot answer: an error in the server; see its log"))

@@ -13,7 +13,7 @@ def text(name: str, label: str, longest: int) -> str:
     """Return a text of printable characters, without the white space around it."""
     value = optional_text(name, label, longest)
     if value is None:
-        raise FieldInvalid(f"cannot go on: fill in {label}")
+        raise FieldInvalid(f"cannot continue: fill in {label}")
     return value
 
 
@@ -36,7 +36,7 @@ def number(name: str, label: str, lowest: int, highest: int) -> int:
     """Return a whole number within the bounds, both included."""
     value = optional_number(name, label, lowest, highest)
     if value is None:
-        raise FieldInvalid(f"cannot go on: fill in {label}")
+        raise FieldInvalid(f"cannot continue: fill in {label}")
     return value
 
 

@@ -83,48 +83,48 @@ SENTENCES: Mapping[str, str] = {
     "user_removed": "removed {role} {user}",
     "user_disabled": "disabled user {user}",
     "user_enabled": "enabled user {user}",
-    "user_role_set": "made {user} a {role}, who was a {was}",
+    "user_role_set": "changed the role of {user} from {was} to {role}",
     "group_added": "added group {group}",
     "group_removed": "removed group {group}",
-    "group_member_added": "put {user} into group {group}",
-    "group_member_removed": "took {user} out of group {group}",
+    "group_member_added": "added {user} to group {group}",
+    "group_member_removed": "removed {user} from group {group}",
     "site_added": "added site {site}",
     "site_removed": "removed site {site}",
-    "token_created": "made API token {token}",
+    "token_created": "created API token {token}",
     "token_deleted": "deleted API token {token}",
-    "join_token_created": "made join token {token}",
+    "join_token_created": "created join token {token}",
     "join_token_deleted": "deleted join token {token}",
     "ssh_key_added": "added an SSH key",
     "ssh_key_deleted": "deleted an SSH key",
     "robot_added": "announced {robot}",
     "robot_pending": "{robot} joined and waits for approval",
-    "robot_approved": "let {robot} in",
-    "robot_disabled": "keeps {robot} out",
-    "robot_enabled": "lets {robot} in again",
+    "robot_approved": "approved {robot}",
+    "robot_disabled": "disabled {robot}",
+    "robot_enabled": "enabled {robot}",
     "robot_removed": "removed {robot}",
     "robot_renamed": "renamed {was} to {robot}",
     "robot_mac_set": "changed the MAC of {robot}",
-    "robot_ports_moved": "moved the ports of {robot}",
+    "robot_ports_moved": "changed the ports of {robot}",
     "robot_rekeyed": "forgot the key of {robot}",
     "robot_rotation_requested": "asked {robot} for a new key",
     "robot_settings_set": "changed the policy, guard or shell user of {robot}",
     "robot_page_set": "changed the drive page of {robot}",
     "robot_buttons_set": "changed the buttons of {robot}",
-    "key_rejected": "turned a key away that said to be {robot}",
-    "key_forgiven": "lets a rejected key ask again",
+    "key_rejected": "rejected a key that claimed to be {robot}",
+    "key_forgiven": "allowed a rejected key to ask again",
     "key_refused": "refused an unknown key",
     "key_rotated": "{robot} changed its key",
-    "key_claimed": "another machine says to be {robot}",
-    "drive_started": "began to drive {robot}",
-    "drive_ended": "drives {robot} no more",
+    "key_claimed": "another machine claims to be {robot}",
+    "drive_started": "started to drive {robot}",
+    "drive_ended": "no longer drives {robot}",
     "lease_asked": "asked for control of {robot}",
-    "lease_refused": "did not hand the control of {robot} over to {to}",
-    "lease_handed_over": "handed the control of {robot} over to {to}",
-    "lease_passed": "got the control of {robot}, as {driver} did not answer",
-    "lease_taken": "took the control of {robot} from {driver}",
+    "lease_refused": "refused {to} control of {robot}",
+    "lease_handed_over": "handed control of {robot} over to {to}",
+    "lease_passed": "got control of {robot}, because {driver} did not reply",
+    "lease_taken": "took control of {robot} from {driver}",
     "robot_stopped": "stopped {robot}",
     "robot_released": "released {robot} after a stop",
-    "operations_refused": "sent what the policy of {robot} refused",
+    "operations_refused": "sent messages that the policy of {robot} refused",
 }
 
 
@@ -215,7 +215,9 @@ def _taken(event: AuditEvent) -> str:
 
 def _placed(event: AuditEvent) -> str:
     site = event.details.get("site")
-    return f"put {event.robot} at {'no site' if site is None else f'site {site}'}"
+    if site is None:
+        return f"removed {event.robot} from its site"
+    return f"moved {event.robot} to site {site}"
 
 
 def _shell(event: AuditEvent) -> str:

@@ -121,7 +121,7 @@ class MemoryDatabase:
 
     def _ask(self) -> None:
         if self.down:
-            raise StoreUnavailable("cannot reach the records: the test took them away")
+            raise StoreUnavailable("cannot reach the database: the test took them away")
 
     def _rights(self) -> str:
         return repr((self.robots, self.grants))

@@ -76,6 +76,6 @@ def test_no_certificate_is_said_so() -> None:
     """Nobody listens: a sentence, not a traceback."""
     certificates = SiteCertificates(SiteAddressSettings(None, 443, ("127.0.0.1", free_port())))
     with pytest.raises(
-        SiteCertificateUnavailable, match=r"cannot tell this site's certificate: 127\.0\.0\.1"
+        SiteCertificateUnavailable, match=r"cannot determine this site's certificate: 127\.0\.0\.1"
     ):
         certificates.certificate("localhost")

@@ -130,7 +130,7 @@ test("a robot that does not answer is said after a while, and its late answer co
   drive();
   robotButtons.press(scan);
   mock.timers.tick(30_000);
-  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. No answer for 30 s, so it may yet be done."]);
+  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. No answer for 30 s. The robot may still do it."]);
   calls[0].resolve({ ok: true, values: {} });
   await settle();
   assert.equal(scan.state, "done");

@@ -62,7 +62,7 @@ def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
         if not found:
             names = ", ".join(known) or "no robot at all"
             raise RobotsUnknown(
-                f"cannot find robots for {pattern}: {path} has {names}; bring it up to date with: robotether ssh-config"
+                f"cannot find robots for {pattern}: {path} has {names}; update it with: robotether ssh-config"
             )
         chosen.update(found)
     return sorted(chosen)
@@ -362,14 +362,14 @@ def list_robots(patterns: tuple[str, ...], config: Path | None, as_json: bool) -
     default=300,
     show_default=True,
     metavar="SECONDS",
-    help="End the command on a robot where it takes longer.",
+    help="End the command on a robot after this time.",
 )
 @click.option("--sudo", is_flag=True, help="Run it as root; sudo must ask no password.")
 @click.option("--ask-sudo-password", is_flag=True, help="Ask for a password for all sudos, once.")
 @click.option(
     "--accept-new",
     is_flag=True,
-    help="Trust and note host keys that are not known yet; a changed one is never trusted.",
+    help="Trust and save unknown host keys; a changed one is never trusted.",
 )
 @JSON
 def run(

@@ -58,7 +58,7 @@ def add(path: Path, name: str, key: KnownKey) -> None:
         with path.open("a", encoding="utf-8") as file:
             file.write("\n" * broken + f"{name} {key.type} {key.encoded}\n")
     except OSError as error:
-        raise ConfigUnusable(f"cannot note the key of {name} in {path}: {error}") from error
+        raise ConfigUnusable(f"cannot save the key of {name} in {path}: {error}") from error
 
 
 def names(hosts: str, name: str) -> bool:

@@ -159,7 +159,7 @@ def run(
     except CommandTimedOut as error:
         raise CommandCut(f"timed out after {timeout_s:g} s") from error
     except (ThreadException, OSError, EOFError, paramiko.SSHException) as error:
-        raise CommandCut(f"the link broke: {error}") from error
+        raise CommandCut(f"the connection broke: {error}") from error
     if result.exited == ENDED_WITHOUT_STATUS:
-        raise CommandCut("the link broke before the command had ended")
+        raise CommandCut("the connection broke before the command ended")
     return int(result.exited)

@@ -115,7 +115,7 @@ def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Targe
 
     if first("proxycommand", "none") != "none":
         raise ConfigUnusable(
-            f"cannot reach {name}: its entry has a ProxyCommand; fleet speaks ProxyJump"
+            f"cannot reach {name}: its entry has a ProxyCommand; fleet supports ProxyJump only"
         )
     host, port = first("hostname"), int(first("port", str(SSH_PORT)))
     timeout = first("connecttimeout", "none")
@@ -172,10 +172,10 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
         if not self._accept_new:
             raise HostKeyUnknown(
                 f"cannot trust {target.name}: its host key {key.fingerprint} is not known as "
-                f"{target.known_as}; compare it at a first `ssh`, or take it with --accept-new"
+                f"{target.known_as}; compare it at a first `ssh`, or accept it with --accept-new"
             )
         if not target.known_hosts:
-            raise ConfigUnusable(f"cannot note the key of {target.name}: no UserKnownHostsFile")
+            raise ConfigUnusable(f"cannot save the key of {target.name}: no UserKnownHostsFile")
         with _writing:
             known_hosts.add(target.known_hosts[0], target.known_as, shown)
 
@@ -196,7 +196,7 @@ def changed(target: Target) -> HostKeyChanged:
     return HostKeyChanged(
         f"cannot trust {target.name}: it shows another host key than the one known as "
         f"{target.known_as}; if it was set up anew, forget the old one: "
-        f"ssh-keygen -R '{target.known_as}'; if not, somebody stands in between"
+        f"ssh-keygen -R '{target.known_as}'; if not, somebody may be intercepting the connection"
     )
 
 
@@ -372,7 +372,7 @@ def explain(error: Exception, target: Target, identities: Identities) -> FleetPr
     if isinstance(error, paramiko.ChannelException) and error.code == PROHIBITED:
         return LoginRefused(
             f"cannot reach {target.name}: the server does not let you reach its shell; "
-            "that takes a grant to manage it, and its shell must be on"
+            "you need a grant to manage it, and its shell must be on"
         )
     return Unreachable(f"cannot reach {target.name}: {_describe_error(error, target)}")
 
@@ -380,7 +380,7 @@ def explain(error: Exception, target: Target, identities: Identities) -> FleetPr
 def _describe_error(error: Exception, target: Target) -> str:
     match error:
         case paramiko.ChannelException(code=code) if code == CONNECT_FAILED:
-            why = "it is offline, the server has no tunnel of it"
+            why = "it is offline: the server has no tunnel to it"
         case socket.gaierror():
             why = f"there is no host {target.host}"
         case TimeoutError():
@@ -388,7 +388,7 @@ def _describe_error(error: Exception, target: Target) -> str:
         case paramiko.ssh_exception.NoValidConnectionsError():
             why = f"nothing answers at {_where(target)}"
         case EOFError():
-            why = "it hung up during the login"
+            why = "it closed the connection during the login"
         case paramiko.SSHException() if "banner" in str(error):
             why = f"no SSH server answers at {_where(target)}"
         case _:
@@ -407,5 +407,5 @@ def _login_refused(target: Target, identities: Identities) -> LoginRefused:
     elif not identities.tried:
         advice = "you have no SSH key here: ssh-keygen -t ed25519"
     else:
-        advice = f"it takes none of your {identities.tried} keys; does ssh {target.name} work?"
+        advice = f"it accepts none of your {identities.tried} keys; does ssh {target.name} work?"
     return LoginRefused(f"cannot log in to {target.name} as {target.user}: {advice}")

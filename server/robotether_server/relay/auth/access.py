@@ -89,14 +89,14 @@ class UsedTickets:
         """Raise TicketExpired when this relay cannot know whether the ticket was used."""
         if issued_at < self._floor:
             raise TicketExpired(
-                "cannot accept the ticket: the relay has started anew since; get a new one"
+                "cannot accept the ticket: the relay has restarted since; get a new one"
             )
 
     def use(self, ticket_id: str, issued_at: datetime, now: datetime) -> None:
         """Remember the ticket; TicketUsed when it is known."""
         self._drop_expired(now)
         if ticket_id in self._issued:
-            raise TicketUsed("cannot accept the ticket: it was used already; get a new one")
+            raise TicketUsed("cannot accept the ticket: it was already used; get a new one")
         self._issued[ticket_id] = issued_at
         if len(self._issued) > self._capacity:
             _, forgotten = self._issued.popitem(last=False)
@@ -190,7 +190,7 @@ class Access:
         is_ours = request.origin is None or _same_host(request.origin, request.host)
         asker = await self._asker("login", (request.login or "") if is_ours else "")
         if asker is None:
-            raise LoginMissing("cannot tell who asks: log in first")
+            raise LoginMissing("cannot identify the caller: log in first")
         return asker
 
     def check_origin(self, request: Request) -> None:
@@ -210,7 +210,7 @@ class Access:
         if scheme.lower() == "bearer":
             asker = await self._asker("token", token.strip())
         if asker is None:
-            raise TokenInvalid("cannot tell who asks: the token is unknown or has expired")
+            raise TokenInvalid("cannot identify the caller: the token is unknown or has expired")
         return asker
 
     async def _asker(self, kind: CredentialKind, text: str) -> AuthenticatedUser | None:

@@ -84,15 +84,15 @@ class Connections:
         """Say why this connection may not be opened; None: it may."""
         mine, caps = self._of_user[_counted_as(connection)], self.caps
         if mine >= caps.per_user:
-            return f"you have {mine} connections open already; close one first"
+            return f"you already have {mine} connections open; close one first"
         members = self._by_robot.get(connection.robot.id, ())
         there = sum(member.use == connection.use for member in members)
         only_watches = connection.use == "video" and not connection.may_drive
         if there >= caps.per_robot - (caps.per_robot // 4 if only_watches else 0):
-            return f"robot {connection.robot.name} has {there} of them already; try again later"
+            return f"robot {connection.robot.name} already has {there} of them; try again later"
         if only_watches and self._too_many_cameras(connection):
             return (
-                f"robot {connection.robot.name} shows {caps.cameras_of_observers} cameras already to "
+                f"robot {connection.robot.name} already shows {caps.cameras_of_observers} cameras to "
                 "those who only watch; close one first"
             )
         return None

@@ -138,7 +138,7 @@ class ControlApi:
         level = self._snapshot().level(user.id, robot.id)
         if level is None or not includes(level, needed):
             raise GrantMissing(
-                f"cannot {action} at robot {robot.name}: you need the right to {needed}"
+                f"cannot do {action!r} with robot {robot.name}: you need the right to {needed}"
             )
 
     def _answer(self, robot: RelayRobot) -> web.Response:

@@ -171,7 +171,7 @@ class Lease:
     def withdraw(self, user: RelayUser) -> None:
         """Take one's question back."""
         if self.waiting is None or self.waiting.user.id != user.id:
-            raise NobodyAsks("cannot take the question back: you have not asked for control")
+            raise NobodyAsks("cannot withdraw the request: you have not asked for control")
         self.waiting = None
 
     def refuse(self, user: RelayUser, now: Now) -> RelayUser:
@@ -184,7 +184,7 @@ class Lease:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         asker = self._asker_of(user, now)
         if to is not None and asker.name != to:
-            raise NobodyAsks(f"cannot hand the control over: {asker.name} asks for it by now")
+            raise NobodyAsks(f"cannot hand control over: {asker.name} asks for it now")
         return self._pass_to(asker, now)
 
     def take(self, user: RelayUser, now: Now) -> Passed | None:
@@ -240,7 +240,7 @@ class Lease:
             return self.driver
         kept = self.reserved(now)
         if kept is not None:
-            raise AlreadyAsked(f"cannot ask for control: it is kept for {kept.user.name}")
+            raise AlreadyAsked(f"cannot ask for control: it is reserved for {kept.user.name}")
         raise LeaseFree("cannot ask for control: nobody drives; just connect")
 
     def _asker_of(self, user: RelayUser, now: Now) -> RelayUser:

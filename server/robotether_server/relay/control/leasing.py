@@ -190,10 +190,10 @@ class Leasing:
             return await self._database.next_fence(asked)
         except (RecordMissing, RecordRefused) as gone:
             # Robot or user was removed meanwhile, which the relay reads of only in its next look.
-            log.info("robot %s: a drive gets no number: %s", robot.name, gone.detail)
+            log.info("robot %s: cannot number a drive: %s", robot.name, gone.detail)
             raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
         except StoreProblem as problem:
-            log.warning("robot %s: a drive gets no number: %s", robot.name, problem.detail)
+            log.warning("robot %s: cannot number a drive: %s", robot.name, problem.detail)
             raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
 
     def _pass(self, robot_id: int, passed: Passed) -> None:

@@ -203,7 +203,7 @@ class Stops:
         stop = self.of(robot.id)
         if seen is not None and stop is not None and self.shown(robot.id) != seen:
             sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
-            raise NotPossible(f"{sentence} too; look again before you release it")
+            raise NotPossible(f"{sentence} too; check again before you release it")
 
     def _begin(self, robot: RelayRobot, stop: Stop) -> None:
         entry = self._entries.setdefault(robot.id, StopEntry(robot.id))

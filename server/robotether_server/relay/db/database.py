@@ -100,13 +100,13 @@ class ThreadedDatabase:
                 return await self._in_thread(question)
         except TimeoutError as exc:
             raise StoreUnavailable(
-                f"cannot reach the records: no answer in {self._answer_within_s:g} s; "
+                f"cannot reach the database: no answer in {self._answer_within_s:g} s; "
                 "try again shortly"
             ) from exc
 
     async def _in_thread(self, question: Callable[[Transaction], T]) -> T:
         if self._open >= MAX_OPEN_QUESTIONS:
-            raise StoreUnavailable("cannot reach the records: too many questions wait already")
+            raise StoreUnavailable("cannot reach the database: too many queries are waiting")
         self._open += 1
         future = asyncio.get_running_loop().run_in_executor(
             self._threads, self._in_transaction, question

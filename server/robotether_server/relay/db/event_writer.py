@@ -61,7 +61,7 @@ class EventWriter:
             async with asyncio.timeout(within_s):
                 await self._idle.wait()
         except TimeoutError:
-            log.warning("%d entries of the journal are not written", len(self._waiting))
+            log.warning("%d entries were not written to the database", len(self._waiting))
 
     async def _write_all(self) -> None:
         pauses = delays()
@@ -78,7 +78,7 @@ class EventWriter:
                 await asyncio.sleep(next(pauses))
             else:
                 if failing:
-                    log.warning("the journal is written again")
+                    log.warning("the database accepts entries again")
                 failing, pauses = False, delays()
 
     def _batch_size(self) -> int:
@@ -117,7 +117,7 @@ class EventWriter:
 
     def _drop_oldest(self) -> None:
         if self.dropped == 0:
-            log.error("the journal is full; from now on the oldest entries are dropped")
+            log.error("too many entries wait for the database; from now on the oldest are dropped")
         # A stop must outlive the relay; there is at most one entry a robot.
         oldest = (key for key, each in self._waiting.items() if not isinstance(each, StopEntry))
         if (key := next(oldest, None)) is not None:

@@ -55,7 +55,7 @@ class Fleet:
         """The last snapshot; StoreUnavailable as long as there has never been one."""
         if self._snapshot is None:
             raise StoreUnavailable(
-                "cannot tell robots and rights: the database has not answered yet; try again shortly"
+                "cannot answer: the database has not answered the relay yet; try again shortly"
             )
         return self._snapshot
 
@@ -79,7 +79,7 @@ class Fleet:
             self._set_store_up(False, problem.detail)
         except Exception:
             # Whatever one poll met, the next may succeed; without polls rights would never end.
-            log.exception("cannot read robots and rights; the last ones stay in force")
+            log.exception("cannot read robots and rights; the last known ones stay in force")
             self.store_up = False
         else:
             self._set_store_up(True)

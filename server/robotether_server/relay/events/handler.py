@@ -47,7 +47,7 @@ class EventsHandler:
         asker = await self._access.for_events(asked)
         mine = self._fleet_events.subscribers_of(asker.user.id)
         if mine >= self._max_per_user():
-            raise TooManyConnections(f"cannot follow the fleet: you follow it {mine} times already")
+            raise TooManyConnections(f"cannot follow the fleet: you already follow it {mine} times")
         response = web.StreamResponse(headers=HEADERS)
         with (
             self._fleet_events.subscribed(asker.user.id) as subscriber,

@@ -25,11 +25,11 @@ def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
     """Return the robot's row; RefusedError when this connection may not be."""
     robot = snapshot.robots.get(preface.robot_id)
     if robot is None:
-        raise NotAuthorizedError("robot_unknown", "this robot is not in the records any more")
+        raise NotAuthorizedError("robot_unknown", "this robot is no longer in the database")
     if robot.state != "active":
         raise NotAuthorizedError("robot_disabled", f"robot {robot.name} is {robot.state}")
     if not _is_key_of(robot, preface.fingerprint):
-        raise NotAuthorizedError("key_changed", f"robot {robot.name} has another key now")
+        raise NotAuthorizedError("key_changed", f"robot {robot.name} has another key by now")
     if preface.kind == "shell" and robot.shell_port is None:
         raise NotAuthorizedError("shell_off", f"the shell of robot {robot.name} is off")
     # A robot may log in, wait while its port goes to another one, and only then show itself here.

@@ -91,7 +91,7 @@ class RobotDialer:
             return "the tunnel has no port for it"
         except WSServerHandshakeError as exc:
             if exc.status == FENCE_REFUSED:
-                return "its guard says that somebody else drives, or that it is stopped"
+                return "its guard reports that somebody else drives, or that it is stopped"
             why = f"it answered HTTP {exc.status}"
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
         except (ClientError, OSError) as exc:

@@ -184,7 +184,7 @@ class RobotLink:
                 return
             self._received_at = self._loop.time()
             if not limiter.allow(self._received_at):
-                raise BrokenLineError(f"cannot read on: more than {LINES_PER_S} lines a second")
+                raise BrokenLineError(f"cannot continue: more than {LINES_PER_S} lines a second")
             self._handle(lines.parse_line(line))
 
     def _handle(self, message: Mapping[str, Any]) -> None:

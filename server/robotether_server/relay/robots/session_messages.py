@@ -109,7 +109,7 @@ def count_field(message: Mapping[str, Any], name: str) -> int:
     """Read how often something happened."""
     value = whole_field(message, name)
     if not 0 <= value <= MAX_COUNT:
-        raise BrokenLineError(f"cannot read field {name}: it counts nothing")
+        raise BrokenLineError(f"cannot read field {name}: it is no count")
     return value
 
 

@@ -154,7 +154,7 @@ async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> 
         async with asyncio.timeout(FAREWELL_S):
             await writer.wait_closed()
     except (TimeoutError, ConnectionError):
-        log.debug("a refused robot did not read its bye")
+        log.debug("a rejected robot did not read its bye")
 
 
 def _describe_error(error: Exception) -> str:

@@ -109,7 +109,9 @@ class DrivePath:
         now = time.monotonic()
         timestamp = self._timestamps.of(command.stamp_ms, now)
         if timestamp is None:
-            return self._refuse(command, "its moment is to come, by the clock that beats tell", now)
+            return self._refuse(
+                command, "its timestamp lies ahead, by the clock that the beats show", now
+            )
         if now - timestamp > self._lease.max_age_s:
             age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
             why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"

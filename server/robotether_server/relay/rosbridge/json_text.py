@@ -75,7 +75,7 @@ def _check_depth(message: dict[str, Any]) -> None:
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) != len(pairs):
-        raise NotJsonError("a key stands in it twice")
+        raise NotJsonError("a key appears twice")
     return result
 
 

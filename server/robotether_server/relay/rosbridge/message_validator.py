@@ -194,7 +194,10 @@ class MessageValidator:
             self._subscriptions.remove(topic, subscription_id)
         elif not self._subscriptions.add(topic, subscription_id):
             max_count = len(self._subscriptions)
-            why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
+            why = (
+                f"cannot subscribe to {topic}: this connection has the robot's limit, "
+                f"{max_count} subscriptions"
+            )
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
@@ -273,9 +276,9 @@ def _may_be_stop(data: bytes) -> bool:
 
 def _unknown(operation: object) -> str:
     if not isinstance(operation, str):
-        return "cannot pass a message without op: nothing says what it should do"
+        return "cannot pass a message without op: it does not say what to do"
     if operation in HIDING:
-        return f"cannot pass {operation}: what it hides cannot be checked; send messages whole"
+        return f"cannot pass {operation}: its content cannot be checked; send messages whole"
     return f"cannot pass {operation[:64]}: the relay knows no such operation"
 
 

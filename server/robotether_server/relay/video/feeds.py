@@ -158,7 +158,7 @@ class Feed:
         """A frame came, with a moment on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
         if not self._credits_open:
-            raise BrokenFramesError("more pictures came than were asked for")
+            raise BrokenFramesError("more frames came than were requested")
         self._credits_open -= 1
         timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:

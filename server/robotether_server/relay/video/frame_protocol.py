@@ -127,11 +127,11 @@ class SenderClock:
 def parse_frame(data: bytes) -> tuple[int, int, float]:
     """Read a frame's codec, number and moment in ms."""
     if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
-        raise BrokenFramesError("a picture has no header, nothing after it, or more than 10 MiB")
+        raise BrokenFramesError("a frame has no header, nothing after it, or more than 10 MiB")
     codec, _, _, sequence, timestamp_ms = HEADER.unpack_from(data)
     # Not a number is in no range.
     if not -MAX_UPTIME_MS <= timestamp_ms <= MAX_UPTIME_MS:
-        raise BrokenFramesError("a picture's moment is none")
+        raise BrokenFramesError("a frame's timestamp is not a number")
     return codec, sequence, timestamp_ms
 
 

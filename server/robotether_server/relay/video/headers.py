@@ -61,7 +61,7 @@ def check_destination(headers: Mapping[str, str]) -> None:
     destination = headers.get("Sec-Fetch-Dest", "empty")
     if destination not in DESTINATIONS:
         raise DestinationRefused(
-            f"cannot show video as {destination[:32]!r}: what a robot sends is never a part of a page"
+            f"cannot show video as {destination[:32]!r}: what a robot sends never becomes part of a page"
         )
 
 

@@ -107,7 +107,7 @@ class Streams:
                 frame = await viewer.next(cursor)
         except TimeoutError as exc:
             detail = "" if feed.status is None else f": {feed.status['detail']}"
-            why = f"its camera gave no picture in {FIRST_FRAME_WITHIN_S:g} s{detail}"
+            why = f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s{detail}"
             raise VideoDown(f"cannot show video of robot {robot}: {why}") from exc
         if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):
             raise _problem_of(robot, viewer.close_reason)

@@ -52,5 +52,5 @@ def scopes(tx: Transaction) -> Choices:
     return [
         ("Robots", [(f"robot:{name}", name) for name in names]),
         ("Sites", [(f"site:{one.name}", f"site {one.name}") for one in sites.list_all(tx)]),
-        ("Everything", [("all", "all robots, also those to come")]),
+        ("Everything", [("all", "all robots, also future ones")]),
     ]

@@ -54,11 +54,11 @@ def revoke(grant_id: int) -> AnyResponse:
         found = db_grants.get(tx, grant_id)
     who, what = found.holder_words, found.scope_words
     action = ConfirmedAction(
-        title=f"Take the grant of {who} for {what} away?",
+        title=f"Remove the grant of {who} for {what}?",
         effects=_what_is_lost(found),
         undo=_way_back(found),
-        button="Take away",
-        done=f"The {who} has no grant for {what} any more.",
+        button="Remove",
+        done=f"The {who} no longer has a grant for {what}.",
         back=_page_of(found, request.args.get("from", "")),
     )
     return confirmation.run(action, lambda tx, source: grants.revoke_by_id(tx, source, grant_id))
@@ -106,16 +106,16 @@ def _scope() -> Scope:
 def _what_is_lost(grant: Grant) -> tuple[str, ...]:
     who, what, end = grant.holder_words, grant.scope_words, _end_words(grant)
     if grant.has_ended:
-        return (f"It gives nothing any more: {grant.level}{end}. It goes from the lists.",)
+        return (f"It no longer allows anything: {grant.level}{end}. It is removed from the lists.",)
     return (
         f"The {who}, who may {grant.level} now{end}, loses what only this grant gives for {what}.",
-        "What is open by it is cut within 2 seconds; a robot that is driven by it stops by itself.",
+        "Connections that need it are cut within 2 seconds; a robot that is driven by it stops by itself.",
     )
 
 
 def _way_back(grant: Grant) -> str:
     if grant.has_ended:
-        return "Give the grant anew, with an end that is to come."
+        return "Give the grant again, with an end in the future."
     end = _end_words(grant)
     return (
         f"Give the {grant.holder_words} the grant {grant.level} for {grant.scope_words}{end} again."

@@ -33,9 +33,7 @@ def add() -> PageAnswer:
             group_service.add(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
-    return confirmation.go_on(
-        page_of(name), f"Group {name} is added. Put users in, and give it grants."
-    )
+    return confirmation.go_on(page_of(name), f"Group {name} is added. Add users and grants to it.")
 
 
 @blueprint.get("/<name>")
@@ -62,13 +60,14 @@ def add_member(name: str) -> PageAnswer:
 def remove_member(name: str, user: str) -> AnyResponse:
     """End a membership."""
     action = ConfirmedAction(
-        title=f"Take {user} out of group {name}?",
+        title=f"Remove {user} from group {name}?",
         effects=(
-            f"{user} loses what only the grants of group {name} give; what is open by them is cut within 2 seconds.",
+            f"{user} loses what only the grants of group {name} allow; "
+            "connections that need them are cut within 2 seconds.",
         ),
-        undo=f"Put {user} in again.",
-        button="Take out",
-        done=f"User {user} is no member of group {name} any more.",
+        undo=f"Add {user} again.",
+        button="Remove",
+        done=f"User {user} is no longer a member of group {name}.",
         back=page_of(name),
     )
     return confirmation.run(
@@ -84,11 +83,11 @@ def remove(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Remove group {name}?",
         effects=(
-            "Its grants go with it: what only these give is lost within 2 seconds. "
+            "Its grants are removed with it: what only these allow ends within 2 seconds. "
             f"Members: {', '.join(found.members) or 'none'}.",
             "The users stay.",
         ),
-        undo="A removed group cannot be brought back; add it anew, with members and grants.",
+        undo="A removed group cannot be restored; add it again, with members and grants.",
         button="Remove",
         done=f"Group {name} is removed.",
         back=page_of(name),

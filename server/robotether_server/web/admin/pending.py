@@ -53,11 +53,11 @@ def replace(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Give robot {name} the new key?",
         effects=(
-            f"The machine that has the key of {name} now is cut off within 2 seconds, and its key is forgotten.",
+            f"The machine that has the key of {name} now is disconnected within 2 seconds, and its key is forgotten.",
             f"The machine {waiting.hostname} at {waiting.address} becomes {name}: name, ports and grants are its own.",
             f"The new key is {waiting.fingerprint}. Compare it on that machine with: robotether-agent status",
         ),
-        undo="The old key cannot be brought back; the old machine would have to join and wait for approval.",
+        undo="The old key cannot be restored; the old machine would have to join and wait for approval.",
         button="Replace the key",
         done=f"Robot {name} has the new key.",
         back=PAGE,
@@ -75,7 +75,7 @@ def reject(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Reject the key that waits for robot {name}?",
         effects=(
-            f"The machine {waiting.hostname} at {waiting.address} (MAC {waiting.mac}) is refused with this key: "
+            f"The machine {waiting.hostname} at {waiting.address} (MAC {waiting.mac}) is rejected with this key: "
             f"{waiting.fingerprint}",
             _what_stays(waiting),
         ),
@@ -101,7 +101,7 @@ def forgive(key_id: int) -> AnyResponse:
             "the next time.",
         ),
         undo="Reject it again when it waits.",
-        button="Let it ask again",
+        button="Allow it to ask again",
         done="The key may ask again.",
         back=PAGE,
         is_harmless=True,
@@ -131,7 +131,7 @@ def _waiting(name: str) -> PendingKey:
             if (one.robot, one.fingerprint) == (name, fingerprint):
                 return one
     raise RecordMissing(
-        f"cannot find that key of robot {name}: it does not wait any more; see {PAGE} for what does"
+        f"cannot find that key of robot {name}: it no longer waits; see {PAGE} for the keys that do"
     )
 
 
@@ -140,12 +140,10 @@ def _rejected(key_id: int) -> RejectedKey:
         for one in pending.rejected(tx):
             if one.id == key_id:
                 return one
-    raise RecordMissing("cannot find that rejected key: it may ask again already")
+    raise RecordMissing("cannot find that rejected key: it may already ask again")
 
 
 def _what_stays(waiting: PendingKey) -> str:
     if waiting.reason == "mac_in_use":
-        return f"Robot {waiting.robot} goes on with the key that it has."
-    return (
-        "A robot that nobody announced goes from the list; an announced one waits for another key."
-    )
+        return f"Robot {waiting.robot} keeps the key that it has."
+    return "A robot that nobody announced is removed from the list; an announced one waits for another key."

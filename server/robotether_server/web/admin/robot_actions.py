@@ -26,11 +26,11 @@ def disable(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Disable robot {name}?",
         effects=(
-            f"{name} is cut off within 2 seconds: who drives or watches it is thrown out, it stops by itself.",
-            "It is refused until it is enabled again. Name, ports, grants and an approved key stay.",
+            f"{name} is cut off within 2 seconds: drivers and viewers are disconnected, and it stops by itself.",
+            "It is rejected until it is enabled again. Name, ports, grants and an approved key stay.",
             "A key that nobody has approved yet is forgotten.",
         ),
-        undo="Enable the robot on its page. It comes back by itself.",
+        undo="Enable the robot on its page. It reconnects by itself.",
         button="Disable",
         done=f"Robot {name} is disabled.",
         back=page_of(name),
@@ -45,7 +45,7 @@ def enable(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Enable robot {name}?",
         effects=(
-            "With its key it connects again by itself, within a minute.",
+            "With its key it reconnects by itself, within a minute.",
             "Without a key it waits for the machine to join and for an admin to approve it.",
         ),
         undo="Disable the robot again.",
@@ -66,11 +66,11 @@ def rekey(name: str) -> AnyResponse:
         effects=(
             f"{name} is cut off within 2 seconds. Name, ports and grants stay.",
             "The next key that the machine shows waits for an admin to approve it.",
-            "Use this when the machine has a new disk, or when its key may be in other hands.",
+            "Use this when the machine has a new disk, or when somebody else may have its key.",
         ),
-        undo="A forgotten key cannot be brought back. The robot joins again by itself, and you approve its key.",
+        undo="A forgotten key cannot be restored. The robot joins again by itself, and you approve its key.",
         button="Forget the key",
-        done=f"Robot {name} has no key any more. Approve the next one when it waits.",
+        done=f"Robot {name} has no key now. Approve the next one when it waits.",
         back=page_of(name),
     )
     return confirmation.run(action, lambda tx, source: robots.rekey(tx, source, name))
@@ -83,10 +83,10 @@ def rotate_key(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Ask robot {name} for a new key?",
         effects=(
-            "Its agent makes a new key and proves with the old one that it is the same robot. Nothing is cut.",
-            "A robot that is offline does so when it is back.",
+            "Its agent makes a new key and proves with the old one that it is the same robot. Nothing is disconnected.",
+            "An offline robot does so when it is back.",
         ),
-        undo="A robot that has changed its key does not go back to the old one; ask for another one at any time.",
+        undo="A robot that has changed its key does not return to the old one; ask for another one at any time.",
         button="Ask for a new key",
         done=f"Robot {name} is asked for a new key.",
         back=page_of(name),
@@ -103,7 +103,7 @@ def shell_on(name: str) -> AnyResponse:
         title=f"Turn the shell of robot {name} on?",
         effects=(
             "Admins, and users with a grant to manage it, reach the SSH port of this robot through the server.",
-            "They need an SSH key in their profile here, and an account on the robot that takes their key.",
+            "They need an SSH key in their profile here, and an account on the robot that accepts it.",
         ),
         undo="Turn the shell off again.",
         button="Turn on",
@@ -121,11 +121,11 @@ def shell_off(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Turn the shell of robot {name} off?",
         effects=(
-            f"SSH connections to {name} are cut within 2 seconds, copies and playbooks at work included.",
-            "The robot connects anew, so who drives or watches it is interrupted for a moment.",
+            f"SSH connections to {name} are cut within 2 seconds, including copies and playbooks that are running.",
+            "The robot reconnects, so drivers and viewers are interrupted for a moment.",
             "Its shell port is free for another robot.",
         ),
-        undo="Turn the shell on again. It may get another port: people fetch their SSH configuration anew.",
+        undo="Turn the shell on again. It may get another port: people then download their SSH configuration again.",
         button="Turn off",
         done=f"The shell of robot {name} is off.",
         back=page_of(name),
@@ -140,12 +140,13 @@ def remove(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Remove robot {name}?",
         effects=(
-            f"The record of {name} (MAC {seen.robot.mac}) goes, with its key, ports, grants, settings and sessions.",
-            "It is cut off within 2 seconds. The audit log stays.",
+            f"The record of {name} (MAC {seen.robot.mac}) is deleted, with its key, ports, grants, settings "
+            "and sessions.",
+            "It is disconnected within 2 seconds. The audit log stays.",
             "An agent that still runs on the machine asks again and waits as an unknown robot; to stop that, "
             "retire the machine first, or disable the robot instead.",
         ),
-        undo="A removed robot cannot be brought back; announce it or let it join again, then give the grants anew.",
+        undo="A removed robot cannot be restored; announce it or let it join again, then give the grants again.",
         button="Remove",
         done=f"Robot {name} is removed.",
         back=page_of(name),
@@ -165,11 +166,11 @@ def rename(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Rename robot {name}",
         effects=(
-            "Its tunnel stays; who drives it has to open it by its new name.",
-            "Links, programs and SSH configurations that have the old name do not find it any more.",
+            "Its tunnel stays; drivers have to open it by its new name.",
+            "Links, programs and SSH configurations with the old name no longer find it.",
             "Key, ports and grants stay.",
         ),
-        undo=f"Rename it back to {name}, as long as no other robot takes that name.",
+        undo=f"Rename it back to {name}, unless another robot has taken that name.",
         button="Rename",
         done=f"Robot {name} is now {new}.",
         back=page_of(name),
@@ -192,7 +193,7 @@ def set_mac(name: str) -> AnyResponse:
         title=f"Change the MAC of robot {name}",
         effects=(
             "For a robot that got a new network card. Name, key, ports, grants and tunnel stay.",
-            f"A machine that shows the present MAC {robot.mac} becomes an unknown robot.",
+            f"A machine that shows the current MAC {robot.mac} becomes an unknown robot.",
         ),
         undo=f"Change it back to {robot.mac}.",
         button="Change the MAC",
@@ -203,7 +204,7 @@ def set_mac(name: str) -> AnyResponse:
             Field(
                 "local_mac",
                 "It may be locally administered",
-                hint="Made up by software; such an address may turn up twice.",
+                hint="Made up by software; two machines may have the same.",
                 kind="box",
             ),
         ),
@@ -225,10 +226,10 @@ def move_ports(name: str) -> AnyResponse:
         title=f"Move the ports of robot {name}",
         effects=(
             f"Now: {robot.ros_port} (rosbridge) and {robot.video_port} (video).",
-            f"{name} connects anew within seconds: who drives or watches it is interrupted, it stops by itself.",
+            f"{name} reconnects within seconds: drivers and viewers are interrupted, and it stops by itself.",
             "Pages of this site find it again by themselves; programs that use the ports directly do not.",
         ),
-        undo=f"Move them back to {robot.ros_port} and {robot.video_port}, as long as no other robot takes them.",
+        undo=f"Move them back to {robot.ros_port} and {robot.video_port}, unless another robot has taken them.",
         button="Move",
         done=f"The ports of robot {name} are moved.",
         back=page_of(name),
@@ -253,7 +254,7 @@ def set_shell_user(name: str) -> AnyResponse:
         title=f"Shell user of robot {name}",
         effects=(
             "The account on the robot that the SSH configuration names, such as pi or ubuntu.",
-            "Empty: everybody's own user name. People fetch their SSH configuration anew to get the change.",
+            "Empty: everybody's own user name. People download their SSH configuration again to get the change.",
         ),
         undo="Set it back at any time.",
         button="Save",

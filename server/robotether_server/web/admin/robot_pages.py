@@ -151,7 +151,7 @@ def find(tx: Transaction, name: str) -> SeenRobot:
     seen = robots.find_seen(tx, current_user.get(), name)
     if seen is None:
         raise RobotUnknown(
-            f"cannot show robot {name}: there is none of that name; perhaps it was renamed or removed"
+            f"cannot show robot {name}: there is none of that name; it may have been renamed or removed"
         )
     return seen
 

@@ -44,7 +44,7 @@ def _whole(path: str, label: str, hint: str) -> SettingField:
 SECTIONS: tuple[Section, ...] = (
     Section(
         "Guard on the robot",
-        "It holds drive commands to these limits on the robot itself, and stops the robot when they stop coming.",
+        "It limits drive commands on the robot itself, and stops the robot when no more commands come.",
         (
             _globs(
                 "guard.drive_topics",
@@ -54,15 +54,15 @@ SECTIONS: tuple[Section, ...] = (
             _whole(
                 "guard.deadman_ms",
                 "Stop without commands after (ms)",
-                "200 to 2000. When no command came for so long after one that moved, the robot is stopped.",
+                "200 to 2000. If no command follows a moving one within this time, the robot is stopped.",
             ),
             _whole(
                 "guard.max_age_ms",
                 "Oldest command (ms)",
-                "200 to 2000. A command that is older when it arrives is dropped.",
+                "200 to 2000. A command that is older on arrival is dropped.",
             ),
-            _limit("guard.max_speed_m_s", "Top speed (m/s)", "Faster commands are slowed to it."),
-            _limit("guard.max_turn_rad_s", "Top turn (rad/s)", "Faster turns are slowed to it."),
+            _limit("guard.max_speed_m_s", "Top speed (m/s)", "Faster commands are reduced to it."),
+            _limit("guard.max_turn_rad_s", "Top turn (rad/s)", "Faster turns are reduced to it."),
             _limit(
                 "guard.max_acceleration_m_s2",
                 "Top acceleration (m/s²)",
@@ -76,27 +76,29 @@ SECTIONS: tuple[Section, ...] = (
             _limit(
                 "guard.max_steering_rad",
                 "Widest steering (rad)",
-                "For robots that steer, as a car does.",
+                "For robots that steer like a car.",
             ),
         ),
     ),
     Section(
         "Observers",
-        "What connections that only watch may name.",
-        (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they see."),),
+        "What connections may name that only watch.",
+        (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they may subscribe."),),
     ),
     Section(
         "Drivers",
         "What the connection of a driver may name.",
         (
-            _globs("policy.drive.subscribe", "Subscribe to", "Topics that they see."),
+            _globs("policy.drive.subscribe", "Subscribe to", "Topics that they may subscribe."),
             _globs(
                 "policy.drive.publish",
                 "Publish to",
-                "Topics beside the drive topics, which are always theirs.",
+                "Topics in addition to the drive topics.",
             ),
             _globs(
-                "policy.drive.call", "Call", "Services and actions, beside the look-ups of /rosapi."
+                "policy.drive.call",
+                "Call",
+                "Services and actions, in addition to the look-ups of /rosapi.",
             ),
         ),
     ),
@@ -104,16 +106,16 @@ SECTIONS: tuple[Section, ...] = (
         "Managers",
         "What the connection of a driver who manages the robot may name.",
         (
-            _globs("policy.manage.subscribe", "Subscribe to", "Topics that they see."),
+            _globs("policy.manage.subscribe", "Subscribe to", "Topics that they may subscribe."),
             _globs(
                 "policy.manage.publish",
                 "Publish to",
-                "Topics beside the drive topics, which are always theirs.",
+                "Topics in addition to the drive topics.",
             ),
             _globs(
                 "policy.manage.call",
                 "Call",
-                "Services and actions, beside the look-ups of /rosapi.",
+                "Services and actions, in addition to the look-ups of /rosapi.",
             ),
             _globs(
                 "policy.manage.serve",
@@ -124,7 +126,7 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Limits of each connection",
-        "More is refused, and counted in the list of drives.",
+        "What exceeds them is refused, and counted in the list of drives.",
         (
             _whole("policy.limits.subscriptions", "Subscriptions", "1 to 10000."),
             _whole("policy.limits.messages_per_s", "Messages a second", "1 to 100000."),

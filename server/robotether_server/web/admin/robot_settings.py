@@ -65,8 +65,8 @@ def to_defaults(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Policy and guard of robot {name} back to the defaults?",
         effects=(
-            "No limits of speed and acceleration, 0.5 s until it stops by itself, drive topics /cmd_vel and */cmd_vel.",
-            "Observers subscribe to all, drivers drive, managers may do everything. The shell user stays.",
+            "No limits of speed and acceleration; it stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
+            "Observers subscribe to everything, drivers drive, managers may do everything. The shell user stays.",
             "It holds at once. If policy, drive topics or the oldest command change by it, who is connected is cut "
             "off and has to open the robot anew; it stops by itself.",
         ),

@@ -33,9 +33,7 @@ def add() -> PageAnswer:
             site_service.add(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
-    return confirmation.go_on(
-        page_of(name), f"Site {name} is added. Put robots there, and give grants."
-    )
+    return confirmation.go_on(page_of(name), f"Site {name} is added. Add robots and grants to it.")
 
 
 @blueprint.get("/sites/<name>")
@@ -62,13 +60,13 @@ def place_here(name: str) -> PageAnswer:
 def remove_robot(name: str, robot: str) -> AnyResponse:
     """Put a robot of this site at no site."""
     action = ConfirmedAction(
-        title=f"Take robot {robot} out of site {name}?",
+        title=f"Remove robot {robot} from site {name}?",
         effects=(
             f"What only the grants for site {name} give is lost for {robot}; what is open by them is cut within "
             "2 seconds, and the robot stops by itself if it is driven by them.",
         ),
-        undo=f"Put {robot} here again.",
-        button="Take out",
+        undo=f"Add {robot} again.",
+        button="Remove",
         done=f"Robot {robot} is at no site.",
         back=page_of(name),
     )
@@ -100,10 +98,10 @@ def remove(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Remove site {name}?",
         effects=(
-            "The grants for it go with it; what only these opened is cut within 2 seconds.",
+            "The grants for it are removed with it; connections that need them are cut within 2 seconds.",
             f"Its robots stay, at no site: {', '.join(found.robots) or 'none'}.",
         ),
-        undo="A removed site cannot be brought back; add it anew, with robots and grants.",
+        undo="A removed site cannot be restored; add it again, with robots and grants.",
         button="Remove",
         done=f"Site {name} is removed.",
         back=page_of(name),

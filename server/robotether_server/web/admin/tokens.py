@@ -37,9 +37,9 @@ def delete(token_id: int) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Delete API token {token.name} of {token.user}?",
         effects=(
-            "Programs that use it are refused from now on; what they have open is cut within 2 seconds.",
+            "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
         ),
-        undo=f"A deleted token cannot be brought back; {token.user} makes another one in the profile.",
+        undo=f"A deleted token cannot be restored; {token.user} makes another one in the profile.",
         button="Delete",
         done=f"API token {token.name} of {token.user} is deleted.",
         back="/admin/tokens",
@@ -52,7 +52,7 @@ def _get(token_id: int) -> Token:
         for token in tokens.list_all(tx):
             if token.id == token_id:
                 return token
-    raise RecordMissing("cannot find that API token: it was deleted already")
+    raise RecordMissing("cannot find that API token: it was already deleted")
 
 
 @blueprint.get("/join-tokens")
@@ -92,10 +92,10 @@ def delete_join_token(token_id: int) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Delete join token {token.name}?",
         effects=(
-            f"No robot joins with it any more; {token.uses - token.used} of {token.uses} uses are left.",
+            f"No robot can join with it from now on; {token.uses - token.used} of {token.uses} uses are left.",
             "Robots that joined with it stay.",
         ),
-        undo="A deleted token cannot be brought back; make another one.",
+        undo="A deleted token cannot be restored; make another one.",
         button="Delete",
         done=f"Join token {token.name} is deleted.",
         back="/admin/join-tokens",
@@ -120,4 +120,4 @@ def _get_join_token(token_id: int) -> JoinToken:
         for token in join_tokens.list_all(tx):
             if token.id == token_id:
                 return token
-    raise RecordMissing("cannot find that join token: it was deleted already")
+    raise RecordMissing("cannot find that join token: it was already deleted")

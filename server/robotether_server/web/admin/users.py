@@ -56,7 +56,7 @@ def show_password(name: str, password: str, title: str) -> str:
         title=title,
         secret=password,
         what=f"The password of {name}",
-        advice=f"Hand it to {name} over a safe way. Everybody can change their own password in their profile.",
+        advice=f"Give it to {name} in a safe way. Everybody can change their own password in their profile.",
         back=page_of(name),
     )
 
@@ -104,7 +104,7 @@ def set_role(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Role of {name}",
         effects=(
-            "An admin manages every robot and user, sees the audit log, and makes tokens that let robots in.",
+            "An admin manages every robot and user, sees the audit log, and creates tokens that admit robots.",
             "A user sees and drives the robots that there are grants for.",
             *_what_else_ends(user),
         ),
@@ -129,7 +129,7 @@ def disable(name: str) -> AnyResponse:
         title=f"Disable user {name}?",
         effects=(
             f"{name} is logged out everywhere; what {name} drives stops within 2 seconds.",
-            f"API tokens and SSH keys of {name} work no more. They and the grants stay for later.",
+            f"API tokens and SSH keys of {name} no longer work. They and the grants are kept.",
             *_what_else_ends(user),
         ),
         undo=f"Enable {name} again.",
@@ -148,7 +148,7 @@ def enable(name: str) -> AnyResponse:
     _get(name)
     action = ConfirmedAction(
         title=f"Enable user {name}?",
-        effects=(f"{name} may log in again; API tokens, SSH keys and grants hold as before.",),
+        effects=(f"{name} may log in again; API tokens, SSH keys and grants work as before.",),
         undo=f"Disable {name} again.",
         button="Enable",
         done=f"User {name} is enabled.",
@@ -169,10 +169,10 @@ def set_password(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"New password for {name}",
         effects=(
-            f"The present password works no more, and {name} is logged out everywhere.",
+            f"The current password no longer works, and {name} is logged out everywhere.",
             "API tokens and SSH keys stay.",
         ),
-        undo="The old password cannot be brought back; set another one at any time.",
+        undo="The old password cannot be restored; set another one at any time.",
         button="Set the password",
         done=f"User {name} has a new password.",
         back=page_of(name),
@@ -180,7 +180,7 @@ def set_password(name: str) -> AnyResponse:
             Field(
                 "password",
                 "New password",
-                hint=f"At least {passwords.MIN_LENGTH} characters. Leave it empty to have one made.",
+                hint=f"At least {passwords.MIN_LENGTH} characters. Leave it empty to have one generated.",
                 kind="password",
             ),
         ),
@@ -223,11 +223,12 @@ def remove(name: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Remove user {name}?",
         effects=(
-            f"{name} goes, with grants, logins, API tokens and SSH keys; what {name} drives stops within 2 seconds.",
+            f"{name} is removed, with grants, logins, API tokens and SSH keys; "
+            f"what {name} drives stops within 2 seconds.",
             "The audit log stays. To keep somebody out for a while, disable the user instead.",
             *_what_else_ends(user),
         ),
-        undo="A removed user cannot be brought back; add the user anew, with new grants, tokens and keys.",
+        undo="A removed user cannot be restored; add the user again, with new grants, tokens and keys.",
         button="Remove",
         done=f"User {name} is removed.",
         back=page_of(name),
@@ -241,8 +242,8 @@ def _what_else_ends(user: User) -> tuple[str, ...]:
     if not user.is_admin:
         return ()
     return (
-        f"Join tokens that {user.name} made are deleted; the robots that they let in stay. API tokens that "
-        f"{user.name} made for others stay good: look through their list, and delete what should end.",
+        f"Join tokens that {user.name} made are deleted; the robots that they admitted stay. API tokens that "
+        f"{user.name} made for others stay valid: check their list, and delete what should end.",
     )
 
 

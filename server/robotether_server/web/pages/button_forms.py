@@ -51,7 +51,7 @@ def remove(name: str, place: int) -> AnyResponse:
     present = _at(name, place)
     action = ConfirmedAction(
         title=f"Remove button {present.name} of robot {name}?",
-        effects=("Pages that are open keep it until they are opened anew.",),
+        effects=("Open pages keep it until they are reloaded.",),
         undo="Add it again; the audit log keeps what it sent.",
         button="Remove",
         done=f"Button {present.name} is removed.",
@@ -77,7 +77,7 @@ def move(name: str, place: int) -> AnyResponse:
     def swapped(all_: list[Button]) -> list[Button]:
         at = drive_pages.placed(all_, place, was)
         if not 0 <= at + to < len(all_):
-            raise NotPossible(f"cannot move button {was}: there is no place for it")
+            raise NotPossible(f"cannot move button {was}: it cannot move further")
         all_[at], all_[at + to] = all_[at + to], all_[at]
         return all_
 
@@ -185,12 +185,12 @@ def _present(name: str) -> tuple[Button, ...]:
         return robot_settings.parse(settings).buttons
     except FieldInvalid as problem:
         raise NotPossible(
-            f"cannot change the buttons of robot {name} until an admin has mended its settings: {problem.detail}"
+            f"cannot change the buttons of robot {name} until an admin has corrected its settings: {problem.detail}"
         ) from problem
 
 
 def _at(name: str, place: int) -> Button:
     present = _present(name)
     if not 1 <= place <= len(present):
-        raise NotPossible(f"cannot find button {place} of robot {name}: perhaps it was removed")
+        raise NotPossible(f"cannot find button {place} of robot {name}: it may have been removed")
     return present[place - 1]

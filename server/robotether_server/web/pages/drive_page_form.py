@@ -24,7 +24,7 @@ from robotether_server.web.confirmation import METHODS
 KIND_WORDS: tuple[tuple[Kind, str], ...] = (
     ("differential", "Drives and turns (differential)"),
     ("holonomic", "Moves sideways too (holonomic)"),
-    ("ackermann", "Steers as a car does (Ackermann)"),
+    ("ackermann", "Steers like a car (Ackermann)"),
 )
 _BY_TYPE = "found by its type"
 MAX_FIELD_LENGTH = 300
@@ -55,7 +55,7 @@ MOVING = (
     PageField(
         "max_speed_m_s",
         "Top speed (m/s)",
-        "The most that the controls offer. The guard's own limit holds whatever stands here.",
+        "The most that the controls offer. The guard's own limit always holds.",
         empty="the guard's",
     ),
     PageField(
@@ -64,10 +64,10 @@ MOVING = (
     PageField("wheelbase_m", "Wheelbase (m)", "For robots that steer.", empty="not known"),
 )
 VIDEO = (
-    PageField("quality_min", "Lowest quality", "1 to 100. A slow link gets down to it."),
-    PageField("quality_max", "Highest quality", "1 to 100. A good link gets up to it."),
-    PageField("fps", "Pictures a second", "0.1 to 60."),
-    PageField("latency_ms", "Oldest picture to aim at (ms)", "50 to 5000."),
+    PageField("quality_min", "Lowest quality", "1 to 100. On a slow link, quality falls to this."),
+    PageField("quality_max", "Highest quality", "1 to 100. On a good link, quality rises to this."),
+    PageField("fps", "Frames a second", "0.1 to 60."),
+    PageField("latency_ms", "Highest age to aim for (ms)", "50 to 5000."),
     PageField("width", "Width (pixels)", "With the height, or neither.", empty="the camera's own"),
     PageField("height", "Height (pixels)", "With the width, or neither.", empty="the camera's own"),
 )
@@ -98,7 +98,7 @@ def show(name: str) -> AnyResponse | str | tuple[str, int]:
     if request.method == "GET":
         return _page(name, present)
     return confirmation.go_on(
-        path_of(name), f"The page of robot {name} is saved. Whoever has it open keeps the old one."
+        path_of(name), f"The page of robot {name} is saved. Open pages keep the old one."
     )
 
 

@@ -109,7 +109,7 @@ def _change_password() -> str:
     user, source = current_user.get(), current_user.source()
     new = forms.secret("new")
     if new != forms.secret("again"):
-        raise FieldInvalid("cannot change the password: the new one is not the same both times")
+        raise FieldInvalid("cannot change the password: the two new ones differ")
     logging_in.confirm(context().database, source, forms.secret("present"))
     with context().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
@@ -138,7 +138,7 @@ def delete_key(key_id: int) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Delete SSH key {key.name}?",
         effects=(
-            f"The key {key.fingerprint} opens no shell any more; connections through it are cut within 2 seconds.",
+            f"The key {key.fingerprint} no longer opens a shell; connections with it are cut within 2 seconds.",
         ),
         undo="Add the key again.",
         button="Delete",
@@ -154,7 +154,7 @@ def _get_key(key_id: int) -> SshKey:
         for key in ssh_keys.list_of(tx, current_user.get()):
             if key.id == key_id:
                 return key
-    raise RecordMissing("cannot find that SSH key: it was deleted already, or is not yours")
+    raise RecordMissing("cannot find that SSH key: it was already deleted, or is not yours")
 
 
 @blueprint.route("/tokens", methods=METHODS)
@@ -187,9 +187,9 @@ def delete_token(token_id: int) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Delete API token {token.name}?",
         effects=(
-            "Programs that use it are refused from now on; what they have open is cut within 2 seconds.",
+            "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
         ),
-        undo="A deleted token cannot be brought back; make another one.",
+        undo="A deleted token cannot be restored; make another one.",
         button="Delete",
         done=f"API token {token.name} is deleted.",
         back=f"{PAGE}#tokens",
@@ -203,4 +203,4 @@ def _get_token(token_id: int) -> Token:
         for token in tokens.list_of(tx, current_user.get()):
             if token.id == token_id:
                 return token
-    raise RecordMissing("cannot find that API token: it was deleted already, or is not yours")
+    raise RecordMissing("cannot find that API token: it was already deleted, or is not yours")

@@ -108,7 +108,7 @@ def test_every_schema_is_one(document: Document) -> None:
 def test_parts_are_joined_and_may_not_contradict() -> None:
     """Two files may add to one object, and never say one thing twice."""
     assert joined([{"a": {"b": 1}}, {"a": {"c": 2}}]) == {"a": {"b": 1, "c": 2}}
-    with pytest.raises(ValueError, match="/a/b stands in two files"):
+    with pytest.raises(ValueError, match="/a/b is in two files"):
         joined([{"a": {"b": 1}}, {"a": {"b": 1}}])
 
 

@@ -90,7 +90,7 @@ def test_options_stand_in_for_user_and_robot(run: Run, words: tuple[str, ...], s
     who, what = says.split(" may ")
     what = what.split(" ", 1)[1]
     rest = [word for word in words if word not in {"drive", "manage", "observe"}]
-    assert run("revoke", *rest).out == f"{who} has no grant for {what} any more\n"
+    assert run("revoke", *rest).out == f"{who} no longer has a grant for {what}\n"
 
 
 def test_grant_has_an_end(run: Run) -> None:

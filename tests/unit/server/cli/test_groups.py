@@ -19,7 +19,7 @@ def test_group_is_added_filled_listed_and_removed(run: Run, database: Database) 
     assert run("group", "join", "crew", "ann").out == "user ann is a member of group crew\n"
     assert run("group", "list").out.splitlines()[1].split() == ["crew", "ann"]
     assert json.loads(run("group", "list", "--json").out) == [{"name": "crew", "members": ["ann"]}]
-    assert "no member of group crew any more" in run("group", "leave", "crew", "ann").out
+    assert "no longer a member of group crew" in run("group", "leave", "crew", "ann").out
     assert run("group", "leave", "crew", "ann").status == 1
     assert "say --yes" in run("group", "remove", "crew").err
     assert run("group", "remove", "crew", terminal="y\n").status == 0

@@ -76,7 +76,7 @@ def test_no_token_stays_behind_when_there_is_no_line(
     """Nobody would know its text."""
 
     def fail(*_: object) -> str:
-        raise SiteCertificateUnavailable("cannot tell this site's certificate: nginx is away")
+        raise SiteCertificateUnavailable("cannot determine this site's certificate: nginx is away")
 
     monkeypatch.setattr(invites, "install_line", fail)
     assert "nginx is away" in run("robot", "invite").err

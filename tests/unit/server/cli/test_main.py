@@ -57,7 +57,7 @@ def test_database_that_is_away_is_told_with_its_host(
     monkeypatch.setenv("DB_PORT", "1")
     done = run("robot", "list")
     assert done.status == 1
-    assert "cannot reach the records" in done.err
+    assert "cannot reach the database" in done.err
     assert "127.0.0.1" in done.err
 
 
@@ -126,7 +126,7 @@ def test_web_starts_while_the_database_is_away(
     monkeypatch.setenv("DB_PORT", "1")
     done = run("web")
     assert done.status == 0
-    assert "cannot look for the first admin" in done.err
+    assert "cannot check for a first admin" in done.err
     assert len(started) == 1
 
 

@@ -154,7 +154,7 @@ def test_approved_claim_replaces_the_key(run: Run, database: Database) -> None:
     refused = run("robot", "approve", "sim1", terminal="n\n")
     fields = shown(refused.out)
     assert (fields["key"], fields["host name"]) == ("SHA256:other", "copy")
-    assert "another key, SHA256:abc, and goes on with it" in fields["beware"]
+    assert "another key, SHA256:abc, and keeps it" in fields["beware"]
     assert robot(database).fingerprint == "SHA256:abc"
     done = run("robot", "approve", "sim1", terminal="y\n")
     assert done.out.endswith("robot sim1 is active with key SHA256:other\n")
@@ -217,7 +217,7 @@ def test_rekey_forgets_the_key(run: Run, database: Database, before: State, afte
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "sim1").id, before)
     done = run("robot", "rekey", "sim1")
-    assert done.out == "robot sim1 has no key any more; it had SHA256:abc\n"
+    assert done.out == "robot sim1 has no key now; it had SHA256:abc\n"
     found = robot(database)
     assert (found.state, found.fingerprint) == (after, None)
     assert details_of(database, "robot_rekeyed") == [{"was": before, "fingerprint": "SHA256:abc"}]

@@ -173,7 +173,7 @@ def test_enable_approves_no_key_in_passing(run: Run, database: Database) -> None
 @pytest.mark.usefixtures("_sim1")
 def test_robot_gets_another_name(run: Run, database: Database) -> None:
     """Which must be free, and a name."""
-    assert run("robot", "rename", "sim1", "turtle").out == "robot sim1 is turtle now\n"
+    assert run("robot", "rename", "sim1", "turtle").out == "robot sim1 is now turtle\n"
     run("robot", "add", "sim2", "--mac", "00:1b:44:11:3a:b7")
     assert "another robot has it" in run("robot", "rename", "sim2", "turtle").err
     assert run("robot", "rename", "sim2", "No Name").status == 1

@@ -29,7 +29,7 @@ async def test_a_refusal_has_all_members_of_the_contract(relay, http):
             "title": "Unauthorized",
             "status": 401,
             "code": "login_missing",
-            "detail": "cannot tell who asks: log in first",
+            "detail": "cannot identify the caller: log in first",
         }
         assert answer.headers["Cache-Control"] == "no-store"
         assert answer.headers["WWW-Authenticate"] == "Bearer"

@@ -20,7 +20,7 @@ def test_admins_token_names_the_admin(site: Site) -> None:
         credential = enrolment_credentials.find(tx, tokens.create(tx, root, "a", None))
         assert (credential.actor, credential.admin, credential.token) == ("root", root, None)
         assert credential.details == {"by": "admin"}
-        with pytest.raises(GrantMissing, match="must be one of an admin"):
+        with pytest.raises(GrantMissing, match="must be an admin's"):
             enrolment_credentials.find(tx, tokens.create(tx, ann, "a", None))
 
 

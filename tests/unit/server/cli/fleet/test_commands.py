@@ -148,7 +148,7 @@ def test_each_robot_has_its_outcome(network: ShellNetwork) -> None:
     assert one.out is not None
     assert one.out.text == "hi\n"
     assert (two.status, two.ok) == (None, False)
-    assert two.problem == "cannot reach sim2: it is offline, the server has no tunnel of it"
+    assert two.problem == "cannot reach sim2: it is offline: the server has no tunnel to it"
 
 
 def test_defect_is_one_robots_outcome(

@@ -83,5 +83,5 @@ def test_file_that_cannot_be_used_is_told(tmp_path: Path, key: KnownKey) -> None
     """A folder in its place, say."""
     with pytest.raises(ConfigUnusable, match="cannot read the known host keys"):
         known_hosts.find([tmp_path], "sim1")
-    with pytest.raises(ConfigUnusable, match="cannot note the key of sim1"):
+    with pytest.raises(ConfigUnusable, match="cannot save the key of sim1"):
         known_hosts.add(tmp_path, "sim1", key)

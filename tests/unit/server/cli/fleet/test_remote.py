@@ -114,7 +114,7 @@ def test_time_out_is_named_though_its_thread_still_runs(
 def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:
     """And no success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
-    with pytest.raises(CommandCut, match="the link broke"):
+    with pytest.raises(CommandCut, match="the connection broke"):
         do(stop)
 
 

@@ -75,7 +75,7 @@ def test_offline_robot(network: ShellNetwork, connections: SshConnections) -> No
     network.robots["sim1"].stop()
     problem = refused(network, connections)
     assert isinstance(problem, Unreachable)
-    assert problem.detail == "cannot reach sim1: it is offline, the server has no tunnel of it"
+    assert problem.detail == "cannot reach sim1: it is offline: the server has no tunnel to it"
 
 
 def test_robot_that_the_server_does_not_open(
@@ -95,7 +95,7 @@ def test_keys_that_the_robot_does_not_take(
     network.robots["sim1"].authorized.write_text("")
     problem = refused(network, connections)
     assert isinstance(problem, LoginRefused)
-    assert f"sim1 as {network.user}: it takes none of your 1 keys" in problem.detail
+    assert f"sim1 as {network.user}: it accepts none of your 1 keys" in problem.detail
 
 
 def test_locked_key(network: ShellNetwork, connections: SshConnections) -> None:

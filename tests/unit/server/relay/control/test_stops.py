@@ -311,7 +311,7 @@ async def test_a_release_ends_the_stop_that_was_seen_and_no_other(relay, guarded
     stops.stop(sim1, "ann")
     seen = stops.shown(sim1.id)
     stops.stop(sim1, "ben")
-    with pytest.raises(NotPossible, match=r"^ben stopped sim1 at \d\d:\d\d UTC too; look again"):
+    with pytest.raises(NotPossible, match=r"^ben stopped sim1 at \d\d:\d\d UTC too; check again"):
         await stops.release(sim1, "ann", seen=seen)
     newer = stops.shown(sim1.id)
     with pytest.raises(NotPossible):

@@ -91,7 +91,7 @@ async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_
     await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
     assert event_writer.waiting() == 5
     assert event_writer.dropped == 15
-    assert caplog.text.count("the journal is full") == 1
+    assert caplog.text.count("too many entries wait for the database") == 1
     memory_database.down = False
     await until(lambda: len(memory_database.written) == 5, "the newest are written")
     assert [entry.robot_id for entry in memory_database.sessions()] == [15, 16, 17, 18, 19]
@@ -141,4 +141,4 @@ async def test_a_flush_ends_without_a_database(event_writer, memory_database, ca
     event_writer.add(session())
     async with asyncio.timeout(1):
         await event_writer.flush(0.1)
-    assert "1 entries of the journal are not written" in caplog.text
+    assert "1 entries were not written to the database" in caplog.text

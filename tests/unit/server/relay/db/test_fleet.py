@@ -101,7 +101,7 @@ async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memor
     await fleet.poll()
     assert fleet.store_up
     assert [record.message.split(";")[0] for record in caplog.records] == [
-        "cannot reach the records: the test took them away",
+        "cannot reach the database: the test took them away",
         "the database answers again",
     ]
 

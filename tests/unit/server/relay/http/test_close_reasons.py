@@ -35,7 +35,7 @@ def test_all_reasons_fit_with_the_longest_name():
         close_reasons.relay_stopping(),
         close_reasons.message_too_big(10 * 1024 * 1024, f"robot {name}"),
         close_reasons.message_too_big(64 * 1024, "you"),
-        close_reasons.too_many_connections(f"robot {name} has 64 of them already; try again later"),
+        close_reasons.too_many_connections(f"robot {name} already has 64 of them; try again later"),
     ):
         assert len(close_reason.reason.encode()) <= 123, close_reason.name
 

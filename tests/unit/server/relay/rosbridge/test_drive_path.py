@@ -53,7 +53,7 @@ async def test_a_command_of_a_timestamp_to_come_is_refused(relay, guarded, sim1,
         await ann.clock_sync()
         await ann.until("robotether.beat")
         await ann.drive(0.5, age_ms=-5000)
-        assert "its moment is to come" in (await ann.until("status"))["msg"]
+        assert "its timestamp lies ahead" in (await ann.until("status"))["msg"]
         await ann.drive(0.25)
         await until(lambda: guarded.received, "the right one came")
     assert [json.loads(data)["msg"] for data in guarded.received] == [{"linear": {"x": 0.25}}]

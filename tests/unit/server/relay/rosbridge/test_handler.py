@@ -203,7 +203,7 @@ async def test_too_many_connections_are_told_so(relay, robot, sim1, http):
             async with http.ws_connect(relay.ros_url(sim1)) as second:
                 assert await closing(second) == (
                     4429,
-                    "you have 1 connections open already; close one first",
+                    "you already have 1 connections open; close one first",
                 )
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH

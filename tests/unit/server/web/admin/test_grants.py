@@ -137,7 +137,7 @@ def test_the_question_names_the_end(
     with admin_database.transaction() as tx:
         tx.change("UPDATE grants SET expires_at = '2020-01-01' WHERE expires_at IS NOT NULL")
     page = admin.ask("GET", path).text
-    assert "It gives nothing any more: drive until 2020-01-01" in page
+    assert "It no longer allows anything: drive until 2020-01-01" in page
     assert "may drive now" not in page
     assert "Give the user ann the grant" not in page
 

@@ -17,7 +17,7 @@ def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -
     """Each with its page, its question and its line in the log."""
     assert "There is no group yet" in admin.ask("GET", "/admin/groups").text
     assert send(admin, "/admin/groups", name="crew").location == "/admin/groups/crew"
-    assert "Nobody is in it yet" in admin.ask("GET", "/admin/groups/crew").text
+    assert "It has no members yet" in admin.ask("GET", "/admin/groups/crew").text
     assert send(admin, "/admin/groups/crew/members", user="ann").location == "/admin/groups/crew"
     assert members(database) == ("ann",)
     assert "/admin/groups/crew" in admin.ask("GET", "/admin/users/ann").text

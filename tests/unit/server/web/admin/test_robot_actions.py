@@ -60,7 +60,7 @@ def test_deed_is_done_and_audited(
 @pytest.mark.usefixtures("active")
 def test_a_removed_robot_is_gone(admin: Browser, database: Database) -> None:
     """The page says before that nobody can bring it back."""
-    assert "cannot be brought back" in admin.ask("GET", "/admin/robots/sim1/remove").text
+    assert "cannot be restored" in admin.ask("GET", "/admin/robots/sim1/remove").text
     answer = send(admin, "/admin/robots/sim1/remove")
     assert (answer.status_code, answer.location) == (303, "/admin/robots")
     assert admin.ask("GET", "/admin/robots/sim1").status_code == 404

@@ -128,7 +128,7 @@ def test_a_typed_password_is_set(admin: Browser, ann: Browser) -> None:
 
 def test_a_removed_user_is_gone(admin: Browser, ann: Browser) -> None:
     """The page says before that nobody can bring the user back."""
-    assert "cannot be brought back" in admin.ask("GET", "/admin/users/ann/remove").text
+    assert "cannot be restored" in admin.ask("GET", "/admin/users/ann/remove").text
     assert send(admin, "/admin/users/ann/remove").location == "/admin/users"
     assert not is_in(ann)
 

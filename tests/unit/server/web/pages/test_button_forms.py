@@ -105,7 +105,7 @@ def test_a_form_of_before_changes_no_other_button(manager: Browser, database: Da
     ("changes", "sentence"),
     [
         ({"sends": "{data: true}"}, "at line 1, column 2"),
-        ({"sends": '{"a": 1,\n "a": 2}'}, "a member stands in it twice"),
+        ({"sends": '{"a": 1,\n "a": 2}'}, "a member appears twice"),
         ({"sends": "[]"}, "it must be a JSON object"),
         ({"sends": '{"data": NaN}'}, "cannot use button.msg: NaN"),
         ({"sends": "[" * 9000}, "cannot read what the button sends"),

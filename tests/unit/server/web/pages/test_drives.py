@@ -48,7 +48,7 @@ def test_admin_sees_all_and_user_her_own(
         '2 too old, <span title="topic">3 to a topic that is not allowed</span>',
     ):
         assert text in page
-    assert "No drive fits" in ann.ask("GET", "/drives").text
+    assert "No drive matches" in ann.ask("GET", "/drives").text
     add_drive(admin_database, "sim1", "ann", ended_at=None, stops=1)
     page = ann.ask("GET", "/drives").text
     assert "goes on" in page

@@ -56,7 +56,7 @@ def test_failed_login_reveals_nothing(
     """Unknown user and wrong password get the same page, and an audit event."""
     answer = browser.log_in(name, password)
     assert answer.status_code == 401
-    assert "name and password do not fit" in answer.text
+    assert "the name or the password is wrong" in answer.text
     assert browser.client.get_cookie("__Host-robotether_login", "robots.example") is None
     assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
 
@@ -194,7 +194,7 @@ def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
     assert "Add the first one" in browser.ask("GET", "/").text
     browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
     browser.log_in("ann")
-    assert "An admin gives you one" in browser.ask("GET", "/").text
+    assert "An admin grants you one" in browser.ask("GET", "/").text
 
 
 def settings_of_page(browser: Browser, database: Database, settings: str) -> dict[str, Any]:

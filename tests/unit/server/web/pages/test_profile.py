@@ -57,8 +57,8 @@ def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) ->
 @pytest.mark.parametrize(
     ("form", "status", "sentence"),
     [
-        ({"present": "wrong", "new": NEW, "again": NEW}, 401, "present password is not right"),
-        ({"present": PASSWORD, "new": NEW, "again": "other"}, 422, "not the same both times"),
+        ({"present": "wrong", "new": NEW, "again": NEW}, 401, "current password is wrong"),
+        ({"present": PASSWORD, "new": NEW, "again": "other"}, 422, "the two new ones differ"),
         ({"present": PASSWORD, "new": "short", "again": "short"}, 422, "it has 5 characters"),
     ],
 )
@@ -78,7 +78,7 @@ def test_a_browser_that_was_left_open_is_no_way_to_guess(ann: Browser) -> None:
     for _ in range(5):
         assert send(ann, "/profile/password", present="x", new=NEW, again=NEW).status_code == 401
     answer = send(ann, "/profile/password", present=PASSWORD, new=NEW, again=NEW)
-    assert (answer.status_code, "too many tries" in answer.text) == (429, True)
+    assert (answer.status_code, "too many attempts" in answer.text) == (429, True)
 
 
 def test_log_out_everywhere_ends_this_login_too(ann: Browser) -> None:
