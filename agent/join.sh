@@ -66,7 +66,7 @@ at_exit() {
   if [ -n "$work" ]; then rm -rf "$work"; fi
   if [ "$status" != 0 ] && [ -n "$undo_steps" ]; then
     printf '%s' "$undo_steps" | while IFS= read -r step; do eval "$step" || true; done
-    say 'undid what this run had changed. When the cause is mended, run the same line again' >&2
+    say 'undid what this run had changed. Fix the cause, then run the same line again' >&2
   fi
   exit "$status"
 }
@@ -230,7 +230,7 @@ download() {
   get /agent/manifest "$work/manifest"
   wheel=$(awk '$2 ~ /^robotether_agent-[A-Za-z0-9.+_-]+\.whl$/ { print $2 }' "$work/manifest")
   if grep -qvE '^[0-9a-f]{64}  [A-Za-z0-9._+-]+$' "$work/manifest" || [ -z "$wheel" ]; then
-    fail "cannot install from $server: something else than a Robotether server answers there (a captive portal?)"
+    fail "cannot install from $server: something other than a Robotether server answers there (a captive portal?)"
   fi
   for file in "$wheel" requirements.txt; do get "/agent/$file" "$work/$file"; done
   (cd "$work" && sha256sum --check --status --strict manifest) ||
@@ -283,7 +283,7 @@ ensure_account() {
   step "making the user $ACCOUNT, as whom the agent runs"
   on_failure "userdel $ACCOUNT"
   useradd --system --user-group --home-dir "$STATE" --no-create-home --shell /usr/sbin/nologin "$ACCOUNT" ||
-    fail "cannot make the user $ACCOUNT: see above"
+    fail "cannot create the user $ACCOUNT: see above"
 }
 
 ensure_agent() {
@@ -396,13 +396,13 @@ ensure_running() {
   if [ ! -e "$ROOT/current" ] || [ -n "$image" ]; then point_current_here; fi
   [ -n "$image" ] || systemctl daemon-reload
   systemctl --quiet is-enabled robotether-agent 2>/dev/null || systemctl --quiet enable robotether-agent ||
-    fail 'cannot enable the boot service: see above; mend it and run this again'
+    fail 'cannot enable the boot service: see above; fix it and run this again'
   if [ -n "$image" ]; then return; fi
   if ! is_current; then
     step "switching from $(basename "$(readlink "$ROOT/current")") to $version"
     # Not a child of this shell: the connection over which it runs may be the robot's own tunnel.
     systemd-run --quiet --wait --pipe --collect "$AGENT" switch "$venv" ||
-      fail "cannot upgrade: version $version does not come up here, so the one before runs again. See journalctl -u robotether-agent"
+      fail "cannot upgrade: version $version does not start here, so the previous one runs again. See journalctl -u robotether-agent"
   elif [ -n "$changed" ] || ! systemctl --quiet is-active robotether-agent; then
     step 'starting the agent'
     systemctl restart robotether-agent || fail 'cannot start the agent: see journalctl -u robotether-agent'
@@ -424,7 +424,7 @@ tell_result() {
     sed -n 's/^warning */WARNING: /p' "$work/status" | while read -r line; do say "$line"; done
   else
     cat "$work/status" >&2
-    fail "cannot see it connected after $WAIT_S s. The agent is installed and goes on trying; ask it why: $AGENT doctor"
+    fail "cannot see it connected after $WAIT_S s. The agent is installed and keeps trying; find out why: $AGENT doctor"
   fi
 }
 
@@ -440,7 +440,7 @@ wait_connected() {
 tell_how_to_approve() {
   say "$answer"
   say "the key of this robot is $(ssh-keygen -lf "$STATE/id_ed25519.pub" | cut -d ' ' -f 2)"
-  say "done: an admin lets it in at https://$server/admin/pending, or with 'robotether robot approve', after comparing that key." \
+  say "done: an admin approves it at https://$server/admin/pending, or with 'robotether robot approve', after comparing that key." \
     'The agent runs and asks by itself'
 }
 

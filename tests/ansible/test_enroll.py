@@ -77,7 +77,7 @@ def test_check_works_before_the_first_run(enrolled: Enrolled) -> None:
     """--check on a bare robot succeeds, says what it would do, and changes neither robot nor server."""
     assert enrolled.check.code == 0, enrolled.check.printed
     assert enrolled.check.recaps["turtle"].changed > 0
-    enrolled.check.must_say("would make the robot's key")
+    enrolled.check.must_say("would create the robot's key")
     assert enrolled.changed_by_check == set()
     assert ["turtle"] not in enrolled.rows_after_check
 

@@ -320,7 +320,7 @@ def test_mac_of_another_robot_waits(
         good, said = copy.install(invite(stack, admin))
         assert good, said
         assert copy.key() in said
-        assert "done: an admin lets it in" in said
+        assert "done: an admin approves it" in said
         assert online(stack, robot.host.mac)
 
 

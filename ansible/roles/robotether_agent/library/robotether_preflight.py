@@ -17,9 +17,9 @@ from ansible.module_utils.robotether_server import ServerError, digits_of, host_
 
 DOCUMENTATION = r"""
 module: robotether_preflight
-short_description: Tells everything that would stop a robot's enrolment
+short_description: Finds everything that would stop a robot's enrolment
 description:
-  - Looks at disk space, at the server as this robot sees it, and at its rosbridge. C(problems) holds one sentence for
+  - Checks disk space, the server as this robot sees it, and its rosbridge. C(problems) holds one sentence for
     each thing that is wrong, which says what to do.
 options:
   server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
@@ -89,7 +89,8 @@ def _server(params: dict[str, Any]) -> str:
     if pinned and seen != pinned:
         return (
             f"the certificate of {params['server']} has the SHA-256 {seen}, but robotether_agent_tls_fingerprint is "
-            f"{pinned}: compare both with the one that the server printed; if they differ, somebody stands in between"
+            f"{pinned}: compare both with the one that the server printed; if they differ, somebody may intercept "
+            "the connection"
         )
     return ""
 

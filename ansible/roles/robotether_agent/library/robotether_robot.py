@@ -12,7 +12,7 @@ from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerErro
 
 DOCUMENTATION = r"""
 module: robotether_robot
-short_description: Makes, or removes, a robot's row on a Robotether server
+short_description: Creates or removes a robot's row on a Robotether server
 description:
   - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
   - C(absent) removes the row of that MAC, or of that name when no MAC is given, which ends the robot's tunnel. A row
@@ -48,7 +48,7 @@ ADVICE = {
     ),
     "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
     "robot_disabled": "enable the robot on the server, then run this again",
-    "key_rejected": "an admin turned this key away: let it ask again on the server's page of pending robots",
+    "key_rejected": "an admin rejected this key: allow it to ask again on the server's page of pending robots",
     "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
 }
 CREATED, OK, NO_CONTENT, NOT_FOUND = 201, 200, 204, 404

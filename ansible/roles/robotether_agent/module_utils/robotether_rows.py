@@ -33,8 +33,8 @@ def own_row(
     if found:
         known = " and ".join(f"{row['name']} (MAC {row['mac']})" for row in found)
         raise ForeignRowError(
-            f"cannot tell which robot {name} is on the server: the machine says that its MAC is {mac}, the server "
-            f"knows {known}, and the key there is not this machine's; look at both, and remove the right one by "
+            f"cannot decide which robot {name} is on the server: the machine reports MAC {mac}, the server "
+            f"knows {known}, and the key there is not this machine's; check both, and remove the right one by "
             "hand: robotether robot remove NAME"
         )
     return None
