@@ -1,4 +1,4 @@
-"""When to try again: the delays, the one decision between retry and giving up, and the loop that goes by them.
+"""Decides when to retry: the delays, retry or give up, and the loop that follows both.
 
 `keep_going` is run by the daemon, once for each kind of connection. Only a problem that no retry mends gets through.
 """

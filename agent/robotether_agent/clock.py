@@ -1,4 +1,4 @@
-"""The robot's clock, by which ages of commands are judged: the session tells it to the server, the guard goes by it."""
+"""The clock by which ages of commands are judged; the session reports it to the server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The agent's main loop: who this robot is, its place on the server, its connections, its status.
+"""The agent's main loop: identity, enrolment, connections and status.
 
 Started by the cli's `run`. Ends only on a problem that no retry mends, or when it is cancelled; the guard then
 stops the robot first, and no process, no control socket and no half-written file is left behind.

@@ -1,4 +1,4 @@
-"""Says in a few words why something on the network did not answer; for health probes and the doctor."""
+"""Describes in a few words why something on the network did not answer; for health probes and the doctor."""
 
 from __future__ import annotations
 

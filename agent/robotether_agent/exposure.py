@@ -1,4 +1,4 @@
-"""Whether a service of the robot listens beyond the robot itself, where everybody in its network reaches it.
+"""Finds out whether a service of the robot listens beyond loopback, where anyone in its network reaches it.
 
 Used by health and doctor. ROS's rosbridge listens on all interfaces unless it is told otherwise, and the guard is not
 in the way of who comes from there. Reads the kernel's list of listening sockets, so that no service sees a connection.

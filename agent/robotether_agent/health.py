@@ -1,4 +1,4 @@
-"""Watches rosbridge and where pictures come from on the robot, and tells when that changes.
+"""Watches rosbridge and the source of video on the robot, and reports changes.
 
 Run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new

@@ -1,4 +1,4 @@
-"""The agent's own use of the robot's rosbridge: which topics there are, and what comes on one of them.
+"""The agent's own use of rosbridge: lists topics, and subscribes to one.
 
 Used by the media service and the vitals, each on a connection of its own and only while somebody wants what it brings.
 Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection are read by one task alone.

@@ -1,4 +1,4 @@
-"""Talks to systemd: reports how the agent is (sd_notify), asks about the boot service and restarts it (systemctl).
+"""Talks to systemd: reports the agent's state (sd_notify), checks and restarts the boot service (systemctl).
 
 Without systemd it does nothing; a message that cannot be sent never stops the agent.
 """

@@ -1,4 +1,4 @@
-"""Puts another version of the agent in use and goes back by itself when that one does not come up.
+"""Switches to another version of the agent, and rolls back if that one does not start.
 
 Run by `robotether-agent switch`, as root, by the version that is in use, outside of the boot service. Whoever
 asks may have come through the agent's own tunnel, so nothing here waits for them. A change that a power cut

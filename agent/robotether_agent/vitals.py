@@ -1,4 +1,4 @@
-"""The robot's battery, for the fleet page: heard through rosbridge, told to the server when it changes.
+"""Reads the robot's battery through rosbridge, and reports changes to the server.
 
 A task of the session, so that nobody asks the robot while nobody is told. It holds one
 subscription, of one message in 5 s at most, and none on a robot without a battery's topic. Never tells what is old:

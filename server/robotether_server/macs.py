@@ -1,4 +1,4 @@
-"""Brings a MAC address into its one spelling, `00:1b:44:11:3a:b7`, and refuses those that no robot has.
+"""Writes a MAC address in one spelling, `00:1b:44:11:3a:b7`, and rejects those that no robot has.
 
 Used by services before they ask the database. Twin of the procedure normalise_mac in
 sql/0006_shell_ports_and_macs.sql, which serves whoever writes SQL by hand; a test holds the two together.

@@ -1,4 +1,4 @@
-"""Whose an address is, for limits that count addresses.
+"""The network of an address, for limits that count addresses.
 
 Used by joining.py and logging_in.py. One customer holds a whole /64 of IPv6, so its addresses count as one.
 """

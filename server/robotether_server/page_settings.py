@@ -1,4 +1,4 @@
-"""What the drive page makes of a robot: how it moves, which cameras it has, how its picture should be.
+"""Settings of a robot's drive page: how it moves, its cameras, and the requested video.
 
 Part of a robot's settings (robot_settings.py), as `page`; docs/protocols.md describes every member. Relay and
 robot read nothing of it, but for what the page asks of them within the robot's policy. Pure.

@@ -1,4 +1,4 @@
-"""What is in force: frozen settings for web, relay, migrate and the cli, one group a need.
+"""The settings in force: frozen objects for web, relay, migrate and the cli, one group a need.
 
 Made once at a start from the environment, which nothing else reads. Each part demands only the
 variables that it needs, so no part holds another's secrets. Must never print a secret.

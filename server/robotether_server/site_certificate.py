@@ -1,4 +1,4 @@
-"""Learns which certificate nginx shows for this site, and whether a robot would know it.
+"""Reads the certificate that nginx shows for this site, and whether a robot would know it.
 
 Used by web and cli for the line that installs a robot. Asks nginx itself, as the certificate's file is
 nginx's own and may be replaced at any time. Must never be used to trust a connection.

@@ -1,4 +1,4 @@
-"""Moments and days as people and programs write them; every refusal names the field.
+"""Parses times and days as people and programs write them; every refusal names the field.
 
 Used by web, relay and the command line. Pure, but for the clock in `check_end`.
 """

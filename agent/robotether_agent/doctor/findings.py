@@ -1,4 +1,4 @@
-"""What one check found: a line for a person, and where it fails, what to do."""
+"""The result of one check: a line for a person and, if it failed, what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is on the robot itself: room on the disk, the MAC that names it, its key, its services."""
+"""Checks the robot itself: free disk space, its MAC, its key, its services."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the server looks from here: its name, its port, its certificate, its clock, and whether it is ours.
+"""Checks the server from here: its name, port, certificate and clock, and whether it is a Robotether server.
 
 look() asks the network once; the checks are pure functions of what it saw.
 """

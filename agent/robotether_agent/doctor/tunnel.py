@@ -1,4 +1,4 @@
-"""The way to the server over SSH: its ports and host key, the boot service, and what the agent itself says."""
+"""Checks the connection over SSH: ports and host key, the boot service, and the agent's own status."""
 
 from __future__ import annotations
 

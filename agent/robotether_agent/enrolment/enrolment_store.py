@@ -1,4 +1,4 @@
-"""What an active join gave, kept in the state directory so that a robot connects without asking again.
+"""Keeps the answer to a join in the state directory, so that a robot connects without asking again.
 
 Written and read by the enroller. The host keys stand beside it in known_hosts; remove that file and the
 robot joins, and pins, anew.

@@ -1,4 +1,4 @@
-"""Which MAC address names this robot, found once and then kept, whatever interfaces come and go.
+"""The MAC address that names this robot: found once and then kept, whatever interfaces come and go.
 
 Used by the enroller and by `robotether-agent identity`. The settings `mac` and `interface` win; else the
 address that was found first stays, so that a robot never becomes another one by itself.

@@ -1,4 +1,4 @@
-"""Asks the server to let this robot in: POST /api/v1/join.
+"""Sends the join request, POST /api/v1/join, and reads the answer.
 
 Called by the enroller. Trusts the pinned certificate, the given CA file or the system's CAs, and nothing
 else; follows no redirect, so that a captive portal cannot answer in the server's place.

@@ -1,4 +1,4 @@
-"""The guard: stands in front of the robot's rosbridge and stops the robot when commands stop.
+"""The guard: sits in front of the robot's rosbridge and stops the robot when commands stop.
 
 Started by the agent as `python -m robotether_agent.guard`, a process of its own, so that neither the agent's
 other work nor its crash can delay a stop. docs/protocols.md, "The guard", says what it does. It must never

@@ -1,4 +1,4 @@
-"""The lines between agent and guard, one JSON object each: what the agent says, and what the guard reports.
+"""The JSON lines between agent and guard: requests of the agent, reports of the guard.
 
 Used by the guard's process. An agent that does not read must not hold the guard up: beyond the pipe's size and a
 bound, lines are dropped, and the agent ends a guard that it does not hear. A driver must not be able to make more lines

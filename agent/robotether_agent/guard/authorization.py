@@ -1,4 +1,4 @@
-"""Who may drive now: the server's key, the lease's fencing number, the stop, the session and the agent's life.
+"""Decides who may drive now, by key, fence, stop, session and the agent's ticks.
 
 Asked at each handshake and again for each command, so that a right that ended is gone at once. The newest number
 that anybody showed counts: the lease's line and the driver's handshake come on two channels, in either order. Pure.

@@ -1,4 +1,4 @@
-"""One life of the guard, as the agent sees it: a child process with JSON lines on stdin and stdout.
+"""One run of the guard, as the agent sees it: a child process with JSON lines on stdin and stdout.
 
 Started by robotether_agent.guard.supervisor. The guard is never left running without an agent: it is asked to stop
 the robot and end, and what does not follow is killed. Its log goes where the agent's goes.

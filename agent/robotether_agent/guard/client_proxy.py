@@ -1,4 +1,4 @@
-"""One operator's WebSocket joined to a rosbridge connection of its own.
+"""Connects one operator's WebSocket to a rosbridge connection of its own.
 
 Made by the server for each handshake that was let in. Frames pass as they came, except that drive messages go to the
 drive controller, and what cannot be checked is refused. It never reads what comes from the robot. Reading on one side

@@ -1,4 +1,4 @@
-"""The guard's own connection to rosbridge: the one way on which drive commands and zeros go, in their order.
+"""The guard's own connection to rosbridge, which carries drive commands and zeros in order.
 
 Run by the guard's process for its whole life; connects again at once and for ever. Nothing waits in it: `can_send` says
 whether what is sent now is read soon. TCP alone would not tell, for the kernel takes minutes of commands for a

@@ -1,4 +1,4 @@
-"""Drive commands: what a message on a drive topic says, read field by field, kept within limits, and written anew.
+"""Reads drive commands field by field, limits them, and writes them anew.
 
 Only what was checked is written, so nothing reaches the wheels that this module does not know. Braking is never
 limited: no command leaves `limited` faster than it came, and one that asks for less speed than the robot has in that

@@ -1,4 +1,4 @@
-"""When each drive topic gets the guard's zeros: after the deadman time, or at once when told.
+"""Decides when each drive topic gets the guard's zeros: after the deadman time, or at once.
 
 Kept by the drive controller, which alone sends. Per topic: idle (nothing to do), moving (a command that moves was sent
 last) or zeroing (ten zeros at 20 Hz, counted when they were sent, then idle). A topic that never moved gets none,

@@ -1,4 +1,4 @@
-"""The guard's one parser of what comes from operators: finds the messages that concern drive topics.
+"""Finds the messages on drive topics among all that operators send.
 
 Called by the client proxy for every message of every connection. What it lets pass goes to rosbridge as the bytes
 that came, so it must read them as rosbridge does: what could be read in two ways is refused. rosbridge, when it

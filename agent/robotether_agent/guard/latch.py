@@ -1,4 +1,4 @@
-"""The stop: at once in memory, then on the disk, then told and answered; a release the other way round.
+"""The stop: held in memory at once, then written to disk, then reported; a release in the opposite order.
 
 Kept by the guard's process. The disk may take its time, so it works in a thread, one order after the other. A stop
 that comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and so it is

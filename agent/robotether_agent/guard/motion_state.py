@@ -1,4 +1,4 @@
-"""That the robot is in motion (motion.json): on the disk before a topic moves, away when it has stood for a while.
+"""Records in a file (motion.json) that the robot moves, so that the next guard can stop it.
 
 Used by the drive controller alone. The file is in the run directory and outlives a crash, so that the next guard zeroes
 what this one left: what it says of a topic must be what the next guard needs for that.

@@ -1,4 +1,4 @@
-"""The guard as a process: puts its parts together, hears the agent, and ends with the robot stopped.
+"""The guard's process: builds its parts, reads the agent's lines, and ends with the robot stopped.
 
 Run by `python -m robotether_agent.guard`. Standard input and output are the agent's pipes; the end of input, `exit`
 and SIGTERM are one: zeros, then the end.

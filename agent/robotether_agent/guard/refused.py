@@ -1,4 +1,4 @@
-"""Why the guard does not pass a message on; raised by every check, counted and answered by the client proxy."""
+"""Why the guard refuses a message; raised by every check, counted and answered by the client proxy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guard's door: takes WebSockets on a port of this machine, and joins those it lets in to rosbridge.
+"""Accepts WebSockets on a local port, and connects authorized ones to rosbridge.
 
 Run by the guard's process. The agent's forward of the robot's port leads here. Who may enter is the authorizer's
 matter; rosbridge is reached before the upgrade, so that one that is down is an HTTP answer.

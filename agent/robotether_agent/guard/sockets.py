@@ -1,4 +1,4 @@
-"""The two ends of a client proxy, and the publisher's: aiohttp's WebSockets that keep text as bytes.
+"""The two ends of a client proxy, and the publisher's: aiohttp WebSockets that keep text as bytes.
 
 Nothing is compressed, pings and pongs go on to the other side as they come, and each end tells how much of what
 was sent is still in this process.

@@ -1,4 +1,4 @@
-"""Keeps the guard running for as long as the agent does, and joins it to the robot's session.
+"""Keeps the guard running while the agent runs, and connects it to the robot's session.
 
 Run by the agent. What the server wants goes to the guard at once, and again to each new one after a crash; what the
 guard says goes to the session unchanged. Never stops trying to have a guard, never hands on a release that a dead

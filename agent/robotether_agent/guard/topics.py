@@ -1,4 +1,4 @@
-"""What is known of each drive topic: how it was driven last, by whom, and what waits for rosbridge. Pure."""
+"""The state of each drive topic: last command, its sender, and what waits for rosbridge. Pure."""
 
 from __future__ import annotations
 

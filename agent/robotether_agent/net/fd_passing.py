@@ -1,4 +1,4 @@
-"""Gives a connection that stands to OpenSSH's client, in place of the one that it would make itself.
+"""Passes an open connection to OpenSSH's client, which would otherwise make its own.
 
 Used by the tunnel and the doctor. The connection waits in a Unix socket that is also the client's stderr.
 fd_passing_helper, which the client runs as its ProxyCommand, finds it there. So no name in a file system and no other

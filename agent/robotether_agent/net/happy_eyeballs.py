@@ -1,4 +1,4 @@
-"""Tries several ways side by side, each a little after the one before, and takes the first that works (RFC 8305).
+"""Starts several attempts, each a little after the one before, and takes the first that succeeds (RFC 8305).
 
 Used for addresses, for ports, and for trying again while nothing answers. What comes in too late is dropped.
 """

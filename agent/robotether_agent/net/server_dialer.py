@@ -1,4 +1,4 @@
-"""The robot's way to its server: whichever port, address and proxy lets a connection through now.
+"""Connects to the server by whichever port, address and proxy works now.
 
 One for all connections of an agent, and for their liveness. It keeps at most one connection in hand, which was tried
 and not used yet, and none for longer than a few seconds. It never speaks SSH itself beyond a first line.

@@ -1,4 +1,4 @@
-"""TCP connections to one of a host's addresses, and a look at what comes first on them.
+"""Opens TCP connections to one of a host's addresses, and peeks at the first bytes.
 
 Names are resolved without waiting for a name service that does not answer. A connection is returned or closed; nothing
 is read from it that somebody else may have to read. An option that this kernel, container or user may not set is left

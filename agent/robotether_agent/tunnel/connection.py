@@ -1,4 +1,4 @@
-"""One connection of a kind, from the port that answers to its forward: session (control), media (video) or shell.
+"""One connection of a kind (session, media or shell), from the dial to its forward.
 
 Used by the daemon, one of each kind, so that control never waits behind video or a file copy. A connection ends with
 the problem that ended it; it never tries again by itself. The port that worked last is tried first. While nothing

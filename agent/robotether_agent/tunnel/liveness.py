@@ -1,4 +1,4 @@
-"""Ends a connection that has died silently as soon as the server can be reached anew, and not some time-out later.
+"""Ends a dead connection as soon as the server is reachable again, without waiting for a time-out.
 
 A task of each connection. It never ends a connection that works: silence counts only while the kernel, too, waits for
 the other side, and mostly a fresh connection must get an answer first, which the next dial then uses. So a server that

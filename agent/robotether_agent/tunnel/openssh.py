@@ -1,4 +1,4 @@
-"""OpenSSH's client: its command lines, and what its last words mean, as pure functions; used by the tunnel.
+"""OpenSSH's client: its command lines, and the meaning of its error output, as pure functions.
 
 Only options that every OpenSSH from 8.2 to 10 knows, and no configuration file: what a person wrote in /etc/ssh or
 ~/.ssh must not change how the robot connects. The texts are those of OpenSSH 8.2 to 10 too; what none of them matches

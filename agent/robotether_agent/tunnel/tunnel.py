@@ -1,4 +1,4 @@
-"""One SSH connection to the server: OpenSSH's own client as a child process, on a TCP connection that we made.
+"""One SSH connection to the server: OpenSSH's client as a child process, on a TCP connection of ours.
 
 Its stdin and stdout carry the session's lines; its control socket takes remote forwards while it runs.
 Opened by a connection. Never leaves a child, a control socket or a connection behind, whatever fails.

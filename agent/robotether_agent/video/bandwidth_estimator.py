@@ -1,4 +1,4 @@
-"""How much video may be under way: about as many bytes as the path holds, so that no queue grows in it.
+"""Estimates how many bytes of video may be in flight without a queue on the path.
 
 A pure model without clock and socket, fed by the pacer. The kernel's own congestion control (cubic, mostly) fills the
 queue of the slowest link until it overflows, and control waits behind that. This keeps `rate x (round trip + QUEUE_S)`

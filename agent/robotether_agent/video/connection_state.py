@@ -1,4 +1,4 @@
-"""Reads what the kernel knows of a TCP connection: what it sent, what arrived, and how long that takes.
+"""Reads the kernel's state of a TCP connection: what was sent, what arrived, and how long that takes.
 
 Used by the pacer on the media SSH connection's socket, whose own process is ssh. Only looks; never changes or reads
 the connection.

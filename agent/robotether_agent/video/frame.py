@@ -1,4 +1,4 @@
-"""What a source gives and what is asked of one; shared by all of the media service, and free of any work."""
+"""What a source delivers and what is requested of it; shared by all of the media service, data only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a receiver of frames asks for: the texts of the frames protocol (docs/media.md), checked.
+"""Checks the messages that a receiver of frames sends (docs/media.md).
 
 A broken text names its field; an unknown `op` is nothing, so that the other side may be newer.
 """

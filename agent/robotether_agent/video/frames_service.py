@@ -1,4 +1,4 @@
-"""The media service: frames by credit at /robotether/frames, and web_video_server's answers where there is none.
+"""The media service: frames by credit at /robotether/frames, and web_video_server's URLs where there is none.
 
 Started by the agent beside the video proxy, which leads here what is its own; listens on 127.0.0.1 alone, as the
 robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.

@@ -1,4 +1,4 @@
-"""Takes multipart/x-mixed-replace apart, as web_video_server and network cameras write it; knows no sockets.
+"""Parses multipart/x-mixed-replace, as web_video_server and network cameras write it; knows no sockets.
 
 Cameras differ: some name no length, some have the dashes of the boundary in its name already, some end lines with LF.
 Never holds more than one part, and none over PICTURE_BYTES_MAX.

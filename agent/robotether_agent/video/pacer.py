@@ -1,4 +1,4 @@
-"""Shares the bytes that may be under way on the media connection between all streams that want to send.
+"""Shares the bytes that may be in flight on the media connection among its streams.
 
 Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: who does not
 get its turn does not read from the camera either. Without a connection to look at, or on a kernel that does

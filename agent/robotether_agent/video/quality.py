@@ -1,4 +1,4 @@
-"""Steps quality, then size, so that frames come within the wanted time; pure, each moment is an argument.
+"""Steps quality, then size, so that frames arrive in the requested time; pure, each timestamp is an argument.
 
 Down quickly: after LATE_FRAMES late ones, by two steps when they are very late, or when clearly fewer go out than
 come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A

@@ -1,4 +1,4 @@
-"""One receiver of a camera's frames: what it wants, its credit, and the newest frame that it has not got yet.
+"""One receiver of a camera's frames: its request, its credit, and the newest frame for it.
 
 Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
 nothing for IDLE_S has no source open. Holds one frame and a few texts.

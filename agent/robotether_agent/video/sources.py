@@ -1,4 +1,4 @@
-"""Where a camera's frames come from, by its name and the settings: one function a kind.
+"""Opens a camera's source by its name and the settings: one function a kind.
 
 mjpeg      web_video_server's /stream, and any URL that `cameras` names
 rosbridge  sensor_msgs/CompressedImage

@@ -1,4 +1,4 @@
-"""The media forward's end on the robot: passes streams on to web_video_server, as fast as the uplink takes them.
+"""The media forward's end on the robot: passes web_video_server's streams on as fast as the uplink allows.
 
 Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
 

@@ -1,4 +1,4 @@
-"""Finds out who asks: a browser with a login, or a program with an API token.
+"""Finds the caller: a browser with a login, or a program with an API token.
 
 Used by every handler that needs a user. Reveals nothing about logins and tokens that do not hold. A handler of the
 API does all of a request in one transaction (`any_user`, `admin`): what fails inside leaves nothing behind, its

@@ -1,4 +1,4 @@
-"""Tells what the API offers: GET /api/v1/openapi.json, OpenAPI 3.1.
+"""Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
 The folder openapi/ holds it in parts that a person can read, a file for what belongs together; they are
 joined when somebody asks first.

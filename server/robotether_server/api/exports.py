@@ -1,4 +1,4 @@
-"""Records as a file, streamed however many they are: CSV for spreadsheets, or a JSON object a line for programs.
+"""Writes records as a streamed file: CSV for spreadsheets, or a JSON object a line for programs.
 
 Used by the API and the pages for the audit log and the drives. Must never give a spreadsheet a cell that it would run.
 """

@@ -1,4 +1,4 @@
-"""/api/v1/join: what a robot asks at its first start, and whenever it is not let in."""
+"""/api/v1/join: what a robot asks at its first start, and whenever it is not admitted."""
 
 from http import HTTPStatus
 

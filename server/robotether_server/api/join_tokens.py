@@ -1,4 +1,4 @@
-"""/api/v1/join-tokens: what lets robots in unseen, each with the line that installs one."""
+"""/api/v1/join-tokens: tokens that admit robots, each with its install line."""
 
 import datetime as dt
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""How records look in the API's answers. Pure, but for reading sshd's host keys.
+"""Builds the API's objects from records. Pure, but for reading sshd's host keys.
 
 What only admins may know of a robot stands in `_for_admins`, and nowhere else.
 """

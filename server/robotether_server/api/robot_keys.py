@@ -1,4 +1,4 @@
-"""/api/v1/robots/NAME/...: what admins do about a robot's key and ports."""
+"""/api/v1/robots/NAME/...: what admins change of a robot's key and ports."""
 
 from collections.abc import Callable
 from dataclasses import asdict

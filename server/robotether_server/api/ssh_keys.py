@@ -1,4 +1,4 @@
-"""/api/v1/me/ssh-keys and /api/v1/ssh-config: everybody's own way to the shells of robots."""
+"""/api/v1/me/ssh-keys and /api/v1/ssh-config: a user's access to the shells of robots."""
 
 from dataclasses import asdict
 from http import HTTPStatus

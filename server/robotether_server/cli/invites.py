@@ -1,4 +1,4 @@
-"""robotether robot invite, and robotether join-token ...: what lets robots in without an admin's approval."""
+"""robotether robot invite, and robotether join-token ...: admit robots without an admin's approval."""
 
 import datetime as dt
 import os

@@ -1,4 +1,4 @@
-"""The command itself: its list of commands, the starts of web and migrate, and the border of errors."""
+"""The command itself: its subcommands, the starts of web and migrate, and the handling of errors."""
 
 import importlib
 import logging

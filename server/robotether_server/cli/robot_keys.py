@@ -1,4 +1,4 @@
-"""robotether robot pending, approve, reject, rekey, rotate-key: whose key is a robot's own.
+"""robotether robot pending, approve, reject, rekey, rotate-key: a robot's key.
 
 A key counts for nothing until a person has compared it: approve and reject name the key that was looked at, and do
 nothing when another has come in its place.

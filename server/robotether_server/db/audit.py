@@ -1,4 +1,4 @@
-"""The audit log: who changed what, who was refused. Only ever added to; the database prunes what is old (retention.py).
+"""The audit log: who changed what, and who was refused. Entries are only added; the database prunes old ones.
 
 Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
 """

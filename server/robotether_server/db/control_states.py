@@ -1,4 +1,4 @@
-"""Who drives and which robots are stopped, as web shows it. Only the relay writes these tables (store/control.py)."""
+"""Who drives and which robots are stopped, as web shows it. Only the relay writes these tables (db/control.py)."""
 
 import datetime as dt
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Drives as web shows them: who drove which robot, and how. Only the relay writes them (store/control.py)."""
+"""Drives as web shows them: who drove which robot, and how. Only the relay writes them (db/control.py)."""
 
 import datetime as dt
 import json

@@ -1,4 +1,4 @@
-"""Join tokens: each lets a number of robots in until its time is over. Written by services."""
+"""Join tokens: each admits a number of robots until it expires. Written by services."""
 
 import datetime as dt
 from dataclasses import dataclass

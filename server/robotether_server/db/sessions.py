@@ -1,4 +1,4 @@
-"""Robots' sessions as web shows them. Only the relay writes them (store/fleet.py)."""
+"""Robots' sessions as web shows them. Only the relay writes them (db/fleet.py)."""
 
 import datetime as dt
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""People's SSH public keys, which sshd's account `jump` lets to the robots that they manage.
+"""People's SSH public keys, which sshd's account `jump` accepts for the robots that they manage.
 
 Written by services; sshd reads them through the view jump_keys.
 """

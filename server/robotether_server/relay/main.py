@@ -1,4 +1,4 @@
-"""The relay as a process: makes the parts, joins them, and starts and stops them in order.
+"""The relay's process: builds its parts, and starts and stops them in order.
 
 Tests run several relays in their own process. Each thing that happens to a robot passes here once, and reaches
 connections, control, fleet events and observers from here.

@@ -1,4 +1,4 @@
-"""Tells log, event writer and metrics of what happens to robots and operators.
+"""Reports events of robots and operators to log, event writer and metrics.
 
 `main` hands it to the registry as a listener and to the handlers as their report. It never waits.
 """

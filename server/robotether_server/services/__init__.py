@@ -1,4 +1,4 @@
-"""Every rule that writes: one function an action, with its checks, its change and its line in the audit log.
+"""Every rule that writes: one function an action, with its checks, its change and its audit line.
 
 Used by web and cli, which ask the person and show the outcome. Every function takes the open Transaction
 first, so that several actions of one request are done together or not at all, and raises Problems whose detail

@@ -1,4 +1,4 @@
-"""What the managers of a robot set of its drive page: how it moves, its cameras and picture, and its buttons.
+"""Sets a robot's drive page for its managers: kind, cameras, video and buttons.
 
 The rest of its settings are admins' (robots.py). Whoever calls has found out with `find_managed` that the user
 manages the robot, and for `allow` that it is an admin. Connections go on; the page takes a change when it is opened

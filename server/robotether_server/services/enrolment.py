@@ -1,4 +1,4 @@
-"""How a key becomes a robot's own: what joins and playbooks share. Its callers hold the enrolment lock.
+"""Makes a key a robot's own, for joins and playbooks. Its callers hold the enrolment lock.
 
 A MAC only names a robot, and showing a public key proves nothing. So without a credential
 (enrolment_credentials.py) a key only waits, and nothing that waits may keep a robot out that comes with one. The

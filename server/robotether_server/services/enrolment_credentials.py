@@ -1,4 +1,4 @@
-"""What lets a robot in that joins: a login or an API token of an admin, or a join token.
+"""Finds what admits a robot: an admin's login or API token, or a join token.
 
 Used by joins and by PUT /api/v1/robots/NAME. Reveals nothing about tokens that do not hold.
 """

@@ -1,4 +1,4 @@
-"""Lets robots in: decides what a robot that shows a MAC and a key is told.
+"""Decides what a robot that joins with a MAC and a key is told.
 
 Used by api/join.py. A MAC only names a robot; its key is what proves it. Without a token JOIN_POLICY says
 what becomes of a new key. A join proves no possession of the key, so one with a key that is known already

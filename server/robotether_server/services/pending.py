@@ -1,4 +1,4 @@
-"""Keys that wait for an admin, and those that one turned away."""
+"""Keys that wait for an admin, and rejected ones."""
 
 import datetime as dt
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Robots' rows: added, approved, kept out, moved and removed by admins.
+"""Robots' rows: added, approved, disabled, moved and removed by admins.
 
 Every action takes the enrolment lock first: joins and other actions wait for the end of its transaction.
 """

@@ -1,4 +1,4 @@
-"""What a person's ssh needs to know to reach the shells of robots: one Host entry a robot."""
+"""The entries that a person's ssh needs to reach the shells of robots: one Host a robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""When the next try to log in is heard: pure rules over the failures of the last minutes.
+"""Decides when the next log-in attempt is allowed: pure rules over the failures of the last minutes.
 
 Used by logging_in.py, which reads the failures from the audit log. Three limits, each against one attacker:
 

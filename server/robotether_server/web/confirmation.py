@@ -1,4 +1,4 @@
-"""Actions that a page asks about before it does them: what it affects, and whether it can be undone.
+"""Actions that a page confirms first: what they affect, and how to undo them.
 
 Used by the admin pages and the profile. GET asks, POST does; an action that fails comes back with its form as it
 was filled in, and the sentence that says why.

@@ -1,7 +1,7 @@
 """Lets pages of other sites read what they need to drive: a ticket, the list of robots, and our client module.
 
 The pages of ALLOWED_ORIGINS, which send an API token. No answer allows credentials, so a login is never shown from
-there. The relay does the same for control and video (relay/http/cors.py).
+there. The relay does the same for control and video (relay/app.py).
 """
 
 from collections.abc import Collection

@@ -1,4 +1,4 @@
-"""Who looks at a page: found before the page's handler runs, for blueprints that need a login or an admin.
+"""Finds the user of a page before its handler runs, for blueprints that need a login or an admin.
 
 Used by the admin pages and the profile. The user of this request stands in `flask.g`; an admin's pages also
 know how many keys wait, for the badge of their menu.

@@ -1,4 +1,4 @@
-"""What a page of a long list is asked for: names and days in its query; and the links that ask for the same again."""
+"""Reads the filters of a long list from the query, and builds the links that keep them."""
 
 import datetime as dt
 from dataclasses import dataclass

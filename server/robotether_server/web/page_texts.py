@@ -1,4 +1,4 @@
-"""What templates write often, in words: times, keys, states, close reasons, refusals and lines of the audit log. Pure.
+"""Texts for the templates: times, keys, states, close reasons, refusals and audit lines. Pure.
 
 A code or kind that is not here is shown as it is, as all are in the API and in the files for programs.
 """

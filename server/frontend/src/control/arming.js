@@ -1,4 +1,4 @@
-// Whether what a person presses counts, out of the drive mode and of what they can see. Pure.
+// Decides whether input counts, from the drive mode and the video interlock. Pure.
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
 export class Arming {

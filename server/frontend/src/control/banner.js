@@ -1,4 +1,4 @@
-// The banner that says how things stand and offers what a person can do about it.
+// The banner that shows the state and offers what a person can do about it.
 
 import { byTestId, part, setText } from "../pages/page.js";
 import { connection, logIn, states } from "../texts/common.js";

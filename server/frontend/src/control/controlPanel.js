@@ -1,4 +1,4 @@
-// The part of the drive page that says who drives and lets a person ask, answer, take, begin and give up.
+// The part of the drive page that shows who drives, and lets a person ask, reply, take, start and give up.
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
 import { lease, serverClock } from "../pages/calls.js";

@@ -1,4 +1,4 @@
-// What became of the drive of this page that ended last: in words, and as a file.
+// The summary of this page's last drive: in words, and as a file.
 
 import { api } from "../pages/calls.js";
 import { byTestId, make, part, setText } from "../pages/page.js";

@@ -1,4 +1,4 @@
-// Whether driving is held because the person cannot see what the robot sees now. Pure.
+// Decides whether driving pauses because the person cannot see what the robot sees now. Pure.
 // It must never take a picture for newer than it was told to be, nor its own timer for what keeps it honest: what asks
 // whether a command may go asks check() at that moment.
 

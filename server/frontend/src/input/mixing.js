@@ -1,4 +1,4 @@
-// What all inputs ask for together, as a twist that this kind of robot can follow, within the limits. Pure.
+// Mixes all inputs to a twist that this kind of robot can follow, within the limits. Pure.
 
 export const STILL = { forward: 0, left: 0, turn: 0 };
 

@@ -1,4 +1,4 @@
-// The drive page: one robot's connection, picture, speed and controls. Loaded by drive.html.
+// The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
 import { framesUrl, rosUrl } from "../client/addresses.js";
 import { requestTicket } from "../client/api.js";

@@ -1,4 +1,4 @@
-// The fleet page: keeps the robots as the feed tells, as cards or as a table. Loaded by fleet.html.
+// The fleet page: keeps the robots as the feed reports them, as cards or as a table. Loaded by fleet.html.
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
 import { Feed } from "../client/feed.js";

@@ -1,4 +1,4 @@
-// Every sentence that the scripts show, in one place, ready for translation. No logic beyond filling in.
+// Sentences of the pages: connection, control, stop and release. No logic beyond filling in.
 
 export const connection = {
   connecting: {

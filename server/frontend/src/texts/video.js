@@ -1,4 +1,4 @@
-// Sentences of the pages: pictures, overlays, battery and diagnostics. No logic beyond filling in.
+// Sentences of the pages: video, overlays, battery and diagnostics. No logic beyond filling in.
 
 export const frame = {
   of: (name) => `Live video of ${name}`,

@@ -1,4 +1,4 @@
-// One camera in its place: a stream of pictures, how old they are, and what is said when there is none.
+// One camera in its place: its stream, the age of its frames, and a text when there are none.
 
 import { part, setText } from "../pages/page.js";
 import { frame as texts } from "../texts/video.js";

@@ -1,4 +1,4 @@
-// How old what the driver looks at is. Driving is held by it, so that it never says less than it was. Pure.
+// How old the driver's video is, never less than the truth. Driving pauses by it. Pure.
 
 const REPORT_MS = 100;
 const SLEPT_MS = 500; // more than clocks drift between two looks

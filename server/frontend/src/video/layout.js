@@ -1,4 +1,4 @@
-// How the pictures stand: one, one with another inset, or a grid, and which of them is the main one. Pure.
+// How the tiles are arranged: one, one with another inset, or a grid, and which of them is the main one. Pure.
 // Sources are named by ids: topics of cameras, and MAP.
 
 import { MAP } from "./sources.js";

@@ -1,4 +1,4 @@
-// The places of the pictures: makes a tile for what is shown, ends what is not, and says which is the main one.
+// The places of the video: makes a tile for what is shown, ends what is not, and says which is the main one.
 // What is not seen has no stream.
 
 import { part, setText } from "../pages/page.js";

@@ -1,4 +1,4 @@
-// The pictures of the drive page: which cameras, how they stand, at which quality, and how old the main one is.
+// The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
 import { plainQuery } from "../client/addresses.js";

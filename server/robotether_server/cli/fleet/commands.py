@@ -1,4 +1,4 @@
-"""robotether fleet run and list: one command on many robots, so many at a time, and what became of it on each.
+"""robotether fleet run and list: one command on many robots, so many at a time, and its result on each.
 
 Robots are the entries of OpenSSH's configuration that `robotether ssh-config` printed. They are known by their
 `HostKeyAlias robotether-NAME`, so a pattern such as `*` reaches no other host of the person.

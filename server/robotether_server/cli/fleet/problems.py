@@ -1,4 +1,4 @@
-"""What keeps a command from robots, each a sentence for the person who sent it.
+"""Why a command does not reach a robot, each as a sentence for the person who sent it.
 
 FleetProblem
 ├── RobotsUnknown     robots_unknown

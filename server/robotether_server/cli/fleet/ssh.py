@@ -1,4 +1,4 @@
-"""Connects to robots, all through one connection to each jump host, and says why one cannot be had.
+"""Connects to robots, over one connection to each jump host, and explains failures.
 
 What OpenSSH itself would do is asked with `ssh -G`: so `Include`, `Match`, defaults and the order of files are its own,
 and what works with `ssh NAME` works here. The person's keys come in OpenSSH's order (the agent's that the

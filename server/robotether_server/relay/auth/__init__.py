@@ -1,1 +1,1 @@
-"""Who asks and what for: tickets, logins, tokens, and the live connections that a lost right ends."""
+"""Authorization: tickets, logins, tokens, and the live connections that a lost right ends."""

@@ -1,4 +1,4 @@
-"""Who asks, and what for: tickets, logins, API tokens and the page's origin.
+"""Decides who may open what, by tickets, logins, API tokens and the page's origin.
 
 The handlers of `app` ask here before anything else happens. A refusal is a Problem with its code.
 The ids of used tickets are remembered as long as a ticket is good, in bounded memory.

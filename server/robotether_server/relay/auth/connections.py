@@ -1,4 +1,4 @@
-"""Operators' live connections, so that a lost link or an ended right ends them at once.
+"""Operators' live connections, which a lost link or an ended right ends at once.
 
 The handlers join what they open, and ask before whether there is room: each connection costs
 memory of the relay, and of the robot.

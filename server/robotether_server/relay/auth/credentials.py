@@ -1,4 +1,4 @@
-"""Logins and API tokens: who they belong to, and ending what hangs on one that is gone.
+"""Looks up logins and API tokens, and ends what depends on one that is gone.
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
 a page with many videos asks the database once. `fleet` has those that something live hangs on

@@ -1,4 +1,4 @@
-"""The control of all robots in one place: who drives, who waits, who stopped, and the object that tells it.
+"""The control of all robots: leases, stops, and the control object that describes them.
 
 `main` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
 """

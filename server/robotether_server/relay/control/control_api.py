@@ -1,4 +1,4 @@
-"""The HTTP requests that concern control: stop, release, lease, and what is known of it.
+"""Answers the HTTP requests stop, release, lease and control.
 
 `app` routes them here. Who asks shows a login or a token, never a ticket; what a login changes must come
 from a page of this site. Handlers decide who may, `leasing` and `stops` do it.

@@ -1,4 +1,4 @@
-"""Who drives one robot, who waits for it, and for whom it is kept. Pure: no network, no clock, no database.
+"""The lease of one robot: who drives, who waits, and for whom it is reserved. Pure.
 
 `leasing` has one `Lease` a robot. At most one connection holds it, and the numbers (`fence`) only grow.
 A connection first claims the lease, which keeps everybody else out, and holds it once the number that the

@@ -1,4 +1,4 @@
-"""Leases with what they need: numbers from the database, lines to robots, and timers.
+"""Grants and ends leases, with numbers from the database, lines to robots, and timers.
 
 `rosbridge` begins and ends leases, `control_api` does what people ask for, `stops` ends them. A lease is
 granted only after its number is committed, and is over for everybody at once: the robot is told before

@@ -1,4 +1,4 @@
-"""Which robots are stopped: kept in the database, told to their guards, and taken back by a release.
+"""Which robots are stopped: written to the database, sent to their guards, and ended by a release.
 
 `control_api` and drivers' and observers' own operations stop robots, `main` hands it what guards tell. A
 stop needs no database: it holds in memory at once, its row is written when the database is there. A robot

@@ -1,1 +1,1 @@
-"""The relay's way to the database: reads robots and rights, writes what happens."""
+"""The relay's access to the database: reads robots and rights, writes what happens."""

@@ -1,4 +1,4 @@
-"""The relay's way to the database: questions from the event loop, answered on threads of its own.
+"""The relay's access to the database: queries from the event loop, run on threads.
 
 `fleet`, `credentials` and `event_writer` ask here. Nothing on the way of a message does. A database that
 hangs must not take the loop's shared threads, where names are resolved for new connections.

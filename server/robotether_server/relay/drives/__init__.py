@@ -1,1 +1,1 @@
-"""What a drive came to, for its record."""
+"""Counts a drive for its record."""

@@ -1,4 +1,4 @@
-"""What a drive came to: distance, turn and top speeds that were commanded, messages, refusals, latency, frames.
+"""Counts a drive: commanded distance, turn and speeds, messages, refusals, latency, frames.
 
 Each drive has one; `observers` writes its entry while the drive lasts and at its end. A command counts until
 the next, and no longer than the guard lets it: the robot stops by itself then. Pure: no clock of its own.

@@ -1,4 +1,4 @@
-"""How many frames each user got of each robot, their bytes, and how long they watched: for the records of drives.
+"""Counts frames, bytes and watching time of each user and robot, for the records of drives.
 
 `feeds` and `streams` count, `observers` reads at a drive's beginning and end. Numbers only grow while the relay
 runs. No network; the clock is handed in.

@@ -1,4 +1,4 @@
-"""The fleet as operators see it: robot objects, and who has yet to be told of which change.
+"""The fleet as operators see it: robot objects, and the changes that each subscriber has yet to get.
 
 `events` follows it, one `Subscriber` a client. A subscriber remembers which robots changed and not how, so a
 slow client gets each robot's newest state once, and a subscriber is never larger than the fleet.

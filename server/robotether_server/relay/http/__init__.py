@@ -1,1 +1,1 @@
-"""What every part of the relay needs of HTTP and WebSockets. Imports nothing else of the relay."""
+"""HTTP and WebSocket helpers for every part of the relay. Imports nothing else of the relay."""

@@ -1,4 +1,4 @@
-"""How long to wait before the next try; a generator, tested without a network."""
+"""Delays between attempts; a generator, tested without a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When an operator's connection counts as slow or silent. Pure: no network, no clock of its own.
+"""Decides when an operator's connection is slow or silent. Pure: no network, no clock of its own.
 
 `rosbridge` feeds it twice a second with what the sockets show, so that a message costs nothing.
 """

@@ -1,4 +1,4 @@
-"""How often somebody may do something: so many times a second on average, and some at once.
+"""Token buckets: so many a second on average, and some at once.
 
 `robot_link` keeps one for the lines of a robot, a `MessageValidator` for the messages of a client, for the
 answers to them and for what it refuses, a `Lease` for the questions of each user. Pure: no network, no clock

@@ -1,4 +1,4 @@
-"""The two ends of a bridge: aiohttp's WebSockets, with what it lacks for passing bytes on.
+"""The two ends of a bridge: aiohttp WebSockets that pass bytes on.
 
 `rosbridge` makes one of each a connection. Text stays bytes, compression is off, and both tell how
 much of what was sent is still in this program. Nothing here decides when a connection ends.

@@ -1,4 +1,4 @@
-"""Which robot's connections may be, and what a new row of a robot means for one that is.
+"""Decides which connections of a robot are allowed, and what a changed row means for open ones.
 
 `session_server` asks when a robot connects, `robot_link` when its row changed. Pure: no network, no
 clock. What a login may listen on is fixed by sshd when it logs in, so that a port that is taken

@@ -1,4 +1,4 @@
-"""Looks at robots' forwarded ports from the relay's side: what is behind them, and when one is free again.
+"""Checks robots' forwarded ports from the relay's side: what answers, and when one is free again.
 
 `robot_link` gives each session a `LinkChecks`, all of a relay share one `PortChecker`. A check never
 holds up the link, takes a bounded time, and reads only the first bytes of an answer.

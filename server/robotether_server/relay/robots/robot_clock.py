@@ -1,4 +1,4 @@
-"""What a robot's clock shows at a moment of ours, never too late: clocks are not synchronised.
+"""Converts the relay's timestamps to a robot's clock, never too late: clocks are not synchronised.
 
 `robot_link` feeds it with the agent's pings, drivers' bridges ask it. A sample is how far the agent's
 clock was ahead of ours, less the time that its ping was under way; so the greatest of the last ones is

@@ -1,4 +1,4 @@
-"""Opens the way to a robot's rosbridge: through its tunnel, to the guard in front of it.
+"""Connects to a robot's rosbridge, through its tunnel and its guard.
 
 `rosbridge` asks for one socket a connection. It tells in time why there is none, and shows the guard that
 the connection comes from this relay, what it may do, and with which number it drives.

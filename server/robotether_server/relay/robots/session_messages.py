@@ -1,4 +1,4 @@
-"""The lines between agent and relay: reading them with named errors, and building them.
+"""Parses and builds the lines between agent and relay.
 
 Pure. The contract is the section "The session" of docs/protocols.md.
 """

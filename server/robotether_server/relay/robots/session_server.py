@@ -1,4 +1,4 @@
-"""Accepts robots' sessions from sshd's session command, checks their preface, and runs their links.
+"""Accepts robots' sessions from sshd, checks their preface, and runs their links.
 
 `main` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
 itself at once gets no answer.

@@ -1,4 +1,4 @@
-"""Which robots are connected, and what is known of them. In memory, without a network.
+"""Which robots are connected, and what is known of them; in memory.
 
 `robot_link` reports here what happens on a robot's connection; `connections`, `fleet_events` and `observers`
 listen. At most one link of a kind is current for a robot.

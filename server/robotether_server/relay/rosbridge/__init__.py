@@ -1,1 +1,1 @@
-"""An operator's WebSocket joined to a robot's rosbridge: every message checked and written anew."""
+"""Connects an operator's WebSocket to a robot's rosbridge: every message is checked and written anew."""

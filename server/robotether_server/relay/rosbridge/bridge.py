@@ -1,4 +1,4 @@
-"""One operator's WebSocket joined to one robot's rosbridge.
+"""Passes messages between one operator's WebSocket and one robot's rosbridge.
 
 `rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
 the robot is what its `MessageValidator` has written anew, and nothing else. It never parses what comes from a

@@ -1,4 +1,4 @@
-"""Drive commands: what a publish to a drive topic asks of the robot, and how it goes to the guard.
+"""Reads speed and turn of a publish to a drive topic, and stamps it for the guard.
 
 `message_validator` makes one of each such publish that passes; the relay looks at its age and speed and
 sends what `stamped` writes. The shape of `msg` tells the type: geometry_msgs/Twist and

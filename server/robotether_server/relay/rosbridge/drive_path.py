@@ -1,4 +1,4 @@
-"""The way of one driver's commands to the robot: their age, the newest one first, and the drive's books.
+"""Sends one driver's commands to the robot: checks their age, and lets only the newest wait.
 
 `handler` makes one for each connection with a lease; `bridge` hands it every drive command that passed the
 message validator. A command never waits behind another: when the robot's side is full, only the newest of

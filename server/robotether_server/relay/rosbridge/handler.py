@@ -1,4 +1,4 @@
-"""Answers /robots/NAME/ros: lets an operator in, reaches the robot, and has a `Bridge` run.
+"""Answers /robots/NAME/ros: authorizes an operator, reaches the robot, and runs a `Bridge`.
 
 What concerns ticket, origin or name is refused over HTTP; browsers cannot read such an answer's
 body, so all that concerns the robot is told after the upgrade, as a close code with a reason.

@@ -1,4 +1,4 @@
-"""JSON texts from clients: read strictly, and written so that every parser reads them alike.
+"""Reads JSON from clients strictly, and writes it so that every parser reads it alike.
 
 `message_validator` reads a client's message here, and sends what this writes in its place. Some robots'
 parsers refuse what Python's takes (deep nesting, NaN, numbers over 64 bits, half characters), and

@@ -1,4 +1,4 @@
-"""Operations of our own on the rosbridge WebSocket: clock syncs, the control object, and the stop.
+"""The relay's own operations on the rosbridge WebSocket: clock syncs, the control object, and the stop.
 
 Each bridge has one. Only a client that sends clock syncs gets any of these, so that other rosbridge clients never
 see them. None reaches a robot, and none waits for the database. What comes from a robot passes unread, so a robot can

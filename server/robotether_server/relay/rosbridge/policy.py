@@ -1,4 +1,4 @@
-"""The operations that a connection may send to a robot: each one kind of message, with its fields.
+"""Lists the operations that a connection may send to a robot, with their fields.
 
 `message_validator` checks every message from a client against this list. An operation that is not in it,
 or a field that its entry does not name, never reaches a robot: rosbridge takes `message_intervall`

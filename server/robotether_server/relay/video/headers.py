@@ -1,4 +1,4 @@
-"""Which headers, destinations and types of content pass between a viewer and a robot's video.
+"""Decides which headers, destinations and content types pass between a viewer and a robot's video.
 
 `video` asks for each request. What a robot answers comes from this site's own address, so it must
 not be able to act as a part of the site: no script, style, frame of another kind, cookie or upgrade.

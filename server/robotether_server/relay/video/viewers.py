@@ -1,4 +1,4 @@
-"""What all who watch a robot's cameras have in common: room, rights, and which frame comes next.
+"""What all viewers of robots' cameras share: limits, rights, and the next frame.
 
 `video`, `streams` and `frames_handler` let their viewers in here. Each is cut when its link, right or login ends.
 """

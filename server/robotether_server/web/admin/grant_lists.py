@@ -1,4 +1,4 @@
-"""Which grants a page shows, and what its form for one more offers. Pure, but for what it reads from the records."""
+"""Which grants a page shows, and what its form for another one offers. Pure, but for its queries."""
 
 from robotether_server.db import Transaction, groups, robots, sites, users
 from robotether_server.db.grants import Grant

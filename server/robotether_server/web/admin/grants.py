@@ -1,4 +1,4 @@
-"""Grants, given and taken from the pages of robots, users, groups and sites; all forms are of the same fields."""
+"""Gives and removes grants from the pages of robots, users, groups and sites; all forms are of the same fields."""
 
 from collections.abc import Callable
 

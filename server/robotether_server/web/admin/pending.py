@@ -1,4 +1,4 @@
-"""/admin/pending: keys that wait for an admin, and keys that were turned away.
+"""/admin/pending: keys that wait for an admin, and rejected keys.
 
 A join proves nothing but that somebody knows a MAC, so the page shows the fingerprint to compare, and approves that
 key and no other.

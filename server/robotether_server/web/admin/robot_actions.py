@@ -1,4 +1,4 @@
-"""What an admin does with one robot by a yes: disable, enable, forget or change its key, its shell, remove it."""
+"""What an admin does with one robot after a question: disable, enable, change its key or shell, remove it."""
 
 from flask import Blueprint, request
 from werkzeug.wrappers import Response as AnyResponse

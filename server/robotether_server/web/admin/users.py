@@ -1,4 +1,4 @@
-"""/admin/users: every user; /admin/users/NAME: one of them, and what is done to a user after a question."""
+"""/admin/users: every user; /admin/users/NAME: one of them, and what an admin changes after a question."""
 
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse

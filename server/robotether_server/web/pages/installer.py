@@ -1,4 +1,4 @@
-"""Serves what a robot installs itself from: the script, and the agent with the hashes of its files.
+"""Serves the installer: the script, and the agent with the hashes of its files.
 
 Public, and the same for everybody. The image holds the files (images/server/Dockerfile); the manifest is
 written where the wheel is built. Must never serve a file that neither of the two routes names.

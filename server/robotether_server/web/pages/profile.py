@@ -1,4 +1,4 @@
-"""/profile: what everybody keeps of their own. Password, SSH keys, API tokens, the SSH configuration, logins."""
+"""/profile: a user's own password, SSH keys, API tokens, SSH configuration and logins."""
 
 import datetime as dt
 
