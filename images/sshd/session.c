@@ -37,10 +37,7 @@
 #define STUCK_SECONDS 8
 #define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
-/*
- * Who connects, as the forced command says. The texts are empty in a line that the lookup's cache has from before
- * lines had them; only while the database is away.
- */
+/* Who connects, as the forced command says. */
 struct robot {
     unsigned long id;
     char fingerprint[64];
@@ -75,11 +72,8 @@ static void refuse(const char *sentence)
 /* Reads one more word, which goes into JSON: nothing but these characters may pass. Returns what follows it. */
 static const char *read_word(const char *rest, const char *allowed, char *into, size_t size)
 {
-    size_t length;
+    size_t length = *rest == ' ' ? strspn(++rest, allowed) : 0;
 
-    if (*rest != ' ')
-        return rest;
-    length = strspn(++rest, allowed);
     if (length == 0 || length >= size)
         refuse("cannot start the session: the robot's line in authorized_keys is broken");
     memcpy(into, rest, length);

@@ -390,25 +390,6 @@ def test_known_key_works_while_the_database_is_away(
         assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
 
 
-def test_line_that_an_older_version_cached_still_works(key: RobotKey, stack: Stack) -> None:
-    """Right after an upgrade, with the database away, robots come back by lines without key and ports."""
-    ros, video = key.ports()
-    [[robot_id]] = stack.sql("SELECT id FROM robots WHERE name = 'thief'")
-    line = (
-        f'restrict,port-forwarding,permitlisten="*:{ros}",permitlisten="*:{video}",'
-        f'command="/usr/lib/robotether/session {robot_id}" {key.public}'
-    )
-    file = "/var/cache/robotether/" + key.fingerprint.removeprefix("SHA256:").replace("/", "_")
-    with database_away(stack):
-        write = f"cat > '{file}' <<< '{line}'"
-        stack.exec("sshd", "bash", "-c", write, user="keylookup")
-        running = key.start(USER, "session")
-        try:
-            assert _session_line(running)["robot"] == "thief"
-        finally:
-            end(running)
-
-
 def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
     """Disabling a robot closes the door to its key at once, cache or not."""
     stack.robotether("robot", "disable", "thief")

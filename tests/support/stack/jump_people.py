@@ -11,6 +11,7 @@ import json
 import select
 import subprocess
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -110,16 +111,17 @@ def heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
     """Ping the relay, as an agent does, until the connection ends; ends it with the block."""
     ended = threading.Event()
 
-    def ping() -> None:
+    def keep_pinging() -> None:
         assert running.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             for seq in itertools.count():
-                running.stdin.write(json.dumps({"type": "ping", "seq": seq}) + "\n")
+                ping = {"type": "ping", "seq": seq, "t_ms": time.monotonic() * 1000}
+                running.stdin.write(json.dumps(ping) + "\n")
                 running.stdin.flush()
                 if ended.wait(PING_EVERY_S):
                     break
 
-    thread = threading.Thread(target=ping)
+    thread = threading.Thread(target=keep_pinging)
     thread.start()
     try:
         yield
