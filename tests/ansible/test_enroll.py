@@ -163,7 +163,7 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
         "robotether_agent_environment": {"PIP_INDEX_URL": "https://127.0.0.1:1/"},
     }
     first = site.play_well("enroll.yml", rover, token=token, **variables)
-    first.must_say("its tunnel stands")
+    first.must_say("its tunnel is up")
     second = site.play_well("enroll.yml", rover, token=token, **variables)
     assert second.recaps["rover"].changed == 0
     rover.wait("online", lambda: site.stack.online("rover"))

@@ -187,7 +187,7 @@ def test_who_opens_a_robot_takes_nothing(page_users: PageUsers, stack: Stack) ->
     assert _newest_fence(stack) == before
     take_control(pages[0])
     expect(pages[0].get_by_test_id("driver")).to_contain_text("You have been driving since")
-    expect(pages[1].get_by_test_id("driver")).to_contain_text("ann drives since")
+    expect(pages[1].get_by_test_id("driver")).to_contain_text("ann has been driving since")
 
 
 def _newest_fence(stack: Stack) -> int:

@@ -156,7 +156,7 @@ def test_whoever_watches_is_held_by_nothing(stack: Stack, browser: Browser) -> N
         driver = page_users.drive("admin", ROBOT)
         watching = page_users.open("olga", ROBOT)
         expect(driver.get_by_test_id("watchers")).to_have_text("1 watching.", timeout=10_000)
-        expect(watching.get_by_test_id("driver")).to_contain_text("admin drives since")
+        expect(watching.get_by_test_id("driver")).to_contain_text("admin has been driving since")
         with frozen_cameras(stack, ROBOT):
             _expect_shown(driver, "held", "Paused", seconds=5)
             _expect_shown(watching, "live", "You are watching.")

@@ -60,7 +60,7 @@ export const summary = {
     distance: "Distance",
     speed: "Top speed",
     latency: "Latency",
-    pictures: "Pictures",
+    pictures: "Video",
     bytes: "Data",
     stops: "Stops",
     refused: "Refused",

@@ -111,7 +111,7 @@ def client_silent(robot: str, limit_s: float) -> CloseReason:
     return CloseReason(
         4408,
         "client_silent",
-        f"you sent nothing for {limit_s:g} s, so the connection to robot {robot} is closed",
+        f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed",
     )
 
 

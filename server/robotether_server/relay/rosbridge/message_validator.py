@@ -194,10 +194,7 @@ class MessageValidator:
             self._subscriptions.remove(topic, subscription_id)
         elif not self._subscriptions.add(topic, subscription_id):
             max_count = len(self._subscriptions)
-            why = (
-                f"cannot subscribe to {topic}: this connection has the robot's limit, "
-                f"{max_count} subscriptions"
-            )
+            why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, written: dict[str, Any]) -> ValidatedMessage:

@@ -63,7 +63,7 @@ def test_confirming_makes_no_login(database: Database) -> None:
     with database.transaction() as tx:
         assert tx.row("SELECT 1 FROM logins") is None
     for _ in range(5):
-        with pytest.raises(LoginFailed, match="present password"):
+        with pytest.raises(LoginFailed, match="current password"):
             confirm(database, ANN, "wrong")
     with pytest.raises(Throttled):
         log_in(database, ANN, PASSWORD, HOUR)

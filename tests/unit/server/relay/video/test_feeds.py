@@ -91,7 +91,7 @@ async def test_more_frames_than_credits_break_the_protocol(feed):
     """A robot cannot fill the relay."""
     come(feed, 1)
     come(feed, 2)
-    with pytest.raises(BrokenFramesError, match="more pictures"):
+    with pytest.raises(BrokenFramesError, match="more frames"):
         come(feed, 3)
 
 

@@ -49,4 +49,4 @@ def test_older_pages_go_on_where_the_newer_ended(admin: Browser) -> None:
 def test_nothing_fits(admin: Browser) -> None:
     """The page leads back to everything, and takes nonsense for no page at all."""
     page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text
-    assert "Nothing fits" in page
+    assert "Nothing matches" in page
