@@ -114,7 +114,7 @@ def test_the_driver_hands_over(ann: Page, ben: Page, stack: Stack) -> None:
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     expect_mode(ann, "observe")
     expect(ann.get_by_test_id("control-note")).to_contain_text("You no longer drive")
-    expect(ann.get_by_test_id("driver")).to_contain_text("ben drives")
+    expect(ann.get_by_test_id("driver")).to_contain_text("ben has been driving")
     expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     _assert_drives_only_after_a_word(ben, stack)
 
@@ -171,7 +171,7 @@ def test_a_manager_takes_the_control_after_a_second_thought(
     answer(admin, "take-yes")
     expect_mode(admin, "drive")
     expect_mode(ann, "observe")
-    expect(ann.get_by_test_id("driver")).to_contain_text("admin drives")
+    expect(ann.get_by_test_id("driver")).to_contain_text("admin has been driving")
     expect(ann.get_by_test_id("control-note")).to_contain_text("You no longer drive")
 
 
@@ -336,7 +336,7 @@ def test_a_key_while_somebody_drives_takes_and_asks_nothing(
     ann: Page, ben: Page, stack: Stack
 ) -> None:
     """It says who drives and how to ask; the driver's page is not troubled, and the robot stands."""
-    expect(ben.get_by_test_id("driver")).to_contain_text("ann drives")
+    expect(ben.get_by_test_id("driver")).to_contain_text("ann has been driving")
     with SimWatch(stack, ROBOT) as watch:
         ben.keyboard.press("w", delay=500)
         expect(ben.get_by_test_id("control-note")).to_have_text(
@@ -381,7 +381,7 @@ def test_a_reload_while_driving_drives_on_and_a_visit_does_not(
     ann.reload()
     expect_mode(ann, "drive")
     expect_armed(ann)
-    expect(ben.get_by_test_id("driver")).to_contain_text("ann drives")
+    expect(ben.get_by_test_id("driver")).to_contain_text("ann has been driving")
     page_users.go(ann, ROBOT)
     expect_mode(ann, "observe")
     expect(ben.get_by_test_id("driver")).to_have_text("Nobody drives.")
