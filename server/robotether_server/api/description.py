@@ -25,8 +25,13 @@ def openapi() -> Response:
 
 @cache
 def _text() -> str:
+    return json.dumps(document())
+
+
+def document() -> dict[str, Any]:
+    """Return the whole description."""
     files = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))]
-    return json.dumps(joined([*files, {"info": {"version": __version__}}]))
+    return joined([*files, {"info": {"version": __version__}}])
 
 
 def joined(files: list[dict[str, Any]]) -> dict[str, Any]:
