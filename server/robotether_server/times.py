@@ -10,6 +10,7 @@ from typing import overload
 from robotether_server.problems import FieldInvalid
 
 MAX_TEXT_LENGTH = 40
+MUST_BE = "a moment with its offset, such as 2026-01-31T12:00:00Z"
 MAX_WAIT = dt.timedelta(days=3660)
 
 # RFC 3339, which always has an offset; Python's own reader takes much more.
@@ -43,9 +44,7 @@ def timestamp(field: str, text: str) -> dt.datetime:
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)
     except (ValueError, OverflowError):
         pass
-    raise FieldInvalid(
-        f"cannot use {field}: it must be a moment with its offset, such as 2026-01-31T12:00:00Z"
-    )
+    raise FieldInvalid(f"cannot use {field}: it must be {MUST_BE}")
 
 
 def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:

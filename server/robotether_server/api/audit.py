@@ -11,7 +11,7 @@ from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent, AuditSearch
-from robotether_server.services.names import MAX_NAME_LENGTH
+from robotether_server.field_types import MAX_NAME_LENGTH
 
 MAX_KIND_LENGTH = 40
 MAX_ID = 2**63 - 1

@@ -13,7 +13,7 @@ from robotether_server.api.objects import plain
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.db.users import User
-from robotether_server.services.names import MAX_NAME_LENGTH
+from robotether_server.field_types import MAX_NAME_LENGTH
 
 MAX_ID = 2**63 - 1
 USUAL_DRIVES = 100

@@ -10,10 +10,10 @@ from robotether_server.api.blueprint import blueprint
 from robotether_server.api.fields import Fields
 from robotether_server.api.objects import grant_object
 from robotether_server.db.grants import LEVELS, Grant
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
 from robotether_server.services.grants import ALL, Grantee, Scope
-from robotether_server.services.names import MAX_NAME_LENGTH
 
 REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
 

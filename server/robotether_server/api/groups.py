@@ -1,65 +1,58 @@
 """/api/v1/groups: groups of users, whose grants every member has; for admins."""
 
-from http import HTTPStatus
+from msgspec import Struct
 
-from flask import Response, jsonify, request
-
-from robotether_server.api import auth, fields
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api.auth import Caller
+from robotether_server.api.operations import Created, operation
 from robotether_server.db import groups
 from robotether_server.db.groups import Group
+from robotether_server.field_types import PlainName
 from robotether_server.services import groups as group_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 
 
-@blueprint.get("/groups")
-def list_groups() -> Response:
-    """List the groups with their members."""
-    with auth.admin() as caller:
-        found = groups.list_all(caller.tx)
-    return jsonify({"groups": [_object(one) for one in found]})
+class NewGroup(Struct, forbid_unknown_fields=True):
+    """A group to be added."""
+
+    name: PlainName
 
 
-@blueprint.post("/groups")
-def add_group() -> tuple[Response, int]:
-    """Add a group without members."""
-    with auth.admin() as caller:
-        name = fields.text(fields.json_object(request, ("name",)), "name", MAX_NAME_LENGTH)
-        added = group_service.add(caller.tx, caller.source, name)
-    return jsonify(_object(added)), HTTPStatus.CREATED
+class GroupList(Struct):
+    """Groups, by name."""
+
+    groups: list[Group]
 
 
-@blueprint.get("/groups/<group>")
-def show_group(group: str) -> Response:
-    """Show one group."""
-    with auth.admin() as caller:
-        found = groups.get(caller.tx, group)
-    return jsonify(_object(found))
+@operation("GET", "/groups", "admin")
+def list_groups(caller: Caller) -> GroupList:
+    """Groups of users, whose grants every member has."""
+    return GroupList(groups.list_all(caller.tx))
 
 
-@blueprint.delete("/groups/<group>")
-def remove_group(group: str) -> tuple[str, int]:
+@operation("POST", "/groups", "admin", problems=(409,))
+def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
+    """Add a group."""
+    return group_service.add(caller.tx, caller.source, body.name), 201
+
+
+@operation("GET", "/groups/<group>", "admin")
+def show_group(caller: Caller, group: str) -> Group:
+    """One group."""
+    return groups.get(caller.tx, group)
+
+
+@operation("DELETE", "/groups/<group>", "admin")
+def remove_group(caller: Caller, group: str) -> None:
     """Remove the group with its grants; its members stay users."""
-    with auth.admin() as caller:
-        group_service.remove(caller.tx, caller.source, group)
-    return "", HTTPStatus.NO_CONTENT
+    group_service.remove(caller.tx, caller.source, group)
 
 
-@blueprint.put("/groups/<group>/members/<user>")
-def add_member(group: str, user: str) -> Response:
+@operation("PUT", "/groups/<group>/members/<user>", "admin")
+def add_member(caller: Caller, group: str, user: str) -> Group:
     """Make the user a member."""
-    with auth.admin() as caller:
-        changed = group_service.add_member(caller.tx, caller.source, group, user)
-    return jsonify(_object(changed))
+    return group_service.add_member(caller.tx, caller.source, group, user)
 
 
-@blueprint.delete("/groups/<group>/members/<user>")
-def remove_member(group: str, user: str) -> tuple[str, int]:
+@operation("DELETE", "/groups/<group>/members/<user>", "admin")
+def remove_member(caller: Caller, group: str, user: str) -> None:
     """End the membership."""
-    with auth.admin() as caller:
-        group_service.remove_member(caller.tx, caller.source, group, user)
-    return "", HTTPStatus.NO_CONTENT
-
-
-def _object(group: Group) -> dict[str, object]:
-    return {"id": group.id, "name": group.name, "members": list(group.members)}
+    group_service.remove_member(caller.tx, caller.source, group, user)

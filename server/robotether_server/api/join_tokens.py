@@ -11,10 +11,10 @@ from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.objects import Object, plain
 from robotether_server.db import Transaction, join_tokens
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
 from robotether_server.services import join_tokens as join_token_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 
 MAX_HOURS = 8760
 MEMBERS = ("name", "uses", "hours")

@@ -13,13 +13,13 @@ from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain, robot_object, ssh_object
 from robotether_server.db import control_states, robots, sessions
 from robotether_server.db.audit import Source
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.page_settings import NAMES
 from robotether_server.problems import FieldInvalid, RobotUnknown
 from robotether_server.services import drive_pages, sites
 from robotether_server.services import robots as robot_service
 from robotether_server.services.enrolment import Registration
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
-from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 
 MAX_HOSTNAME_LENGTH = 253

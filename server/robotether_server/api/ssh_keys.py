@@ -9,10 +9,10 @@ from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.api.objects import plain
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.services import ssh_config
 from robotether_server.services import ssh_keys as ssh_key_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 
 MEMBERS = ("name", "public_key")

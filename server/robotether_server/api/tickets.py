@@ -8,8 +8,8 @@ from robotether_server.api import auth, fields
 from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
 from robotether_server.db import grants, robots
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import GrantMissing, RobotUnknown
-from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.tickets import MODES, Ticket, new_id
 
 MEMBERS = ("robot", "mode")

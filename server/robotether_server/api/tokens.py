@@ -13,9 +13,9 @@ from robotether_server.api.fields import Fields
 from robotether_server.api.objects import plain
 from robotether_server.db import users
 from robotether_server.db.users import User
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import RecordMissing
 from robotether_server.services import tokens as token_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 
 MAX_DAYS = 3650
 MEMBERS = ("name", "days", "user")

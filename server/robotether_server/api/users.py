@@ -12,9 +12,9 @@ from robotether_server.api.fields import Fields
 from robotether_server.api.objects import user_object
 from robotether_server.db import users
 from robotether_server.db.users import ROLES
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import users as user_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 
 MEMBERS = ("name", "role", "password")
 CHANGES = ("role", "disabled", "password")

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from robotether_server.db.database import Transaction
+from robotether_server.field_types import PlainName, UserName
 from robotether_server.problems import RecordExists, RecordMissing
 
 
@@ -11,8 +12,8 @@ class Group:
     """A group and its members' names."""
 
     id: int
-    name: str
-    members: tuple[str, ...] = ()
+    name: PlainName
+    members: tuple[UserName, ...]
 
 
 def add(tx: Transaction, name: str) -> int:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from robotether_server.db.database import Transaction
+from robotether_server.field_types import PlainName, RobotName
 from robotether_server.problems import RecordExists, RecordMissing
 
 
@@ -11,8 +12,8 @@ class Site:
     """A site and its robots' names."""
 
     id: int
-    name: str
-    robots: tuple[str, ...] = ()
+    name: PlainName
+    robots: tuple[RobotName, ...]
 
 
 def add(tx: Transaction, name: str) -> int:

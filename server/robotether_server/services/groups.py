@@ -1,15 +1,16 @@
 """Groups of users: made, filled and removed by admins."""
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, audit, groups, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.groups import Group
+from robotether_server.field_types import PlainName
 from robotether_server.problems import RecordMissing
-from robotether_server.services.names import check_plain_name
 
 
 def add(tx: Transaction, source: Source, name: str) -> Group:
     """Add a group without members; raise FieldInvalid or RecordExists."""
-    check_plain_name("name", name)
+    schemas.check("name", name, PlainName)
     groups.add(tx, name)
     audit.record(tx, source, Event("group_added", details={"group": name}))
     return groups.get(tx, name)

@@ -2,11 +2,12 @@
 
 import datetime as dt
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, audit, join_tokens
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.join_tokens import JoinToken
+from robotether_server.field_types import Label
 from robotether_server.problems import FieldInvalid
-from robotether_server.services.names import check_name
 
 MAX_USES = 10000
 MAX_LIFETIME = dt.timedelta(hours=8760)
@@ -14,7 +15,7 @@ MAX_LIFETIME = dt.timedelta(hours=8760)
 
 def create(tx: Transaction, source: Source, name: str, uses: int, expires_at: dt.datetime) -> str:
     """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
-    check_name("name", name)
+    schemas.check("name", name, Label)
     if not 1 <= uses <= MAX_USES:
         raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
     lifetime = expires_at - dt.datetime.now(dt.UTC)

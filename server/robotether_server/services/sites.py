@@ -1,16 +1,17 @@
 """Sites of robots: made and removed by admins, who say which robot is where."""
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, audit, robots, sites
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.robots import Robot
 from robotether_server.db.sites import Site
+from robotether_server.field_types import PlainName
 from robotether_server.problems import NotPossible
-from robotether_server.services.names import check_plain_name
 
 
 def add(tx: Transaction, source: Source, name: str) -> Site:
     """Add a site without robots; raise FieldInvalid or RecordExists."""
-    check_plain_name("name", name)
+    schemas.check("name", name, PlainName)
     sites.add(tx, name)
     audit.record(tx, source, Event("site_added", details={"site": name}))
     return sites.get(tx, name)

@@ -1,12 +1,12 @@
 """People's SSH public keys, for shells on the robots that they manage."""
 
-from robotether_server import ssh_keys
+from robotether_server import schemas, ssh_keys
 from robotether_server.db import Transaction, audit, user_keys
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.user_keys import SshKey
 from robotether_server.db.users import User
+from robotether_server.field_types import MAX_NAME_LENGTH, Label
 from robotether_server.problems import NotPossible
-from robotether_server.services.names import MAX_NAME_LENGTH, check_name
 
 MAX_KEYS = 20
 
@@ -15,7 +15,7 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
     """Add a key; without a name it gets its comment's. Raises FieldInvalid, RecordExists or NotPossible."""
     key = ssh_keys.parse_persons(line)
     chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
-    check_name("name", chosen)
+    schemas.check("name", chosen, Label)
     if len(user_keys.list_of(tx, user)) >= MAX_KEYS:
         raise NotPossible(
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"

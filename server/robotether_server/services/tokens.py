@@ -2,12 +2,13 @@
 
 import datetime as dt
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, audit, tokens
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.tokens import Token
 from robotether_server.db.users import User
+from robotether_server.field_types import Label
 from robotether_server.problems import NotPossible
-from robotether_server.services.names import check_name
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000
@@ -20,7 +21,7 @@ def create(
 
     Raises FieldInvalid, RecordExists or NotPossible.
     """
-    check_name("name", name)
+    schemas.check("name", name, Label)
     if len(tokens.list_of(tx, user)) >= MAX_TOKENS:
         raise NotPossible(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"

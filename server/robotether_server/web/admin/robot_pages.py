@@ -10,9 +10,9 @@ from robotether_server.db import Transaction, audit, control_states, robots, ses
 from robotether_server.db.control_states import FREE, ControlState
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.robots import SeenRobot
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RobotUnknown
 from robotether_server.services import robots as robot_service
-from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_setting_fields
 

@@ -11,10 +11,10 @@ from robotether_server.api.context import context
 from robotether_server.db import logins
 from robotether_server.db.tokens import Token
 from robotether_server.db.user_keys import SshKey
+from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
 from robotether_server.services import logging_in, ssh_config, ssh_keys, tokens, users
-from robotether_server.services.names import MAX_NAME_LENGTH
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field

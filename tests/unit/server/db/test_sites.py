@@ -15,13 +15,13 @@ def test_robot_is_at_one_site_or_none(database: Database) -> None:
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
         for site in (yard, lab):
             sites.place(tx, robot_id, site)
-        assert sites.list_all(tx) == [Site(lab, "lab", ("a",)), Site(yard, "yard")]
+        assert sites.list_all(tx) == [Site(lab, "lab", ("a",)), Site(yard, "yard", ())]
         assert robots.get(tx, "a").site == "lab"
         sites.remove(tx, lab)
         assert robots.get(tx, "a").site is None
         sites.place(tx, robot_id, yard)
         sites.place(tx, robot_id, None)
-        assert sites.get(tx, "yard") == Site(yard, "yard")
+        assert sites.get(tx, "yard") == Site(yard, "yard", ())
 
 
 def test_name_is_had_once_and_must_exist(database: Database) -> None:

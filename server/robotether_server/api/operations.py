@@ -1,0 +1,155 @@
+"""Puts a handler on its path, and keeps what it takes and answers for the description of the API.
+
+A handler says by its types what it takes and answers: `body` and `query` are Structs (`schemas` reads them), and what
+it returns is sent as JSON: a Struct, a record, `Created[...]`, None, or a `Response` of its own. Its docstring is the
+operation's `summary` and `description`. Who asks is found out first, and all is done in one transaction: what fails
+inside leaves nothing behind.
+"""
+
+import datetime as dt
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+from flask import Request, Response, jsonify, request
+
+from robotether_server import schemas
+from robotether_server.api import auth
+from robotether_server.api.blueprint import blueprint
+from robotether_server.api.fields import json_object
+from robotether_server.problems import FieldInvalid
+from robotether_server.times import rfc3339
+
+Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
+# Who may ask. `anybody`: the handler finds out by itself whom it lets in.
+Who = Literal["admin", "user", "anybody"]
+Handler = Callable[..., object]
+H = TypeVar("H", bound=Handler)
+T = TypeVar("T")
+# What a handler returns whose status is not 200; with several statuses, as tuple[T, Literal[200, 201]].
+Created = tuple[T, Literal[201]]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A handler, with what it takes and answers.
+
+    `problems` are the statuses that follow from nothing else.
+    """
+
+    method: Method
+    path: str
+    handler: Handler
+    who: Who
+    body: Any
+    query: Any
+    answers: Mapping[int, Any]
+    problems: tuple[int, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The names that stand in the path."""
+        return re.findall(r"<(?:\w+:)?(\w+)>", self.path)
+
+
+OPERATIONS: list[Operation] = []
+
+
+def operation(
+    method: Method, path: str, who: Who, *, problems: tuple[int, ...] = ()
+) -> Callable[[H], H]:
+    """Let a handler answer this method of this path, under /api/v1.
+
+    It gets who asks as `caller`, unless that may be anybody, and the names in the path.
+    """
+
+    def put(handler: H) -> H:
+        types = get_type_hints(handler, include_extras=True)
+        one = Operation(
+            method=method,
+            path=path,
+            handler=handler,
+            who=who,
+            body=types.get("body"),
+            query=types.get("query"),
+            answers=dict(_answers(types["return"])),
+            problems=problems,
+        )
+        OPERATIONS.append(one)
+
+        def view(**names: object) -> Response:
+            with _caller(who) as caller:
+                return _response(handler(**caller, **names, **_given(one, request)))
+
+        blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
+        return handler
+
+    return put
+
+
+def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
+    """Yield each status with what is answered by it; None: nothing."""
+    for one in get_args(returned) if isinstance(returned, UnionType) else (returned,):
+        if get_origin(one) is tuple:
+            kind, statuses = get_args(one)
+            yield from ((status, kind) for status in get_args(statuses))
+        elif one is NoneType:
+            yield HTTPStatus.NO_CONTENT, None
+        elif one is not Response:
+            yield HTTPStatus.OK, one
+
+
+@contextmanager
+def _caller(who: Who) -> Iterator[dict[str, object]]:
+    if who == "anybody":
+        yield {}
+    else:
+        with auth.admin() if who == "admin" else auth.any_user() as caller:
+            yield {"caller": caller}
+
+
+def _given(one: Operation, request: Request) -> dict[str, object]:
+    given: dict[str, object] = {}
+    if one.body is not None:
+        given["body"] = schemas.read(json_object(request), one.body)
+    if one.query is not None:
+        given["query"] = schemas.read_query(_query(request), one.query)
+    return given
+
+
+def _query(request: Request) -> dict[str, str]:
+    for name, values in request.args.lists():
+        if len(values) > 1:
+            raise FieldInvalid(f"cannot use {name[:40]!r}: it appears in the query more than once")
+    return dict(request.args.items())
+
+
+def _response(found: object) -> Response:
+    if isinstance(found, Response):
+        return found
+    value, status = found if isinstance(found, tuple) else (found, HTTPStatus.OK)
+    if value is None:
+        return Response(status=HTTPStatus.NO_CONTENT)
+    response = jsonify(plain(value))
+    response.status_code = status
+    return response
+
+
+def plain(found: object) -> object:
+    """Return records and Structs as JSON has them, times as texts."""
+    return _plain(msgspec.to_builtins(found, builtin_types=(dt.datetime,)))
+
+
+def _plain(found: object) -> object:
+    if isinstance(found, dt.datetime):
+        return rfc3339(found)
+    if isinstance(found, dict):
+        return {name: _plain(value) for name, value in found.items()}
+    if isinstance(found, list):
+        return [_plain(value) for value in found]
+    return found

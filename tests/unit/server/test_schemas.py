@@ -1,0 +1,166 @@
+"""Reading of what comes from outside into Structs."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import Annotated, Any, Literal
+
+import pytest
+from msgspec import UNSET, Meta, Struct, UnsetType
+from robotether_server import schemas
+from robotether_server.field_types import Label, PlainName, RobotName
+from robotether_server.problems import FieldInvalid
+
+
+class Inner(Struct):
+    """A member that is an object, and may have members that nobody reads."""
+
+    name: Label
+
+
+class Thing(Struct, forbid_unknown_fields=True):
+    """Every kind of member."""
+
+    name: Label
+    plain: PlainName | UnsetType = UNSET
+    robot: RobotName | UnsetType = UNSET
+    uses: Annotated[int, Meta(ge=1, le=10)] | UnsetType = UNSET
+    level: Literal["a", "b"] | UnsetType = UNSET
+    ends_at: Annotated[dt.datetime, Meta(tz=True)] | UnsetType | None = UNSET
+    disabled: bool | UnsetType = UNSET
+    settings: dict[str, object] | UnsetType = UNSET
+    password: Annotated[str, Meta(extra={"as_typed": True})] | UnsetType = UNSET
+    inner: Inner | UnsetType | None = UNSET
+
+
+def read(**given: object) -> Any:
+    """The member that was given, as it was read."""
+    [name] = given
+    return getattr(schemas.read({"name": "x"} | given, Thing), name)
+
+
+def refused(given: dict[str, object]) -> str:
+    """How an object is refused."""
+    with pytest.raises(FieldInvalid) as problem:
+        schemas.read(given, Thing)
+    return problem.value.detail
+
+
+def test_text_loses_the_space_around_it() -> None:
+    """A key line may come with its newline."""
+    assert read(name=" a b\n") == "a b"
+
+
+@pytest.mark.parametrize("value", [None, 1, [], "", "  ", "x" * 64, "a\nb", "a\x00", "\ud800"])
+def test_anything_else_is_refused_by_name(value: object) -> None:
+    """Of another type, empty, too long, not printable."""
+    expected = "cannot use name: it must be a text of 1 to 63 printable characters"
+    assert refused({"name": value}) == expected
+    assert refused({}) == expected
+
+
+@pytest.mark.parametrize("value", ["Crew", "a b", "-a", "a/b", "x" * 64])
+def test_text_has_to_match_its_pattern(value: str) -> None:
+    """The sentence says what the pattern does."""
+    assert read(plain="crew\n") == "crew"
+    assert "plain: it must be 1 to 63 characters a-z" in refused({"name": "x", "plain": value})
+
+
+def test_name_of_what_is_there_may_be_any_text() -> None:
+    """Nothing of that name is found, which is another refusal; but a long text is none."""
+    assert read(robot="No Robot") == "No Robot"
+    assert "cannot use robot: it must be a text of 1 to 63" in refused(
+        {"name": "x", "robot": "x" * 64}
+    )
+
+
+@pytest.mark.parametrize("value", [1, 10, 5.0])
+def test_number_within_bounds(value: object) -> None:
+    """5.0 is a whole number to JSON."""
+    found = read(uses=value)
+    assert (found, type(found)) == (value, int)
+
+
+@pytest.mark.parametrize(
+    "value", [None, 0, 11, 1.5, True, "5", float("nan"), float("inf"), 10**400]
+)
+def test_number_out_of_bounds_is_refused(value: object) -> None:
+    """Truth values and texts are no numbers."""
+    assert refused({"name": "x", "uses": value}) == (
+        "cannot use uses: it must be a whole number from 1 to 10"
+    )
+
+
+@pytest.mark.parametrize("value", ["0", "11", "1.0", "+5", "5_0", "\u0665", "x", "", "9" * 5000])
+def test_number_in_a_query_is_plain_digits(value: str) -> None:
+    """Python takes more for a number than people mean."""
+    assert schemas.read_query({"name": "7", "uses": "7"}, Thing) == Thing(name="7", uses=7)
+    with pytest.raises(FieldInvalid, match="uses: it must be a whole number from 1 to 10"):
+        schemas.read_query({"name": "x", "uses": value}, Thing)
+
+
+@pytest.mark.parametrize("value", [None, "c", ["a"], 1])
+def test_choice_tells_what_is_allowed(value: object) -> None:
+    """The sentence lists the choices."""
+    assert read(level="a") == "a"
+    assert refused({"name": "x", "level": value}) == "cannot use level: it must be one of a, b"
+
+
+def test_flag_is_true_or_false() -> None:
+    """Nothing that merely counts as one."""
+    assert read(disabled=False) is False
+    for value in (None, 0, 1, "true"):
+        assert "must be true or false" in refused({"name": "x", "disabled": value})
+
+
+def test_moment_has_its_offset() -> None:
+    """Null is no moment, where that may be."""
+    assert read(ends_at="2026-01-31T13:00+01:00") == dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+    assert read(ends_at=None) is None
+    for value in ("", 5, "2026-01-31", "2026-01-31T12:00:00"):
+        assert "ends_at: it must be a moment with its offset" in refused(
+            {"name": "x", "ends_at": value}
+        )
+
+
+def test_object_is_no_list_of_pairs() -> None:
+    """Whatever its members are."""
+    assert read(settings={"a": {}}) == {"a": {}}
+    assert refused({"name": "x", "settings": []}) == (
+        "cannot use settings: it must be a JSON object"
+    )
+
+
+def test_secret_is_taken_as_it_was_typed() -> None:
+    """With its spaces; but half a character is none."""
+    assert read(password=" a\n") == " a\n"
+    for value in (None, 1, "\ud800"):
+        assert refused({"name": "x", "password": value}) == "cannot use password: it must be a text"
+
+
+def test_inner_object_is_read_too() -> None:
+    """A refusal says where the field stands; what nobody reads may be there if the object allows it."""
+    assert read(inner={"name": "y", "more": 1}) == Inner("y")
+    assert read(inner=None) is None
+    assert "cannot use inner.name: it must be a text" in refused({"name": "x", "inner": {}})
+    assert "cannot use inner: it must be a JSON object" in refused({"name": "x", "inner": []})
+
+
+def test_member_that_nobody_reads_is_named() -> None:
+    """A typo does not pass silently."""
+    assert "cannot use 'naem': there is no such field; known are name, plain, " in refused(
+        {"naem": "x"}
+    )
+
+
+@pytest.mark.parametrize("name", ["a", "Ann's desk", "x" * 63, "Küche"])
+def test_single_value_passes(name: str) -> None:
+    """Whatever people call their things."""
+    schemas.check("name", name, Label)
+
+
+@pytest.mark.parametrize("name", ["", " ", "a ", "a\tb", "a\x1b[2J", "x" * 64])
+def test_single_value_is_refused_unless_it_can_stay_as_it_is(name: str) -> None:
+    """The sentence names the field."""
+    with pytest.raises(FieldInvalid, match="cannot use name"):
+        schemas.check("name", name, Label)
