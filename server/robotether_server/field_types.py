@@ -5,9 +5,12 @@
 that keeps its white space. Pure.
 """
 
+import datetime as dt
 from typing import Annotated
 
 from msgspec import Meta
+
+from robotether_server import ssh_keys, times
 
 MAX_NAME_LENGTH = 63
 PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
@@ -17,8 +20,8 @@ ROBOT_NAME_PATTERN = "^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?$"
 Label = Annotated[
     str, Meta(min_length=1, max_length=MAX_NAME_LENGTH, description="Printable characters")
 ]
-# Of groups and sites: it can stand in a path.
-PlainName = Annotated[
+# For a new group or site: it can stand in a path.
+NewPlainName = Annotated[
     str,
     Meta(
         max_length=MAX_NAME_LENGTH,
@@ -40,3 +43,34 @@ UserName = Annotated[
     str,
     Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
 ]
+PlainName = Annotated[
+    str,
+    Meta(
+        extra_json_schema={"pattern": PLAIN_NAME_PATTERN, "maxLength": MAX_NAME_LENGTH},
+        extra={"longest": MAX_NAME_LENGTH},
+    ),
+]
+Fingerprint = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=64,
+        extra_json_schema={"examples": ["SHA256:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU"]},
+    ),
+]
+PublicKeyLine = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=ssh_keys.MAX_LINE_LENGTH,
+        description="One line as in a .pub file, without options",
+        extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
+    ),
+]
+Timestamp = Annotated[dt.datetime, Meta(tz=True)]
+# In a request.
+GivenTimestamp = Annotated[
+    dt.datetime, Meta(tz=True, extra_json_schema={"maxLength": times.MAX_TEXT_LENGTH})
+]
+# Of a body with changes.
+AT_LEAST_ONE = Meta(extra_json_schema={"minProperties": 1})

@@ -30,6 +30,18 @@ class Field(NamedTuple):
     is_required: bool
 
 
+def read_body(given: Mapping[str, object], hint: Any) -> Any:
+    """Return the Struct of these members, at least one if its type says so; raise FieldInvalid."""
+    kind, least = _info(hint), 0
+    if isinstance(kind, inspect.Metadata):
+        kind, least = kind.type, (kind.extra_json_schema or {}).get("minProperties", 0)
+    found = read(given, kind.cls)
+    if len(given) < least:
+        names = ", ".join(field.name for field in _fields(kind.cls).values())
+        raise FieldInvalid(f"cannot change anything: give one of {names}")
+    return found
+
+
 def read(given: Mapping[str, object], kind: type[S], path: str = "") -> S:
     """Return the Struct of these members; raise FieldInvalid. `path` is where they stand, with a dot at its end."""
     known = _fields(kind)

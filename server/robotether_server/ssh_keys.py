@@ -19,6 +19,7 @@ from robotether_server.problems import FieldInvalid
 logger = logging.getLogger(__name__)
 
 MAX_LINE_LENGTH = 2048
+EXAMPLE = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJo5eEbP6ZLLOX3tKdbGgfGBCI/FHRkzCO4p7gLumWqa turtle"
 SMALLEST_RSA_BITS = 2048
 ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
 ED25519 = "ssh-ed25519"

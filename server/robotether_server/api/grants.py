@@ -1,89 +1,148 @@
 """/api/v1/grants: who may do what with which robots, and until when; for admins, who need no grant themselves."""
 
-from http import HTTPStatus
+from typing import Annotated, Literal, TypeVar
 
-from flask import Response, jsonify, request
+from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.api import auth, fields
 from robotether_server.api.auth import Caller
-from robotether_server.api.blueprint import blueprint
-from robotether_server.api.fields import Fields
-from robotether_server.api.objects import grant_object
-from robotether_server.db.grants import LEVELS, Grant
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.api.operations import operation
+from robotether_server.db.grants import Grant, Level
+from robotether_server.field_types import (
+    GivenTimestamp,
+    PlainName,
+    RobotName,
+    Timestamp,
+    UserName,
+)
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
 from robotether_server.services.grants import ALL, Grantee, Scope
 
-REQUEST = ("user", "group", "robot", "site", "all", "level", "ends_at")
+T = TypeVar("T")
+End = Annotated[
+    GivenTimestamp,
+    Meta(description="When it ends by itself, within ten years; null or missing: never"),
+]
+EXACTLY_ONE_OF_EACH = Meta(
+    extra_json_schema={
+        "allOf": [
+            {"oneOf": [{"required": [kind]} for kind in kinds]}
+            for kinds in (("user", "group"), ("robot", "site", "all"))
+        ]
+    }
+)
 
 
-@blueprint.get("/grants")
-def list_grants() -> Response:
-    """List the grants, ended ones too."""
-    with auth.admin() as caller:
-        found = grant_service.list_all(caller.tx)
-    return jsonify({"grants": [grant_object(one) for one in found]})
+class GivenLevel(Struct, forbid_unknown_fields=True):
+    """What a user may do with a robot."""
+
+    level: Level
+    ends_at: End | UnsetType | None = UNSET
 
 
-@blueprint.post("/grants")
-def add_grant() -> tuple[Response, int]:
-    """Give a grant, in place of an earlier one of the same two."""
-    with auth.admin() as caller:
-        body = fields.json_object(request, REQUEST)
-        given, is_new = _give(caller, _grantee(body), _scope(body), body)
-    return jsonify(grant_object(given)), HTTPStatus.CREATED if is_new else HTTPStatus.OK
+class NewGrant(GivenLevel):
+    """A grant: exactly one of user and group, and exactly one of robot, site and all."""
+
+    user: UserName | UnsetType = UNSET
+    group: PlainName | UnsetType = UNSET
+    robot: RobotName | UnsetType = UNSET
+    site: PlainName | UnsetType = UNSET
+    all: Annotated[Literal[True], Meta(extra={"must": "true, or left out"})] | UnsetType = UNSET
 
 
-@blueprint.delete("/grants/<int:grant_id>")
-def delete_grant(grant_id: int) -> tuple[str, int]:
+class ShownGrant(Struct):
+    """A grant: of user and group one is null; of robot and site one or, for all robots, both."""
+
+    id: int
+    user: str | None
+    group: str | None
+    robot: str | None
+    site: str | None
+    all: bool
+    level: Level
+    ends_at: Timestamp | None
+
+
+class GrantList(Struct):
+    """Grants, ended ones too. Of several that fit, the highest level holds."""
+
+    grants: list[ShownGrant]
+
+
+@operation("GET", "/grants", "admin")
+def list_grants(caller: Caller) -> GrantList:
+    """Who may do what with which robots; admins manage all."""
+    return GrantList([_shown(one) for one in grant_service.list_all(caller.tx)])
+
+
+@operation("POST", "/grants", "admin", problems=(404,))
+def add_grant(
+    caller: Caller, body: Annotated[NewGrant, EXACTLY_ONE_OF_EACH]
+) -> tuple[ShownGrant, Literal[200, 201]]:
+    """Give a grant, in place of an earlier one of the same two.
+
+    200: it took the place of another.
+    """
+    given, is_new = _give(caller, _grantee(body), _scope(body), body)
+    return given, 201 if is_new else 200
+
+
+@operation("DELETE", "/grants/<int:grant_id>", "admin")
+def delete_grant(caller: Caller, grant_id: int) -> None:
     """Take one grant away."""
-    with auth.admin() as caller:
-        grant_service.revoke_by_id(caller.tx, caller.source, grant_id)
-    return "", HTTPStatus.NO_CONTENT
+    grant_service.revoke_by_id(caller.tx, caller.source, grant_id)
 
 
-@blueprint.put("/grants/<user>/<robot>")
-def give_grant(user: str, robot: str) -> Response:
+@operation("PUT", "/grants/<user>/<robot>", "admin")
+def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> ShownGrant:
     """Let the user do this with the robot, in place of an earlier grant."""
-    with auth.admin() as caller:
-        body = fields.json_object(request, ("level", "ends_at"))
-        given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
-    return jsonify(grant_object(given))
+    given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
+    return given
 
 
-@blueprint.delete("/grants/<user>/<robot>")
-def revoke_grant(user: str, robot: str) -> tuple[str, int]:
+@operation("DELETE", "/grants/<user>/<robot>", "admin", problems=(409,))
+def take_grant(caller: Caller, user: str, robot: str) -> None:
     """Take the grant away."""
-    with auth.admin() as caller:
-        grant_service.revoke(caller.tx, caller.source, user, robot)
-    return "", HTTPStatus.NO_CONTENT
+    grant_service.revoke(caller.tx, caller.source, user, robot)
 
 
-def _give(caller: Caller, grantee: Grantee, scope: Scope, body: Fields) -> tuple[Grant, bool]:
-    level = fields.choice(body, "level", LEVELS)
-    ends_at = fields.optional_timestamp(body, "ends_at")
-    return grant_service.give(caller.tx, caller.source, grantee, scope, level, ends_at=ends_at)
+def _give(
+    caller: Caller, grantee: Grantee, scope: Scope, body: GivenLevel
+) -> tuple[ShownGrant, bool]:
+    given, is_new = grant_service.give(
+        caller.tx, caller.source, grantee, scope, body.level, ends_at=body.ends_at or None
+    )
+    return _shown(given), is_new
 
 
-def _grantee(body: Fields) -> Grantee:
-    kind = _the_one(body, ("user", "group"))
-    name = fields.text(body, kind, MAX_NAME_LENGTH)
-    return Grantee("user", name) if kind == "user" else Grantee("group", name)
+def _grantee(body: NewGrant) -> Grantee:
+    grantee_kinds: tuple[Literal["user", "group"], ...] = ("user", "group")
+    given = [
+        Grantee(kind, name) for kind in grantee_kinds if (name := getattr(body, kind)) is not UNSET
+    ]
+    return _the_one(given, "user, group")
 
 
-def _scope(body: Fields) -> Scope:
-    kind = _the_one(body, ("robot", "site", "all"))
-    if kind == "all":
-        if body["all"] is not True:
-            raise FieldInvalid("cannot use all: it must be true, or left out")
-        return ALL
-    name = fields.text(body, kind, MAX_NAME_LENGTH)
-    return Scope("robot", name) if kind == "robot" else Scope("site", name)
+def _scope(body: NewGrant) -> Scope:
+    scopes: tuple[Literal["robot", "site"], ...] = ("robot", "site")
+    given = [Scope(kind, name) for kind in scopes if (name := getattr(body, kind)) is not UNSET]
+    return _the_one([*given, *([ALL] if body.all else [])], "robot, site, all")
 
 
-def _the_one(body: Fields, kinds: tuple[str, ...]) -> str:
-    given = [kind for kind in kinds if kind in body]
+def _the_one(given: list[T], kinds: str) -> T:
     if len(given) != 1:
-        raise FieldInvalid(f"cannot give a grant: give exactly one of {', '.join(kinds)}")
+        raise FieldInvalid(f"cannot give a grant: give exactly one of {kinds}")
     return given[0]
+
+
+def _shown(grant: Grant) -> ShownGrant:
+    return ShownGrant(
+        id=grant.id,
+        user=grant.user,
+        group=grant.group,
+        robot=grant.robot,
+        site=grant.site,
+        all=grant.is_for_all,
+        level=grant.level,
+        ends_at=grant.ends_at,
+    )

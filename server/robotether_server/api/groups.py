@@ -6,14 +6,14 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import groups
 from robotether_server.db.groups import Group
-from robotether_server.field_types import PlainName
+from robotether_server.field_types import NewPlainName
 from robotether_server.services import groups as group_service
 
 
 class NewGroup(Struct, forbid_unknown_fields=True):
     """A group to be added."""
 
-    name: PlainName
+    name: NewPlainName
 
 
 class GroupList(Struct):

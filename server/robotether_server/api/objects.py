@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from robotether_server.db.control_states import ControlState
-from robotether_server.db.grants import Grant
 from robotether_server.db.robots import SeenRobot
-from robotether_server.db.users import User
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
 from robotether_server.times import rfc3339
@@ -74,16 +72,6 @@ def _for_admins(seen: SeenRobot) -> Object:
         "address": seen.address,
         "rotate_key": robot.rotate_requested_at is not None,
     }
-
-
-def user_object(user: User) -> Object:
-    """Return a user as admins may know one."""
-    return {"name": user.name, "role": user.role, "disabled": user.disabled}
-
-
-def grant_object(grant: Grant) -> Object:
-    """Return a grant as admins may know one; of user and group one is null, of robot and site both for all."""
-    return plain(vars(grant)) | {"all": grant.is_for_all}
 
 
 def ssh_object(settings: JoinSettings) -> Object:

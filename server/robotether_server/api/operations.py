@@ -116,7 +116,7 @@ def _caller(who: Who) -> Iterator[dict[str, object]]:
 def _given(one: Operation, request: Request) -> dict[str, object]:
     given: dict[str, object] = {}
     if one.body is not None:
-        given["body"] = schemas.read(json_object(request), one.body)
+        given["body"] = schemas.read_body(json_object(request), one.body)
     if one.query is not None:
         given["query"] = schemas.read_query(_query(request), one.query)
     return given

@@ -9,14 +9,14 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import sites
 from robotether_server.db.sites import Site
-from robotether_server.field_types import PlainName
+from robotether_server.field_types import NewPlainName
 from robotether_server.services import sites as site_service
 
 
 class NewSite(Struct, forbid_unknown_fields=True):
     """A site to be added."""
 
-    name: PlainName
+    name: NewPlainName
 
 
 class SiteList(Struct):

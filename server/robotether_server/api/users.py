@@ -1,93 +1,125 @@
-"""/api/v1/users: who may log in; for admins."""
+"""/api/v1/users: who may log in; for admins. /api/v1/me: who asks."""
 
-from http import HTTPStatus
+from typing import Annotated
 
-from flask import Response, jsonify, request
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server import passwords
-from robotether_server.api import auth, fields
 from robotether_server.api.auth import Caller
-from robotether_server.api.blueprint import blueprint
-from robotether_server.api.fields import Fields
-from robotether_server.api.objects import user_object
+from robotether_server.api.operations import Created, operation
 from robotether_server.db import users
-from robotether_server.db.users import ROLES
-from robotether_server.field_types import MAX_NAME_LENGTH
-from robotether_server.problems import FieldInvalid
+from robotether_server.db.users import Role, User
+from robotether_server.field_types import AT_LEAST_ONE, UserName
 from robotether_server.services import users as user_service
 
-MEMBERS = ("name", "role", "password")
-CHANGES = ("role", "disabled", "password")
+# passwords.hash_password judges it, and says more than that it is short.
+Password = Annotated[
+    str,
+    Meta(
+        extra_json_schema={"minLength": passwords.MIN_LENGTH, "maxLength": passwords.MAX_LENGTH},
+        extra={"as_typed": True},
+    ),
+]
 
 
-@blueprint.get("/users")
-def list_users() -> Response:
-    """List the users."""
-    with auth.admin() as caller:
-        found = users.list_all(caller.tx)
-    return jsonify({"users": [user_object(one) for one in found]})
+class NewUser(Struct, forbid_unknown_fields=True):
+    """A user to be added."""
+
+    name: UserName
+    role: Role
+    password: Password | UnsetType = UNSET
 
 
-@blueprint.post("/users")
-def add_user() -> tuple[Response, int]:
-    """Add a user; a password that is made here is told this one time."""
-    with auth.admin() as caller:
-        body = fields.json_object(request, MEMBERS)
-        name = fields.text(body, "name", MAX_NAME_LENGTH)
-        role = fields.choice(body, "role", ROLES)
-        password = fields.secret(body, "password") if "password" in body else None
-        given = password if password is not None else passwords.new_password()
-        added = user_service.add(caller.tx, caller.source, name, given, role)
-    password_once = {} if password is not None else {"password": given}
-    return jsonify(user_object(added) | password_once), HTTPStatus.CREATED
+class UserChanges(Struct, forbid_unknown_fields=True):
+    """What is to be changed."""
+
+    role: Role | UnsetType = UNSET
+    disabled: bool | UnsetType = UNSET
+    password: Password | UnsetType = UNSET
 
 
-@blueprint.get("/users/<user>")
-def show_user(user: str) -> Response:
-    """Show one user."""
-    with auth.admin() as caller:
-        return jsonify(user_object(users.get(caller.tx, user)))
+class ShownUser(Struct):
+    """A user, as admins may know one."""
+
+    name: UserName
+    role: Role
+    disabled: bool
 
 
-@blueprint.patch("/users/<user>")
-def change_user(user: str) -> Response:
-    """Change what is given, all or nothing."""
-    with auth.admin() as caller:
-        body = fields.json_object(request, CHANGES)
-        if not body:
-            raise FieldInvalid(f"cannot change user {user}: give one of {', '.join(CHANGES)}")
-        _change(caller, user, body)
-        return jsonify(user_object(users.get(caller.tx, user)))
+class AddedUser(ShownUser):
+    """A user, with the password where none was given: it is told this one time."""
+
+    password: str | UnsetType = UNSET
 
 
-@blueprint.delete("/users/<user>")
-def remove_user(user: str) -> tuple[str, int]:
-    """Remove the user with grants, tokens and keys."""
-    with auth.admin() as caller:
-        user_service.remove(caller.tx, caller.source, user)
-    return "", HTTPStatus.NO_CONTENT
+class UserList(Struct):
+    """Users, by name."""
+
+    users: list[ShownUser]
 
 
-@blueprint.delete("/users/<user>/logins")
-def log_out_everywhere(user: str) -> tuple[str, int]:
-    """End all logins of the user."""
-    with auth.admin() as caller:
-        user_service.log_out_everywhere(caller.tx, caller.source, user)
-    return "", HTTPStatus.NO_CONTENT
+class Me(Struct):
+    """The user who asks."""
+
+    name: UserName
+    role: Role
 
 
-def _change(caller: Caller, user: str, body: Fields) -> None:
+@operation("GET", "/users", "admin")
+def list_users(caller: Caller) -> UserList:
+    """Users."""
+    return UserList([_shown(one) for one in users.list_all(caller.tx)])
+
+
+@operation("POST", "/users", "admin", problems=(409,))
+def add_user(caller: Caller, body: NewUser) -> Created[AddedUser]:
+    """Add a user."""
+    password, made = body.password, None
+    if password is UNSET:
+        password = made = passwords.new_password()
+    added = user_service.add(caller.tx, caller.source, body.name, password, body.role)
+    return AddedUser(added.name, added.role, added.disabled, made or UNSET), 201
+
+
+@operation("GET", "/users/<user>", "admin")
+def show_user(caller: Caller, user: str) -> ShownUser:
+    """One user."""
+    return _shown(users.get(caller.tx, user))
+
+
+@operation("PATCH", "/users/<user>", "admin", problems=(409,))
+def change_user(caller: Caller, user: str, body: Annotated[UserChanges, AT_LEAST_ONE]) -> ShownUser:
+    """Change what is given, all or nothing.
+
+    The last enabled admin can be neither disabled nor made a user. A new password ends all logins.
+    """
     tx, source = caller.tx, caller.source
-    if "role" in body:
-        user_service.set_role(tx, source, user, fields.choice(body, "role", ROLES))
-    if "disabled" in body:
-        user_service.set_disabled(tx, source, user, disabled=fields.flag(body, "disabled"))
-    if "password" in body:
-        user_service.set_password(tx, source, user, fields.secret(body, "password"))
+    if body.role is not UNSET:
+        user_service.set_role(tx, source, user, body.role)
+    if body.disabled is not UNSET:
+        user_service.set_disabled(tx, source, user, disabled=body.disabled)
+    if body.password is not UNSET:
+        user_service.set_password(tx, source, user, body.password)
+    return _shown(users.get(tx, user))
 
 
-@blueprint.get("/me")
-def me() -> Response:
-    """Tell who asks."""
-    with auth.any_user() as caller:
-        return jsonify({"name": caller.user.name, "role": caller.user.role})
+@operation("DELETE", "/users/<user>", "admin", problems=(409,))
+def remove_user(caller: Caller, user: str) -> None:
+    """Remove the user with grants, tokens and keys."""
+    user_service.remove(caller.tx, caller.source, user)
+
+
+@operation("DELETE", "/users/<user>/logins", "admin")
+def log_out_everywhere(caller: Caller, user: str) -> None:
+    """End all logins of the user."""
+    user_service.log_out_everywhere(caller.tx, caller.source, user)
+
+
+@operation("GET", "/me", "user")
+def me(caller: Caller) -> Me:
+    """Who asks."""
+    return Me(caller.user.name, caller.user.role)
+
+
+def _shown(user: User) -> ShownUser:
+    return ShownUser(user.name, user.role, user.disabled)

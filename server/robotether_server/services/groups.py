@@ -4,13 +4,13 @@ from robotether_server import schemas
 from robotether_server.db import Transaction, audit, groups, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.groups import Group
-from robotether_server.field_types import PlainName
+from robotether_server.field_types import NewPlainName
 from robotether_server.problems import RecordMissing
 
 
 def add(tx: Transaction, source: Source, name: str) -> Group:
     """Add a group without members; raise FieldInvalid or RecordExists."""
-    schemas.check("name", name, PlainName)
+    schemas.check("name", name, NewPlainName)
     groups.add(tx, name)
     audit.record(tx, source, Event("group_added", details={"group": name}))
     return groups.get(tx, name)

@@ -5,13 +5,13 @@ from robotether_server.db import Transaction, audit, robots, sites
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.robots import Robot
 from robotether_server.db.sites import Site
-from robotether_server.field_types import PlainName
+from robotether_server.field_types import NewPlainName
 from robotether_server.problems import NotPossible
 
 
 def add(tx: Transaction, source: Source, name: str) -> Site:
     """Add a site without robots; raise FieldInvalid or RecordExists."""
-    schemas.check("name", name, PlainName)
+    schemas.check("name", name, NewPlainName)
     sites.add(tx, name)
     audit.record(tx, source, Event("site_added", details={"site": name}))
     return sites.get(tx, name)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import pytest
 from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server import schemas
-from robotether_server.field_types import Label, PlainName, RobotName
+from robotether_server.field_types import Label, NewPlainName, RobotName
 from robotether_server.problems import FieldInvalid
 
 
@@ -22,7 +22,7 @@ class Thing(Struct, forbid_unknown_fields=True):
     """Every kind of member."""
 
     name: Label
-    plain: PlainName | UnsetType = UNSET
+    plain: NewPlainName | UnsetType = UNSET
     robot: RobotName | UnsetType = UNSET
     uses: Annotated[int, Meta(ge=1, le=10)] | UnsetType = UNSET
     level: Literal["a", "b"] | UnsetType = UNSET
