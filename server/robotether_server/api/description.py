@@ -115,10 +115,14 @@ def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
 
 def _responses(one: Operation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
     for status, kind in one.answers.items():
-        said: Object = {"description": HTTPStatus(status).phrase}
+        content = {name: {"schema": {"type": "string"}} for name in one.texts}
         if kind is not None:
-            said["content"] = {"application/json": {"schema": schemas[id(kind)]}}
-        yield str(status), said
+            content["application/json"] = {"schema": schemas[id(kind)]}
+        description = HTTPStatus(status).phrase
+        yield (
+            str(int(status)),
+            {"description": description, **({"content": content} if content else {})},
+        )
     for status in sorted(_problems(one)):
         yield str(int(status)), _ref("responses", PROBLEMS[HTTPStatus(status)])
 

@@ -16,7 +16,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
-from flask import Request, Response, jsonify, request
+from flask import Response, jsonify, request
 
 from robotether_server import schemas
 from robotether_server.api import auth
@@ -39,7 +39,7 @@ Created = tuple[T, Literal[201]]
 class Operation:
     """A handler, with what it takes and answers.
 
-    `problems` are the statuses that follow from nothing else.
+    `texts`: the types of answers that are texts. `problems`: the statuses that follow from nothing else.
     """
 
     method: Method
@@ -49,6 +49,7 @@ class Operation:
     body: Any
     query: Any
     answers: Mapping[int, Any]
+    texts: tuple[str, ...]
     problems: tuple[int, ...]
 
     @property
@@ -61,11 +62,18 @@ OPERATIONS: list[Operation] = []
 
 
 def operation(
-    method: Method, path: str, who: Who, *, problems: tuple[int, ...] = ()
+    method: Method,
+    path: str,
+    who: Who,
+    *,
+    any_type: bool = False,
+    texts: tuple[str, ...] = (),
+    problems: tuple[int, ...] = (),
 ) -> Callable[[H], H]:
     """Let a handler answer this method of this path, under /api/v1.
 
-    It gets who asks as `caller`, unless that may be anybody, and the names in the path.
+    It gets who asks as `caller`, unless that may be anybody, and the names in the path. `any_type`: the body may call
+    itself whatever it likes, as `curl -d` sends it.
     """
 
     def put(handler: H) -> H:
@@ -77,14 +85,15 @@ def operation(
             who=who,
             body=types.get("body"),
             query=types.get("query"),
-            answers=dict(_answers(types["return"])),
+            answers=dict(_answers(types["return"])) or {HTTPStatus.OK: None},
+            texts=texts,
             problems=problems,
         )
         OPERATIONS.append(one)
 
         def view(**names: object) -> Response:
             with _caller(who) as caller:
-                return _response(handler(**caller, **names, **_given(one, request)))
+                return _response(handler(**caller, **names, **_given(one, any_type=any_type)))
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -113,16 +122,16 @@ def _caller(who: Who) -> Iterator[dict[str, object]]:
             yield {"caller": caller}
 
 
-def _given(one: Operation, request: Request) -> dict[str, object]:
+def _given(one: Operation, *, any_type: bool) -> dict[str, object]:
     given: dict[str, object] = {}
     if one.body is not None:
-        given["body"] = schemas.read_body(json_object(request), one.body)
+        given["body"] = schemas.read_body(json_object(request, any_type=any_type), one.body)
     if one.query is not None:
-        given["query"] = schemas.read_query(_query(request), one.query)
+        given["query"] = schemas.read_query(_query(), one.query)
     return given
 
 
-def _query(request: Request) -> dict[str, str]:
+def _query() -> dict[str, str]:
     for name, values in request.args.lists():
         if len(values) > 1:
             raise FieldInvalid(f"cannot use {name[:40]!r}: it appears in the query more than once")

@@ -1,29 +1,40 @@
 """/api/v1/tickets: permissions to open one WebSocket, which the relay verifies by itself."""
 
-from http import HTTPStatus
+from flask import request
+from msgspec import Struct
 
-from flask import Response, jsonify, request
-
-from robotether_server.api import auth, fields
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api import auth
+from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
+from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants, robots
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.field_types import RobotName
 from robotether_server.problems import GrantMissing, RobotUnknown
-from robotether_server.tickets import MODES, Ticket, new_id
-
-MEMBERS = ("robot", "mode")
+from robotether_server.tickets import Mode, Ticket, new_id
 
 
-@blueprint.post("/tickets")
-def create_ticket() -> tuple[Response, int]:
-    """Sign a ticket for one WebSocket to one robot, if the user's grant includes the mode."""
-    with context().database.transaction() as tx:
-        user = auth.api_user(tx, request)
-        body = fields.json_object(request, MEMBERS, any_type=True)
-        name = fields.text(body, "robot", MAX_NAME_LENGTH)
-        mode = fields.choice(body, "mode", MODES)
-        seen = robots.find_seen(tx, user, name)
+class NewTicket(Struct, forbid_unknown_fields=True):
+    """A ticket to be made."""
+
+    robot: RobotName
+    mode: Mode
+
+
+class SignedTicket(Struct):
+    """A ticket, and where it opens what."""
+
+    ticket: str
+    robot: RobotName
+    mode: Mode
+    expires_in_s: int
+    ros_url: str
+
+
+@operation("POST", "/tickets", "user", any_type=True, problems=(404,))
+def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
+    """A permission to open one WebSocket to one robot."""
+    name, mode, user = body.robot, body.mode, caller.user
+    seen = robots.find_seen(caller.tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
     if not grants.includes(seen.level, mode):
@@ -33,11 +44,5 @@ def create_ticket() -> tuple[Response, int]:
     text = signer.sign(
         Ticket(new_id(), user.id, user.name, seen.robot.id, name, mode, kind, sha256)
     )
-    ticket = {
-        "ticket": text,
-        "robot": name,
-        "mode": mode,
-        "expires_in_s": signer.ttl_s,
-        "ros_url": f"/robots/{name}/ros?ticket={text}",
-    }
-    return jsonify(ticket), HTTPStatus.CREATED
+    url = f"/robots/{name}/ros?ticket={text}"
+    return SignedTicket(text, name, mode, signer.ttl_s, url), 201

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from robotether_server.db import digests
 from robotether_server.db.database import Row, Transaction
+from robotether_server.field_types import Label, Timestamp
 from robotether_server.problems import RecordExists, RecordMissing
 
 PREFIX = "rj_"
@@ -16,12 +17,12 @@ class JoinToken:
     """What may be told about a join token; its text is known only to who asked for it."""
 
     id: int
-    name: str
+    name: Label
     uses: int
     used: int
-    created_at: dt.datetime
+    created_at: Timestamp
     created_by: str
-    expires_at: dt.datetime
+    expires_at: Timestamp
 
 
 def _token(row: Row) -> JoinToken:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from robotether_server.db import digests, users
 from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
+from robotether_server.field_types import Label, Timestamp, UserName
 from robotether_server.problems import RecordExists, RecordMissing
 
 PREFIX = "rt_"
@@ -23,10 +24,10 @@ class Token:
     """What may be told about a token; its text is known only to who asked for it."""
 
     id: int
-    user: str
-    name: str
-    created_at: dt.datetime
-    expires_at: dt.datetime | None
+    user: UserName
+    name: Label
+    created_at: Timestamp
+    expires_at: Timestamp | None
 
 
 def create(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:

@@ -3,11 +3,11 @@
 Written by services; sshd reads them through the view jump_keys.
 """
 
-import datetime as dt
 from dataclasses import dataclass
 
 from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
+from robotether_server.field_types import Fingerprint, Label, Timestamp
 from robotether_server.problems import RecordExists, RecordMissing
 from robotether_server.ssh_keys import PublicKey
 
@@ -19,10 +19,10 @@ class SshKey:
     """One key; `public_key` is `TYPE BASE64`."""
 
     id: int
-    name: str
-    fingerprint: str
+    name: Label
+    fingerprint: Fingerprint
     public_key: str
-    created_at: dt.datetime
+    created_at: Timestamp
 
 
 def add(tx: Transaction, user: User, name: str, key: PublicKey) -> SshKey:
