@@ -1,8 +1,8 @@
 """What the fields of requests, records and answers hold, with their bounds; each name is a type for msgspec.
 
 `schemas` reads by these types, and `api.description` describes by them. `extra` says what JSON Schema does not:
-`longest` where the pattern alone describes the length, `must` for the end of "it must be ...", `as_typed` for a text
-that keeps its white space. Pure.
+`longest` where the pattern alone describes the length, `most` for a bound of more than 63 bits, `must` for the end of
+"it must be ...", `as_typed` for a text that keeps its white space. Pure.
 """
 
 import datetime as dt
@@ -67,6 +67,8 @@ PublicKeyLine = Annotated[
         extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
     ),
 ]
+Count = Annotated[int, Meta(ge=0)]
+Amount = Annotated[float, Meta(ge=0)]
 Timestamp = Annotated[dt.datetime, Meta(tz=True)]
 # In a request.
 GivenTimestamp = Annotated[

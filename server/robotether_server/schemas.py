@@ -125,8 +125,8 @@ def _read_field(value: object, field: Field, path: str) -> object:
 
 def _cleaned(value: object, field: Field) -> object:
     """Return a text without the white space around it, and 5.0 as 5; raise ValueError for another type."""
-    if isinstance(value, float) and isinstance(field.kind, inspect.IntType):
-        return int(value) if value.is_integer() else value
+    if isinstance(field.kind, inspect.IntType):
+        return _whole(value, field)
     if not isinstance(field.kind, inspect.StrType | inspect.DateTimeType):
         return value
     if not isinstance(value, str):
@@ -139,6 +139,14 @@ def _cleaned(value: object, field: Field) -> object:
     if len(value) > _longest(field) or not text or not text.isprintable():
         raise ValueError("too long, empty or not printable")
     return text
+
+
+def _whole(value: object, field: Field) -> object:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if "most" in field.extra and isinstance(value, int) and value > field.extra["most"]:
+        raise ValueError("too large")
+    return value
 
 
 def _longest(field: Field) -> int:
@@ -167,7 +175,7 @@ def _must_be(field: Field) -> str:
         case inspect.DateTimeType():
             must = times.MUST_BE
         case inspect.IntType():
-            must = f"a whole number from {kind.ge} to {kind.le}"
+            must = f"a whole number from {kind.ge} to {extra.get('most', kind.le)}"
         case inspect.LiteralType():
             must = f"one of {', '.join(map(str, kind.values))}"
         case inspect.BoolType():

@@ -1,42 +1,57 @@
 """/api/v1/audit: what happened; for admins."""
 
-from dataclasses import asdict
+from typing import Annotated
 
-from flask import Response, jsonify, request
+from flask import Response
+from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.api import auth, exports, fields
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api import exports
+from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
-from robotether_server.api.fields import Fields
-from robotether_server.api.objects import plain
+from robotether_server.api.exports import USUAL_LIMIT, ListQuery
+from robotether_server.api.operations import operation, plain
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent, AuditSearch
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.field_types import Label
 
-MAX_KIND_LENGTH = 40
-MAX_ID = 2**63 - 1
-USUAL_EVENTS = 100
-MAX_EVENTS = 500
-FILTERS = ("robot", "actor", "kind", "since", "until", "before", "limit", "format")
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 
 
-@blueprint.get("/audit")
-def list_audit_events() -> Response:
-    """List events, the newest first; `before` goes on where an earlier answer ended."""
-    with auth.admin() as caller:
-        given = fields.query(request, FILTERS)
-        search = _search(given)
-        before = fields.number_in_query(given, "before", 1, MAX_ID)
-        limit = fields.number_in_query(given, "limit", 1, MAX_EVENTS)
-        if "format" not in given:
-            found = audit.find(caller.tx, search, before=before, limit=limit or USUAL_EVENTS)
-            return jsonify({"events": [plain(asdict(one)) for one in found]})
-    return download(search, fields.choice(given, "format", exports.FORMATS), before, limit)
+class AuditQuery(ListQuery):
+    """Which events."""
+
+    actor: Label | UnsetType = UNSET
+    kind: Annotated[str, Meta(min_length=1, max_length=40)] | UnsetType = UNSET
+
+
+class AuditEventList(Struct):
+    """Events, the newest first; with `format` all that fit, as a file."""
+
+    events: list[AuditEvent]
+
+
+@operation("GET", "/audit", "admin", texts=exports.FILE_TYPES)
+def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Response:
+    """What happened, the newest first."""
+    search = AuditSearch(
+        robot=query.robot or None,
+        actor=query.actor or None,
+        kind=query.kind or None,
+        since=query.since or None,
+        until=query.until or None,
+    )
+    before = query.before or None
+    if query.format:
+        return download(search, query.format, before, query.limit or None)
+    limit = query.limit or USUAL_LIMIT
+    return AuditEventList(audit.find(caller.tx, search, before=before, limit=limit))
 
 
 def download(
-    search: AuditSearch, kind: exports.Format, before: int | None = None, limit: int | None = None
+    search: AuditSearch,
+    kind: exports.Format,
+    before: int | None = None,
+    limit: int | None = None,
 ) -> Response:
     """Stream all events that fit; the caller has seen to it that an admin asks."""
     database = context().database
@@ -45,15 +60,5 @@ def download(
         with database.transaction() as tx:
             return audit.find(tx, search, before=before if last is None else last, limit=wanted)
 
-    found = (plain(asdict(one)) for one in exports.everything(fetch, limit))
+    found = (plain(one) for one in exports.everything(fetch, limit))
     return exports.answer(found, COLUMNS, kind, "robotether-audit")
-
-
-def _search(given: Fields) -> AuditSearch:
-    return AuditSearch(
-        robot=fields.optional_text(given, "robot", MAX_NAME_LENGTH),
-        actor=fields.optional_text(given, "actor", MAX_NAME_LENGTH),
-        kind=fields.optional_text(given, "kind", MAX_KIND_LENGTH),
-        since=fields.optional_timestamp(given, "since"),
-        until=fields.optional_timestamp(given, "until"),
-    )

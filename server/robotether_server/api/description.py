@@ -7,7 +7,7 @@ holds by hand what is not made of them: a file for what belongs together.
 import inspect
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from http import HTTPStatus
 from pathlib import Path
@@ -92,7 +92,13 @@ def _of_operations(operations: list[Operation]) -> Object:
 def _types(one: Operation) -> Iterator[Any]:
     yield from (kind for kind in (one.body, *one.answers.values()) if kind is not None)
     if one.query is not None:
-        yield from get_type_hints(one.query, include_extras=True).values()
+        yield from _members(one.query).values()
+
+
+@cache
+def _members(query: Any) -> Mapping[str, Any]:
+    """Return the members' types, the same object each time: they are known by their identity."""
+    return get_type_hints(query, include_extras=True)
 
 
 def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
@@ -105,12 +111,21 @@ def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
     }
     if description:
         found["description"] = " ".join(description.split())
-    if one.who == "admin":
-        found["tags"] = ["admin"]
+    if one.tag:
+        found["tags"] = [one.tag]
+    if one.query is not None:
+        found["parameters"] = list(_query_parameters(one.query, schemas))
     if one.body is not None:
         content = {"application/json": {"schema": schemas[id(one.body)]}}
         found["requestBody"] = {"required": True, "content": content}
     return found
+
+
+def _query_parameters(query: Any, schemas: dict[int, Object]) -> Iterator[Object]:
+    for name, hint in _members(query).items():
+        schema = schemas[id(hint)]
+        words = {"description": schema["description"]} if "description" in schema else {}
+        yield {"name": name, "in": "query", **words, "schema": schema}
 
 
 def _responses(one: Operation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:

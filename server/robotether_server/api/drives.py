@@ -1,52 +1,76 @@
 """/api/v1/drives: who drove which robot, and how; everybody's own, managers' of their robots, admins' all."""
 
-from dataclasses import asdict
 from dataclasses import fields as members_of
+from typing import Annotated
 
-from flask import Response, jsonify, request
+from flask import Response
+from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.api import auth, exports, fields
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api import exports
+from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
-from robotether_server.api.fields import Fields
-from robotether_server.api.objects import plain
+from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery
+from robotether_server.api.operations import operation, plain, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.db.users import User
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.field_types import Label
 
-MAX_ID = 2**63 - 1
-USUAL_DRIVES = 100
-MAX_DRIVES = 500
 MAX_FENCE = 2**64 - 1
-FILTERS = ("robot", "user", "fence", "since", "until", "before", "limit", "format")
 COLUMNS = tuple(member.name for member in members_of(Drive))
 
 
-@blueprint.get("/drives")
-def list_drives() -> Response:
-    """List drives, the newest first; `before` goes on where an earlier answer ended."""
-    with auth.any_user() as caller:
-        given = fields.query(request, FILTERS)
-        search = _search(given)
-        before = fields.number_in_query(given, "before", 1, MAX_ID)
-        limit = fields.number_in_query(given, "limit", 1, MAX_DRIVES)
-        if "format" not in given:
-            found = drives.find(
-                caller.tx, caller.user, search, before=before, limit=limit or USUAL_DRIVES
-            )
-            return jsonify({"drives": [plain(asdict(one)) for one in found]})
-        viewer = caller.user
-    kind = fields.choice(given, "format", exports.FORMATS)
-    return download(viewer, search, kind, before=before, limit=limit)
+class DriveQuery(ListQuery):
+    """Which drives."""
+
+    user: Label | UnsetType = UNSET
+    fence: (
+        Annotated[
+            int,
+            Meta(
+                ge=0,
+                description="The number of the lease, which with the robot names one drive",
+                extra_json_schema={"maximum": MAX_FENCE},
+                extra={"most": MAX_FENCE},
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
-@blueprint.get("/drives/<int:drive_id>")
-def show_drive(drive_id: int) -> Response:
-    """Tell of one drive; browsers that are led here keep it as a file."""
-    with auth.any_user() as caller:
-        found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
-    answer = jsonify(plain(asdict(found)))
+class DriveList(Struct):
+    """Drives, the newest first; with `format` all that fit, as a file."""
+
+    drives: list[Drive]
+
+
+@operation("GET", "/drives", "user", tag="robots", texts=exports.FILE_TYPES)
+def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
+    """Who drove which robot and how, the newest first.
+
+    Everybody's own; those of the robots that one manages; for admins all. Distance, turn and speeds are what was
+    commanded. A drive that never moved the robot is listed only when asked for by its fence.
+    """
+    search = DriveSearch(
+        robot=query.robot or None,
+        user=query.user or None,
+        since=query.since or None,
+        until=query.until or None,
+        fence=None if query.fence is UNSET else query.fence,
+    )
+    before = query.before or None
+    if query.format:
+        limit = query.limit or None
+        return download(caller.user, search, query.format, before=before, limit=limit)
+    limit = query.limit or USUAL_LIMIT
+    return DriveList(drives.find(caller.tx, caller.user, search, before=before, limit=limit))
+
+
+@operation("GET", "/drives/<int:drive_id>", "user", tag="robots")
+def get_drive(caller: Caller, drive_id: int) -> Drive | Response:
+    """One drive, as a file."""
+    found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
+    answer = respond(found)
     name = f"robotether-drive-{found.id}.json"
     answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'
     return answer
@@ -68,15 +92,5 @@ def download(
         with database.transaction() as tx:
             return drives.find(tx, viewer, search, before=start, limit=wanted)
 
-    found = (plain(asdict(one)) for one in exports.everything(fetch, limit))
+    found = (plain(one) for one in exports.everything(fetch, limit))
     return exports.answer(found, COLUMNS, kind, "robotether-drives")
-
-
-def _search(given: Fields) -> DriveSearch:
-    return DriveSearch(
-        robot=fields.optional_text(given, "robot", MAX_NAME_LENGTH),
-        user=fields.optional_text(given, "user", MAX_NAME_LENGTH),
-        since=fields.optional_timestamp(given, "since"),
-        until=fields.optional_timestamp(given, "until"),
-        fence=fields.number_in_query(given, "fence", 0, MAX_FENCE),
-    )

@@ -8,18 +8,43 @@ import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
-from typing import Literal, Protocol, TypeVar
+from typing import Annotated, Literal, Protocol, TypeVar
 
 from flask import Response
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from robotether_server.field_types import GivenTimestamp, Label
 
 Format = Literal["csv", "jsonl"]
 FORMATS: tuple[Format, ...] = ("csv", "jsonl")
+MAX_ID = 2**63 - 1
+FILE_TYPES = ("text/csv", "application/jsonl")
+USUAL_LIMIT = 100
+Limit = Annotated[
+    int,
+    Meta(ge=1, le=500, description="At most so many", extra_json_schema={"default": USUAL_LIMIT}),
+]
+FORMAT_WORDS = "All that fit (limit at most, if given) as CSV, or as one JSON object a line"
 TYPES: Mapping[Format, str] = {"csv": "text/csv; charset=utf-8", "jsonl": "application/jsonl"}
 PIECE = 500
 # With one of these a spreadsheet takes the text for a formula.
 RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 Object = Mapping[str, object]
+
+
+class ListQuery(Struct, forbid_unknown_fields=True):
+    """What is looked for, and how much of it; `before` goes on where an earlier answer ended."""
+
+    robot: Label | UnsetType = UNSET
+    since: Annotated[GivenTimestamp, Meta(description="From this moment on")] | UnsetType = UNSET
+    until: Annotated[GivenTimestamp, Meta(description="Before this moment")] | UnsetType = UNSET
+    before: (
+        Annotated[int, Meta(ge=1, le=MAX_ID, description="Go on after the one of this id")]
+        | UnsetType
+    ) = UNSET
+    limit: Limit | UnsetType = UNSET
+    format: Annotated[Format, Meta(description=FORMAT_WORDS)] | UnsetType = UNSET
 
 
 class Numbered(Protocol):

@@ -46,6 +46,7 @@ class Operation:
     path: str
     handler: Handler
     who: Who
+    tag: str
     body: Any
     query: Any
     answers: Mapping[int, Any]
@@ -66,6 +67,7 @@ def operation(
     path: str,
     who: Who,
     *,
+    tag: str = "",
     any_type: bool = False,
     texts: tuple[str, ...] = (),
     problems: tuple[int, ...] = (),
@@ -83,6 +85,7 @@ def operation(
             path=path,
             handler=handler,
             who=who,
+            tag=tag or ("admin" if who == "admin" else ""),
             body=types.get("body"),
             query=types.get("query"),
             answers=dict(_answers(types["return"])) or {HTTPStatus.OK: None},
@@ -93,7 +96,7 @@ def operation(
 
         def view(**names: object) -> Response:
             with _caller(who) as caller:
-                return _response(handler(**caller, **names, **_given(one, any_type=any_type)))
+                return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -138,23 +141,24 @@ def _query() -> dict[str, str]:
     return dict(request.args.items())
 
 
-def _response(found: object) -> Response:
+def respond(found: object) -> Response:
+    """Return the response to what a handler returned."""
     if isinstance(found, Response):
         return found
-    value, status = found if isinstance(found, tuple) else (found, HTTPStatus.OK)
-    if value is None:
+    if found is None:
         return Response(status=HTTPStatus.NO_CONTENT)
+    value, status = found if isinstance(found, tuple) else (found, HTTPStatus.OK)
     response = jsonify(plain(value))
     response.status_code = status
     return response
 
 
-def plain(found: object) -> object:
+def plain(found: object) -> Any:
     """Return records and Structs as JSON has them, times as texts."""
     return _plain(msgspec.to_builtins(found, builtin_types=(dt.datetime,)))
 
 
-def _plain(found: object) -> object:
+def _plain(found: object) -> Any:
     if isinstance(found, dt.datetime):
         return rfc3339(found)
     if isinstance(found, dict):

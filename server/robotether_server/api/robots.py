@@ -1,5 +1,6 @@
 """/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
 
+from dataclasses import asdict
 from http import HTTPStatus
 
 from flask import Response, jsonify, request
@@ -104,7 +105,7 @@ def list_sessions(robot: str) -> Response:
         given = fields.query(request, ("limit",))
         limit = fields.number_in_query(given, "limit", 1, MAX_SESSIONS) or USUAL_SESSIONS
         found = sessions.of_robot(caller.tx, robots.get_seen(caller.tx, robot).robot.id, limit)
-    return jsonify({"sessions": [plain(one._asdict()) for one in found]})
+    return jsonify({"sessions": [plain(asdict(one)) for one in found]})
 
 
 def _registration(robot: str, credential: EnrolmentCredential) -> Registration:

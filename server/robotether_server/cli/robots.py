@@ -3,6 +3,8 @@
 A live tunnel follows a change within 2 s: it is cut, or told of its new settings.
 """
 
+from dataclasses import asdict
+
 import click
 
 from robotether_server.cli import robot_texts
@@ -162,7 +164,7 @@ def show(name: str, as_json: bool) -> None:
     if as_json:
         more = {
             "waiting": [vars(one) for one in waiting],
-            "sessions": [one._asdict() for one in last],
+            "sessions": [asdict(one) for one in last],
         }
         print_json(robot_texts.as_dict(seen) | more)
         return

@@ -7,8 +7,10 @@ import datetime as dt
 import json
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from typing import Any
 
 from robotether_server.db.database import Transaction
+from robotether_server.field_types import Timestamp
 from robotether_server.networks import Network
 
 MAX_ACTOR_LENGTH = 63
@@ -36,12 +38,12 @@ class AuditEvent:
     """One event of the log as an admin reads it."""
 
     id: int
-    at: dt.datetime
+    at: Timestamp
     actor: str
     kind: str
     robot: str | None
     address: str | None
-    details: dict[str, object]
+    details: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.users import User
+from robotether_server.field_types import Amount, Count, Timestamp
 from robotether_server.problems import RecordMissing
 
 COLUMNS = (
@@ -27,28 +28,28 @@ class Drive:
     the driver had a video open. None of these: nobody measured it.
     """
 
-    id: int
+    id: Count
     robot: str
     user: str
-    fence: int
-    started_at: dt.datetime
-    ended_at: dt.datetime | None
+    fence: Count
+    started_at: Timestamp
+    ended_at: Timestamp | None
     end_code: str | None
-    distance_m: float
-    turned_rad: float
-    top_speed_m_s: float
-    top_turn_rad_s: float
-    messages: int
-    dropped_old: int
-    refused: dict[str, int]
-    stops: int
+    distance_m: Amount
+    turned_rad: Amount
+    top_speed_m_s: Amount
+    top_turn_rad_s: Amount
+    messages: Count
+    dropped_old: Count
+    refused: dict[str, Count]
+    stops: Count
     address: str | None
-    latency_p50_ms: float | None
-    latency_p95_ms: float | None
-    bytes: int | None
-    pictures: int | None
-    picture_bytes: int | None
-    viewed_s: float | None
+    latency_p50_ms: Amount | None
+    latency_p95_ms: Amount | None
+    bytes: Count | None
+    pictures: Count | None
+    picture_bytes: Count | None
+    viewed_s: Amount | None
 
     @property
     def frames_per_s(self) -> float | None:

@@ -1,16 +1,17 @@
 """Robots' sessions as web shows them. Only the relay writes them (db/fleet.py)."""
 
-import datetime as dt
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from robotether_server.db.database import Transaction
+from robotether_server.field_types import Timestamp
 
 
-class RecordedSession(NamedTuple):
+@dataclass(frozen=True)
+class RecordedSession:
     """One session; without `ended_at` it goes on."""
 
-    started_at: dt.datetime
-    ended_at: dt.datetime | None
+    started_at: Timestamp
+    ended_at: Timestamp | None
     end_code: str | None
     address: str
     agent_version: str | None

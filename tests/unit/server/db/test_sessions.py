@@ -25,7 +25,7 @@ def test_sessions_are_told_newest_first(database: Database, admin_database: Data
         found = sessions.of_robot(tx, robot_id, 2)
         assert sessions.is_online(tx, robot_id)
     assert [one.address for one in found] == ["192.0.2.3", "192.0.2.2"]
-    started_at, ended_at, end_code, _, version = found[1]
-    assert ended_at is not None
-    assert started_at <= ended_at
-    assert (end_code, version) == ("timeout", "0.1")
+    older = found[1]
+    assert older.ended_at is not None
+    assert older.started_at <= older.ended_at
+    assert (older.end_code, older.agent_version) == ("timeout", "0.1")
