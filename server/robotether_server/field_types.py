@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robotether_server import ssh_keys, times
+from robotether_server import macs, ssh_keys, times
 
 MAX_NAME_LENGTH = 63
 PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
@@ -67,6 +67,17 @@ PublicKeyLine = Annotated[
         extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
     ),
 ]
+# Robots spell their MAC in several ways; macs.normalise judges it.
+Mac = Annotated[
+    str,
+    Meta(
+        max_length=macs.MAX_TEXT_LENGTH,
+        description="Of one network card, in any usual spelling",
+        extra_json_schema={"minLength": 11, "examples": ["00:1b:44:11:3a:b7"]},
+    ),
+]
+Hostname = Annotated[str, Meta(min_length=1, max_length=253)]
+AgentVersion = Annotated[str, Meta(min_length=1, max_length=32)]
 Count = Annotated[int, Meta(ge=0)]
 Amount = Annotated[float, Meta(ge=0)]
 Timestamp = Annotated[dt.datetime, Meta(tz=True)]

@@ -35,6 +35,9 @@ def read_body(given: Mapping[str, object], hint: Any) -> Any:
     kind, least = _info(hint), 0
     if isinstance(kind, inspect.Metadata):
         kind, least = kind.type, (kind.extra_json_schema or {}).get("minProperties", 0)
+    if isinstance(kind, inspect.DictType):
+        # The service that takes it reads it.
+        return given
     found = read(given, kind.cls)
     if len(given) < least:
         names = ", ".join(field.name for field in _fields(kind.cls).values())
@@ -134,10 +137,13 @@ def _cleaned(value: object, field: Field) -> object:
     if field.extra.get("as_typed"):
         # Half of a pair of surrogates, which JSON can spell, is no character.
         value.encode()
-        return value
-    text = value.strip()
-    if len(value) > _longest(field) or not text or not text.isprintable():
-        raise ValueError("too long, empty or not printable")
+        text = value
+    else:
+        text = value.strip()
+        if not text or not text.isprintable():
+            raise ValueError("empty or not printable")
+        if len(value) > _longest(field):
+            raise ValueError("too long")
     return text
 
 
@@ -152,6 +158,7 @@ def _whole(value: object, field: Field) -> object:
 def _longest(field: Field) -> int:
     if isinstance(field.kind, inspect.DateTimeType):
         return times.MAX_TEXT_LENGTH
+    # A text without either is a mistake in its type.
     return int(field.extra.get("longest") or field.kind.max_length)  # type: ignore[attr-defined] # it is a StrType
 
 
@@ -180,4 +187,6 @@ def _must_be(field: Field) -> str:
             must = f"one of {', '.join(map(str, kind.values))}"
         case inspect.BoolType():
             must = "true or false"
+        case inspect.ListType():
+            must = "a list"
     return str(extra.get("must", must))

@@ -17,7 +17,7 @@ from robotether_server.db import Transaction, digests, logins, tokens
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
-from robotether_server.services import enrolment_credentials
+from robotether_server.services import drive_pages, enrolment_credentials
 from robotether_server.services.enrolment_credentials import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
 
@@ -118,6 +118,31 @@ def any_user() -> Iterator[Caller]:
     with context().database.transaction() as tx:
         user = api_user(tx, request)
         yield Caller(tx, user, Source(user.name, request.remote_addr))
+
+
+@dataclass(frozen=True)
+class Enroller:
+    """Who enrols a robot, with an open transaction."""
+
+    tx: Transaction
+    credential: EnrolmentCredential
+    source: Source
+
+
+@contextmanager
+def enroller() -> Iterator[Enroller]:
+    """Let in whoever may enrol a robot; raise what `enrolment_credential` raises."""
+    with context().database.transaction() as tx:
+        credential = enrolment_credential(tx, request)
+        yield Enroller(tx, credential, Source(credential.actor, request.remote_addr))
+
+
+@contextmanager
+def manager(robot: str) -> Iterator[Caller]:
+    """Let in who manages the robot; raise RobotUnknown where they may not see it, else GrantMissing."""
+    with any_user() as caller:
+        drive_pages.find_managed(caller.tx, caller.user, robot)
+        yield caller
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from robotether_server import __version__
 from robotether_server.api.blueprint import blueprint
-from robotether_server.api.operations import OPERATIONS, Operation
+from robotether_server.api.operations import OPERATIONS, Operation, Who
 from robotether_server.field_types import PlainName, RobotName, UserName
 
 FOLDER = Path(__file__).parent / "openapi"
@@ -36,6 +36,7 @@ PATH_TYPES: dict[str, Any] = {
     "key_id": Id,
     "drive_id": Id,
 }
+Object = dict[str, Any]
 # The responses of base.json that tell of problems.
 PROBLEMS = {
     HTTPStatus.UNAUTHORIZED: "Unauthorized",
@@ -48,7 +49,11 @@ PROBLEMS = {
     HTTPStatus.TOO_MANY_REQUESTS: "TooMany",
     HTTPStatus.SERVICE_UNAVAILABLE: "Unavailable",
 }
-Object = dict[str, Any]
+# Where it is not an API token or a login.
+SECURITY: dict[Who, list[Object]] = {
+    "anybody": [],
+    "enroller": [{"token": []}, {"join_token": []}, {"login": []}],
+}
 
 
 @blueprint.get("/openapi.json")
@@ -111,6 +116,8 @@ def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
     }
     if description:
         found["description"] = " ".join(description.split())
+    if one.who in SECURITY:
+        found["security"] = SECURITY[one.who]
     if one.tag:
         found["tags"] = [one.tag]
     if one.query is not None:

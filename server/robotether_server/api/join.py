@@ -1,78 +1,98 @@
 """/api/v1/join: what a robot asks at its first start, and whenever it is not admitted."""
 
-from http import HTTPStatus
+from typing import Annotated, Literal
 
-from flask import Response, jsonify, request
+from flask import request
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server import macs, ssh_keys
-from robotether_server.api import fields
-from robotether_server.api.blueprint import blueprint
 from robotether_server.api.context import context
-from robotether_server.api.objects import ssh_object
+from robotether_server.api.objects import Ssh, ssh_of
+from robotether_server.api.operations import operation
 from robotether_server.db.robots import Report
-from robotether_server.problems import FieldInvalid
+from robotether_server.field_types import AgentVersion, Hostname, Mac, PublicKeyLine, RobotName
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer, PreviousKey
+from robotether_server.services.pending import Reason
 
-MAX_HOSTNAME_LENGTH = 253
-MAX_VERSION_LENGTH = 32
-MAX_TOKEN_LENGTH = 200
-MAX_WISHED_NAME_LENGTH = 253
-MAX_FINGERPRINT_LENGTH = 64
+Signature = Annotated[
+    str,
+    Meta(
+        description="SSHSIG of the old key over MAC and new key",
+        extra={
+            "as_typed": True,
+            "longest": ssh_keys.MAX_SIGNATURE_LENGTH,
+            "must": "a text, no longer than that of an ssh-ed25519 key",
+        },
+    ),
+]
 
 
-@blueprint.post("/join")
-def join() -> tuple[Response, int]:
-    """Let a robot in, or note that it waits."""
-    asked = _asked(fields.json_object(request, any_type=True))
+class PreviousKey(Struct):
+    """The key that the robot had until now: it rotates the key."""
+
+    fingerprint: Annotated[str, Meta(extra={"longest": 64})]
+    signature: Signature
+
+
+class RobotJoin(Struct):
+    """What a robot says. It may have more members: an agent may be newer than this server.
+
+    `token`: a join token, or an API token of an admin; approves at once. `name`: a wish, heard with a token alone.
+    `mac_present` false: no interface has this MAC any more.
+    """
+
+    mac: Mac
+    public_key: PublicKeyLine
+    hostname: Hostname
+    agent_version: AgentVersion
+    token: Annotated[str, Meta(extra={"longest": 200})] | UnsetType | None = UNSET
+    name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
+    mac_present: bool | UnsetType | None = UNSET
+    previous_key: PreviousKey | UnsetType | None = UNSET
+
+
+class Joined(Struct):
+    """The robot is active."""
+
+    state: Literal["active"]
+    robot: RobotName
+    ssh: Ssh
+
+
+class Pending(Struct):
+    """The robot waits for approval."""
+
+    state: Literal["pending"]
+    robot: RobotName
+    code: Reason
+    detail: str
+
+
+@operation("POST", "/join", "anybody", any_type=True, problems=(409, 429))
+def join(body: RobotJoin) -> tuple[Joined, Literal[200]] | tuple[Pending, Literal[202]]:
+    """A robot asks to be let in."""
+    asked = _asked(body)
     with context().database.transaction() as tx:
         answer = joining.is_in(tx, asked)
     if answer is None:
         with context().database.transaction() as tx:
             answer = joining.join(tx, asked, context().join)
     if answer.code == "active":
-        return jsonify(_joined(answer)), HTTPStatus.OK
-    return jsonify(_pending(answer)), HTTPStatus.ACCEPTED
+        return Joined("active", answer.robot, ssh_of(context().join)), 200
+    return Pending("pending", answer.robot, answer.code, answer.detail), 202
 
 
-def _asked(body: dict[str, object]) -> joining.JoinRequest:
-    report = Report(
-        hostname=fields.text(body, "hostname", MAX_HOSTNAME_LENGTH),
-        agent_version=fields.text(body, "agent_version", MAX_VERSION_LENGTH),
-        address=request.remote_addr or "",
-    )
+def _asked(body: RobotJoin) -> joining.JoinRequest:
+    previous = body.previous_key or None
     return joining.JoinRequest(
         presented=PresentedKey(
-            mac=macs.normalise(fields.text(body, "mac", macs.MAX_TEXT_LENGTH)),
-            key=ssh_keys.parse(fields.text(body, "public_key", ssh_keys.MAX_LINE_LENGTH)),
-            report=report,
+            mac=macs.normalise(body.mac),
+            key=ssh_keys.parse(body.public_key),
+            report=Report(body.hostname, body.agent_version, request.remote_addr or ""),
         ),
-        token=fields.optional_text(body, "token", MAX_TOKEN_LENGTH),
-        name=fields.optional_text(body, "name", MAX_WISHED_NAME_LENGTH),
-        mac_present=body.get("mac_present") is None or fields.flag(body, "mac_present"),
-        previous=_previous(body),
+        token=body.token or None,
+        name=body.name or None,
+        mac_present=body.mac_present is not False,
+        previous=previous and joining.PreviousKey(previous.fingerprint, previous.signature),
     )
-
-
-def _previous(body: dict[str, object]) -> PreviousKey | None:
-    if body.get("previous_key") is None:
-        return None
-    given = fields.mapping(body, "previous_key")
-    signature = fields.secret(given, "signature")
-    if len(signature) > ssh_keys.MAX_SIGNATURE_LENGTH:
-        raise FieldInvalid("cannot use signature: it is longer than one of an ssh-ed25519 key")
-    return PreviousKey(fields.text(given, "fingerprint", MAX_FINGERPRINT_LENGTH), signature)
-
-
-def _joined(answer: Answer) -> dict[str, object]:
-    return {"state": "active", "robot": answer.robot, "ssh": ssh_object(context().join)}
-
-
-def _pending(answer: Answer) -> dict[str, object]:
-    return {
-        "state": "pending",
-        "robot": answer.robot,
-        "code": answer.code,
-        "detail": answer.detail,
-    }

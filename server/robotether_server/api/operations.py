@@ -9,7 +9,7 @@ inside leaves nothing behind.
 import datetime as dt
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from types import NoneType, UnionType
@@ -26,8 +26,8 @@ from robotether_server.problems import FieldInvalid
 from robotether_server.times import rfc3339
 
 Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
-# Who may ask. `anybody`: the handler finds out by itself whom it lets in.
-Who = Literal["admin", "user", "anybody"]
+# Who may ask. `manager`: of the robot in the path. `enroller`: a join token may, too.
+Who = Literal["admin", "manager", "user", "enroller", "anybody"]
 Handler = Callable[..., object]
 H = TypeVar("H", bound=Handler)
 T = TypeVar("T")
@@ -94,8 +94,8 @@ def operation(
         )
         OPERATIONS.append(one)
 
-        def view(**names: object) -> Response:
-            with _caller(who) as caller:
+        def view(**names: Any) -> Response:
+            with _caller(who, names) as caller:
                 return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
@@ -117,12 +117,22 @@ def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
 
 
 @contextmanager
-def _caller(who: Who) -> Iterator[dict[str, object]]:
+def _caller(who: Who, names: dict[str, Any]) -> Iterator[dict[str, object]]:
     if who == "anybody":
         yield {}
-    else:
-        with auth.admin() if who == "admin" else auth.any_user() as caller:
-            yield {"caller": caller}
+        return
+    found: AbstractContextManager[object]
+    match who:
+        case "admin":
+            found = auth.admin()
+        case "manager":
+            found = auth.manager(names["robot"])
+        case "enroller":
+            found = auth.enroller()
+        case _:
+            found = auth.any_user()
+    with found as caller:
+        yield {"caller": caller}
 
 
 def _given(one: Operation, *, any_type: bool) -> dict[str, object]:

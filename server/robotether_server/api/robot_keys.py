@@ -1,87 +1,87 @@
 """/api/v1/robots/NAME/...: what admins change of a robot's key and ports."""
 
-from collections.abc import Callable
-from dataclasses import asdict
-from http import HTTPStatus
+from msgspec import Struct
 
-from flask import Response, jsonify, request
-
-from robotether_server.api import auth, fields
-from robotether_server.api.blueprint import blueprint
-from robotether_server.api.objects import plain, robot_object
-from robotether_server.db import Transaction, control_states, robots
-from robotether_server.db.audit import Source
-from robotether_server.db.robots import Robot
+from robotether_server.api.auth import Caller
+from robotether_server.api.objects import ShownRobot, shown_robot
+from robotether_server.api.operations import operation
+from robotether_server.db import control_states, robots
+from robotether_server.field_types import Fingerprint
 from robotether_server.services import pending
 from robotether_server.services import robots as robot_service
-
-MAX_FINGERPRINT_LENGTH = 64
-
-
-@blueprint.post("/robots/<robot>/approve")
-def approve_key(robot: str) -> Response:
-    """Let a waiting key in: the one that is named, whatever came since."""
-    return _done(robot, lambda tx, source: robot_service.approve(tx, source, robot, _fingerprint()))
+from robotether_server.services.pending import PendingKey, RejectedKey
 
 
-@blueprint.post("/robots/<robot>/reject")
-def reject_key(robot: str) -> tuple[str, int]:
-    """Turn a waiting key away; a robot that nobody announced goes with it."""
-    with auth.admin() as caller:
-        robot_service.reject(caller.tx, caller.source, robot, _fingerprint())
-    return "", HTTPStatus.NO_CONTENT
+class KeyChoice(Struct, forbid_unknown_fields=True):
+    """This key, whatever came since."""
+
+    fingerprint: Fingerprint
 
 
-@blueprint.post("/robots/<robot>/rekey")
-def rekey_robot(robot: str) -> Response:
-    """Forget the key, and end the connection."""
-    return _done(robot, lambda tx, source: robot_service.rekey(tx, source, robot))
+class PendingKeyList(Struct):
+    """Keys that wait, the oldest first."""
+
+    pending: list[PendingKey]
 
 
-@blueprint.post("/robots/<robot>/rotate-key")
-def rotate_key(robot: str) -> Response:
-    """Ask the agent for a new key."""
-    return _done(robot, lambda tx, source: robot_service.rotate_key(tx, source, robot))
+class RejectedKeyList(Struct):
+    """Keys that were turned away, the newest first."""
+
+    rejected_keys: list[RejectedKey]
 
 
-@blueprint.post("/robots/<robot>/move-ports")
-def move_ports(robot: str) -> Response:
-    """Give the robot another free pair of ports."""
-    return _done(robot, lambda tx, source: robot_service.move_ports(tx, source, robot))
+@operation("POST", "/robots/<robot>/approve", "admin", problems=(409,))
+def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
+    """Let a waiting key in: this one and no other."""
+    robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
+    return _shown(caller, robot)
 
 
-def _done(robot: str, do: Callable[[Transaction, Source], Robot]) -> Response:
-    with auth.admin() as caller:
-        do(caller.tx, caller.source)
-        seen = robots.get_seen(caller.tx, robot)
-        control = control_states.of_robot(caller.tx, seen.robot.id)
-    return jsonify(robot_object(seen, control, for_admin=True))
+@operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
+def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
+    """Turn a waiting key away, and remember it."""
+    robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
 
 
-def _fingerprint() -> str:
-    body = fields.json_object(request, ("fingerprint",))
-    return fields.text(body, "fingerprint", MAX_FINGERPRINT_LENGTH)
+@operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
+def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
+    """Forget the key and end the connection; the next key waits for approval."""
+    robot_service.rekey(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
 
 
-@blueprint.get("/pending")
-def list_pending() -> Response:
-    """List the keys that wait, the oldest first."""
-    with auth.admin() as caller:
-        waiting = pending.waiting(caller.tx)
-    return jsonify({"pending": [plain(asdict(one)) for one in waiting]})
+@operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
+def rotate_key(caller: Caller, robot: str) -> ShownRobot:
+    """Ask the agent for a new key; the connection stays."""
+    robot_service.rotate_key(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
 
 
-@blueprint.get("/rejected-keys")
-def list_rejected_keys() -> Response:
-    """List the keys that were turned away, the newest first."""
-    with auth.admin() as caller:
-        rejected = pending.rejected(caller.tx)
-    return jsonify({"rejected_keys": [plain(asdict(one)) for one in rejected]})
+@operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
+def move_ports(caller: Caller, robot: str) -> ShownRobot:
+    """Give the robot another free pair of ports; it connects again."""
+    robot_service.move_ports(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
 
 
-@blueprint.delete("/rejected-keys/<int:key_id>")
-def forgive_key(key_id: int) -> tuple[str, int]:
-    """Let a key ask again."""
-    with auth.admin() as caller:
-        pending.forgive(caller.tx, caller.source, key_id)
-    return "", HTTPStatus.NO_CONTENT
+@operation("GET", "/pending", "admin")
+def list_pending(caller: Caller) -> PendingKeyList:
+    """Keys that wait for approval."""
+    return PendingKeyList(pending.waiting(caller.tx))
+
+
+@operation("GET", "/rejected-keys", "admin")
+def list_rejected_keys(caller: Caller) -> RejectedKeyList:
+    """Keys that were turned away."""
+    return RejectedKeyList(pending.rejected(caller.tx))
+
+
+@operation("DELETE", "/rejected-keys/<int:key_id>", "admin")
+def forgive_key(caller: Caller, key_id: int) -> None:
+    """Let the key ask again."""
+    pending.forgive(caller.tx, caller.source, key_id)
+
+
+def _shown(caller: Caller, robot: str) -> ShownRobot:
+    seen = robots.get_seen(caller.tx, robot)
+    return shown_robot(seen, control_states.of_robot(caller.tx, seen.robot.id), for_admin=True)

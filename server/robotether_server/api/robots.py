@@ -1,145 +1,203 @@
 """/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
 
-from dataclasses import asdict
-from http import HTTPStatus
+from typing import Annotated, Any, Literal
 
-from flask import Response, jsonify, request
+from msgspec import UNSET, Meta, Struct, UnsetType, structs
 
-from robotether_server import macs
-from robotether_server.api import auth, fields
-from robotether_server.api.auth import Caller
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api.auth import Caller, Enroller
 from robotether_server.api.context import context
-from robotether_server.api.fields import Fields
-from robotether_server.api.objects import plain, robot_object, ssh_object
+from robotether_server.api.exports import USUAL_LIMIT, Limit
+from robotether_server.api.objects import GivenSettings, ShownRobot, Ssh, shown_robot, ssh_of
+from robotether_server.api.operations import operation
 from robotether_server.db import control_states, robots, sessions
-from robotether_server.db.audit import Source
-from robotether_server.field_types import MAX_NAME_LENGTH
-from robotether_server.page_settings import NAMES
-from robotether_server.problems import FieldInvalid, RobotUnknown
+from robotether_server.db.sessions import RecordedSession
+from robotether_server.field_types import (
+    AT_LEAST_ONE,
+    MAX_NAME_LENGTH,
+    PLAIN_NAME_PATTERN,
+    AgentVersion,
+    Hostname,
+    Mac,
+    PublicKeyLine,
+    RobotName,
+)
+from robotether_server.problems import RobotUnknown
 from robotether_server.services import drive_pages, sites
 from robotether_server.services import robots as robot_service
 from robotether_server.services.enrolment import Registration
-from robotether_server.services.enrolment_credentials import EnrolmentCredential
-from robotether_server.ssh_keys import MAX_LINE_LENGTH
 
-MAX_HOSTNAME_LENGTH = 253
-MAX_VERSION_LENGTH = 32
-REGISTRATION = ("mac", "public_key", "hostname", "agent_version")
-CHANGES = ("name", "mac", "state", "shell", "settings", "site")
-STATES = ("active", "disabled")
-USUAL_SESSIONS = 100
-MAX_SESSIONS = 500
+SiteName = Annotated[
+    str,
+    Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
+]
+Page = Annotated[dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/Page"})]
+Buttons = Annotated[list[Any], Meta(extra_json_schema={"$ref": "#/components/schemas/Buttons"})]
 
 
-@blueprint.get("/robots")
-def list_robots() -> Response:
-    """List the robots that the user may see."""
-    with auth.any_user() as caller:
-        seen = robots.list_seen(caller.tx, caller.user)
-        control = control_states.of_all(caller.tx)
-    is_admin = caller.user.is_admin
-    shown = [
-        robot_object(one, control.get(one.robot.id, control_states.FREE), for_admin=is_admin)
-        for one in seen
-    ]
-    return jsonify({"robots": shown})
+class RobotList(Struct):
+    """Robots, by name."""
+
+    robots: list[ShownRobot]
 
 
-@blueprint.get("/robots/<robot>")
-def show_robot(robot: str) -> Response:
-    """Show one robot; one that the user may not see looks like one that does not exist."""
-    with auth.any_user() as caller:
-        seen = robots.find_seen(caller.tx, caller.user, robot)
-        if seen is None:
-            raise RobotUnknown(
-                f"cannot show robot {robot}: there is none of that name that you may see"
+class NewRegistration(Struct, forbid_unknown_fields=True):
+    """A robot with its key."""
+
+    mac: Mac
+    public_key: PublicKeyLine
+    hostname: Hostname | UnsetType = UNSET
+    agent_version: AgentVersion | UnsetType = UNSET
+
+
+class RegisteredRobot(ShownRobot, kw_only=True):
+    """A robot, and where its tunnel goes."""
+
+    ssh: Ssh
+
+
+class RobotChanges(Struct, forbid_unknown_fields=True):
+    """What is to be changed.
+
+    `settings`: in place of all earlier ones. `site` null: at no site. `shell`: a port for the robot's own sshd.
+    """
+
+    name: RobotName | UnsetType = UNSET
+    mac: Mac | UnsetType = UNSET
+    state: Literal["active", "disabled"] | UnsetType = UNSET
+    shell: bool | UnsetType = UNSET
+    settings: GivenSettings | UnsetType = UNSET
+    site: SiteName | UnsetType | None = UNSET
+
+
+class SessionQuery(Struct, forbid_unknown_fields=True):
+    """How many sessions."""
+
+    limit: Limit | UnsetType = UNSET
+
+
+class SessionList(Struct):
+    """Sessions, the newest first."""
+
+    sessions: list[RecordedSession]
+
+
+class ButtonList(Struct, forbid_unknown_fields=True):
+    """The buttons of a drive page."""
+
+    buttons: Buttons
+
+
+@operation("GET", "/robots", "user")
+def list_robots(caller: Caller) -> RobotList:
+    """The robots that the user may see, with who drives and who stopped each."""
+    control = control_states.of_all(caller.tx)
+    return RobotList(
+        [
+            shown_robot(
+                one,
+                control.get(one.robot.id, control_states.FREE),
+                for_admin=caller.user.is_admin,
             )
-        control = control_states.of_robot(caller.tx, seen.robot.id)
-    return jsonify(robot_object(seen, control, for_admin=caller.user.is_admin))
-
-
-@blueprint.put("/robots/<robot>")
-def register_robot(robot: str) -> tuple[Response, int]:
-    """Enrol a robot with its key, or find it enrolled."""
-    with context().database.transaction() as tx:
-        credential = auth.enrolment_credential(tx, request)
-        registration = _registration(robot, credential)
-        ssh = ssh_object(context().join)
-        source = Source(credential.actor, request.remote_addr)
-        _, is_new = robot_service.register(tx, source, registration)
-        seen = robots.get_seen(tx, robot)
-        # A join token lets robots in; it may not see who drives them.
-        control = control_states.of_robot(tx, seen.robot.id) if credential.admin else None
-    shown = robot_object(seen, control, for_admin=credential.admin is not None) | {"ssh": ssh}
-    if credential.admin is None:
-        shown["level"] = None
-    return jsonify(shown), HTTPStatus.CREATED if is_new else HTTPStatus.OK
-
-
-@blueprint.patch("/robots/<robot>")
-def change_robot(robot: str) -> Response:
-    """Change what is given, all or nothing."""
-    with auth.admin() as caller:
-        body = fields.json_object(request, CHANGES)
-        if not body:
-            raise FieldInvalid(f"cannot change robot {robot}: give one of {', '.join(CHANGES)}")
-        name = _change(caller, robot, body)
-        seen = robots.get_seen(caller.tx, name)
-        control = control_states.of_robot(caller.tx, seen.robot.id)
-    return jsonify(robot_object(seen, control, for_admin=True))
-
-
-@blueprint.delete("/robots/<robot>")
-def remove_robot(robot: str) -> tuple[str, int]:
-    """Remove the robot with its grants and sessions."""
-    with auth.admin() as caller:
-        robot_service.remove(caller.tx, caller.source, robot)
-    return "", HTTPStatus.NO_CONTENT
-
-
-@blueprint.get("/robots/<robot>/sessions")
-def list_sessions(robot: str) -> Response:
-    """List the robot's connections, the newest first."""
-    with auth.admin() as caller:
-        given = fields.query(request, ("limit",))
-        limit = fields.number_in_query(given, "limit", 1, MAX_SESSIONS) or USUAL_SESSIONS
-        found = sessions.of_robot(caller.tx, robots.get_seen(caller.tx, robot).robot.id, limit)
-    return jsonify({"sessions": [plain(asdict(one)) for one in found]})
-
-
-def _registration(robot: str, credential: EnrolmentCredential) -> Registration:
-    body = fields.json_object(request, REGISTRATION)
-    return Registration(
-        name=robot,
-        mac=fields.text(body, "mac", macs.MAX_TEXT_LENGTH),
-        public_key=fields.text(body, "public_key", MAX_LINE_LENGTH),
-        credential=credential,
-        hostname=fields.optional_text(body, "hostname", MAX_HOSTNAME_LENGTH),
-        agent_version=fields.optional_text(body, "agent_version", MAX_VERSION_LENGTH),
-        allow_local_mac=context().join.allow_local_macs,
+            for one in robots.list_seen(caller.tx, caller.user)
+        ]
     )
 
 
-def _change(caller: Caller, name: str, body: Fields) -> str:
+@operation("GET", "/robots/<robot>", "user")
+def show_robot(caller: Caller, robot: str) -> ShownRobot:
+    """One robot that the user may see."""
+    seen = robots.find_seen(caller.tx, caller.user, robot)
+    if seen is None:
+        raise RobotUnknown(
+            f"cannot show robot {robot}: there is none of that name that you may see"
+        )
+    control = control_states.of_robot(caller.tx, seen.robot.id)
+    return shown_robot(seen, control, for_admin=caller.user.is_admin)
+
+
+@operation("PUT", "/robots/<robot>", "enroller", problems=(409,))
+def register_robot(
+    caller: Enroller, robot: str, body: NewRegistration
+) -> tuple[RegisteredRobot, Literal[200, 201]]:
+    """Enrol a robot with its key, as a playbook does.
+
+    With a join token, or as an admin. Asking again changes nothing and uses no token up. 200: it was so already, or its
+    row took the key.
+    """
+    tx, admin = caller.tx, caller.credential.admin
+    registration = Registration(
+        name=robot,
+        mac=body.mac,
+        public_key=body.public_key,
+        credential=caller.credential,
+        hostname=body.hostname or None,
+        agent_version=body.agent_version or None,
+        allow_local_mac=context().join.allow_local_macs,
+    )
+    ssh = ssh_of(context().join)
+    _, is_new = robot_service.register(tx, caller.source, registration)
+    seen = robots.get_seen(tx, robot)
+    # A join token lets robots in; it may not see who drives them.
+    control = control_states.of_robot(tx, seen.robot.id) if admin else None
+    shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
+    if admin is None:
+        shown["level"] = None
+    return RegisteredRobot(**shown, ssh=ssh), 201 if is_new else 200
+
+
+@operation("PATCH", "/robots/<robot>", "admin", problems=(409,))
+def change_robot(
+    caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
+) -> ShownRobot:
+    """Change what is given, all or nothing."""
+    seen = robots.get_seen(caller.tx, _change(caller, robot, body))
+    control = control_states.of_robot(caller.tx, seen.robot.id)
+    return shown_robot(seen, control, for_admin=True)
+
+
+@operation("DELETE", "/robots/<robot>", "admin")
+def remove_robot(caller: Caller, robot: str) -> None:
+    """Remove the robot with its grants and sessions; its connection ends."""
+    robot_service.remove(caller.tx, caller.source, robot)
+
+
+@operation("GET", "/robots/<robot>/sessions", "admin")
+def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionList:
+    """The robot's connections, the newest first."""
+    robot_id = robots.get_seen(caller.tx, robot).robot.id
+    return SessionList(sessions.of_robot(caller.tx, robot_id, query.limit or USUAL_LIMIT))
+
+
+@operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
+def set_page(caller: Caller, robot: str, body: Page) -> Page:
+    """Set what the drive page makes of the robot; for its managers."""
+    return drive_pages.set_page(caller.tx, caller.source, robot, body).page.as_dict()
+
+
+@operation("PUT", "/robots/<robot>/buttons", "manager", tag="robots")
+def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
+    """Set the buttons of the drive page; for the robot's managers."""
+    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, body.buttons)
+    return ButtonList([button.as_dict() for button in settings.buttons])
+
+
+def _change(caller: Caller, name: str, body: RobotChanges) -> str:
     """Do what the body says; return the robot's name afterwards, which is changed last."""
     tx, source = caller.tx, caller.source
-    if "mac" in body:
-        mac = fields.text(body, "mac", macs.MAX_TEXT_LENGTH)
-        robot_service.set_mac(
-            tx, source, name, mac, allow_local_mac=context().join.allow_local_macs
-        )
-    if "settings" in body:
-        robot_service.set_settings(tx, source, name, fields.mapping(body, "settings"))
-    if "site" in body:
-        sites.place(tx, source, name, fields.optional_text(body, "site", MAX_NAME_LENGTH))
-    if "shell" in body:
-        robot_service.set_shell(tx, source, name, fields.flag(body, "shell"))
-    if "state" in body:
-        _change_state(caller, name, fields.choice(body, "state", STATES))
-    if "name" not in body:
+    if body.mac is not UNSET:
+        allow_local_mac = context().join.allow_local_macs
+        robot_service.set_mac(tx, source, name, body.mac, allow_local_mac=allow_local_mac)
+    if body.settings is not UNSET:
+        robot_service.set_settings(tx, source, name, body.settings)
+    if body.site is not UNSET:
+        sites.place(tx, source, name, body.site)
+    if body.shell is not UNSET:
+        robot_service.set_shell(tx, source, name, body.shell)
+    if body.state is not UNSET:
+        _change_state(caller, name, body.state)
+    if body.name is UNSET:
         return name
-    return robot_service.rename(tx, source, name, fields.text(body, "name", MAX_NAME_LENGTH)).name
+    return robot_service.rename(tx, source, name, body.name).name
 
 
 def _change_state(caller: Caller, name: str, state: str) -> None:
@@ -147,23 +205,3 @@ def _change_state(caller: Caller, name: str, state: str) -> None:
         robot_service.disable(caller.tx, caller.source, name)
     elif robots.get(caller.tx, name).state != "active":
         robot_service.enable(caller.tx, caller.source, name)
-
-
-@blueprint.put("/robots/<robot>/page")
-def set_page(robot: str) -> Response:
-    """Replace the page's settings; what is missing is as by default."""
-    with auth.any_user() as caller:
-        drive_pages.find_managed(caller.tx, caller.user, robot)
-        body = fields.json_object(request, NAMES)
-        settings = drive_pages.set_page(caller.tx, caller.source, robot, body)
-    return jsonify(settings.page.as_dict())
-
-
-@blueprint.put("/robots/<robot>/buttons")
-def set_buttons(robot: str) -> Response:
-    """Replace the buttons."""
-    with auth.any_user() as caller:
-        drive_pages.find_managed(caller.tx, caller.user, robot)
-        body = fields.json_object(request, ("buttons",))
-        settings = drive_pages.set_buttons(caller.tx, caller.source, robot, body.get("buttons"))
-    return jsonify({"buttons": [button.as_dict() for button in settings.buttons]})

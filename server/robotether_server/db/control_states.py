@@ -1,10 +1,10 @@
 """Who drives and which robots are stopped, as web shows it. Only the relay writes these tables (db/control.py)."""
 
-import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robotether_server.db.database import Row, Transaction
+from robotether_server.field_types import Timestamp
 
 
 @dataclass(frozen=True)
@@ -12,7 +12,7 @@ class DrivenBy:
     """Who drives a robot, and since when."""
 
     user: str
-    since: dt.datetime
+    since: Timestamp
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Stopped:
     """Who stopped a robot, and when."""
 
     by: str
-    at: dt.datetime
+    at: Timestamp
 
 
 @dataclass(frozen=True)

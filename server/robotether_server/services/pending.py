@@ -8,6 +8,7 @@ from robotether_server.db import Transaction, audit, claims, robots
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.claims import Claim
 from robotether_server.db.robots import Robot
+from robotether_server.field_types import Fingerprint, RobotName, Timestamp
 
 Reason = Literal["approval_pending", "mac_in_use"]
 
@@ -16,13 +17,13 @@ Reason = Literal["approval_pending", "mac_in_use"]
 class PendingKey:
     """A key that waits; with `mac_in_use` the robot goes on with another key meanwhile."""
 
-    robot: str
+    robot: RobotName
     mac: str
     hostname: str
     address: str
-    fingerprint: str
+    fingerprint: Fingerprint
     agent_version: str
-    joined_at: dt.datetime
+    joined_at: Timestamp
     reason: Reason
 
 
@@ -31,12 +32,12 @@ class RejectedKey:
     """A key that was turned away; `robot` is the name that its robot had then."""
 
     id: int
-    fingerprint: str
+    fingerprint: Fingerprint
     robot: str
     mac: str
     hostname: str
     address: str
-    rejected_at: dt.datetime
+    rejected_at: Timestamp
     rejected_by: str
 
 

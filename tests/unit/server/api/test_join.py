@@ -135,10 +135,16 @@ def test_rotated_key_is_active_at_once(
         ({"mac_present": "no"}, "mac_present"),
         ({"name": 5}, "name"),
         ({"previous_key": "x"}, "previous_key"),
-        ({"previous_key": {"signature": "x"}}, "fingerprint"),
-        ({"previous_key": {"fingerprint": "SHA256:a"}}, "signature"),
-        ({"previous_key": {"fingerprint": "SHA256:a", "signature": "x" * 4097}}, "signature"),
-        ({"previous_key": {"fingerprint": "SHA256:a", "signature": "\ud800"}}, "signature"),
+        ({"previous_key": {"signature": "x"}}, "previous_key.fingerprint"),
+        ({"previous_key": {"fingerprint": "SHA256:a"}}, "previous_key.signature"),
+        (
+            {"previous_key": {"fingerprint": "SHA256:a", "signature": "x" * 4097}},
+            "previous_key.signature",
+        ),
+        (
+            {"previous_key": {"fingerprint": "SHA256:a", "signature": "\ud800"}},
+            "previous_key.signature",
+        ),
     ],
 )
 def test_join_names_the_new_field_that_is_wrong(

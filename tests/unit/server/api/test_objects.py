@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import datetime as dt
 from pathlib import Path
+from typing import Any
 
 import pytest
 from robotether_server.api import objects
-from robotether_server.api.objects import plain, robot_object, ssh_object
+from robotether_server.api.objects import shown_robot, ssh_of
+from robotether_server.api.operations import plain
 from robotether_server.db.control_states import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.db.robots import Report, Robot, SeenRobot
 from robotether_server.problems import StoreUnavailable
@@ -30,18 +32,14 @@ ROBOT = Robot(
 SEEN = SeenRobot(ROBOT, True, TIMESTAMP, "drive", "198.51.100.9", "0.2.0")
 
 
-def test_records_moments_are_texts() -> None:
-    """What else a record has stays as it is."""
-    assert plain({"at": TIMESTAMP, "id": 1, "end": None}) == {
-        "at": "2026-01-01T12:03:00Z",
-        "id": 1,
-        "end": None,
-    }
+def shown(control: ControlState | None, *, for_admin: bool) -> Any:
+    """The robot as JSON has it."""
+    return plain(shown_robot(SEEN, control, for_admin=for_admin))
 
 
 def test_users_see_what_they_need_to_use_a_robot() -> None:
     """Neither its key nor where it is."""
-    assert robot_object(SEEN, FREE, for_admin=False) == {
+    assert shown(FREE, for_admin=False) == {
         "name": "turtle",
         "mac": "00:1b:44:11:3a:b7",
         "state": "active",
@@ -61,16 +59,16 @@ def test_users_see_what_they_need_to_use_a_robot() -> None:
 def test_driver_and_stop_have_the_names_of_the_control_object() -> None:
     """And are left out, rather than said to be nobody, for who may not know."""
     control = ControlState(DrivenBy("ann", TIMESTAMP), Stopped("ben", TIMESTAMP))
-    shown = robot_object(SEEN, control, for_admin=False)
-    assert shown["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
-    assert shown["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}
-    assert not {"driver", "stopped"} & set(robot_object(SEEN, None, for_admin=True))
+    seen = shown(control, for_admin=False)
+    assert seen["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
+    assert seen["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}
+    assert not {"driver", "stopped"} & set(shown(None, for_admin=True))
 
 
 def test_admins_see_more() -> None:
     """What the join told, and what the newest session does."""
-    users = robot_object(SEEN, FREE, for_admin=False)
-    seen = robot_object(SEEN, FREE, for_admin=True)
+    users = shown(FREE, for_admin=False)
+    seen = shown(FREE, for_admin=True)
     assert {name: value for name, value in seen.items() if name not in users} == {
         "fingerprint": "SHA256:abc",
         "hostname": "turtle.local",
@@ -86,9 +84,9 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
     """Not before sshd has its keys."""
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
     with pytest.raises(StoreUnavailable):
-        ssh_object(settings)
+        ssh_of(settings)
     (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
-    assert ssh_object(settings) == {
+    assert plain(ssh_of(settings)) == {
         "user": "tunnel",
         "host": "robots.example",
         "ports": [2222, 443],
