@@ -32,7 +32,8 @@ class Field(NamedTuple):
 
 def read_body(given: Mapping[str, object], hint: Any) -> Any:
     """Return the Struct of these members, at least one if its type says so; raise FieldInvalid."""
-    kind, least = _info(hint), 0
+    kind: Any = _info(hint)
+    least = 0
     if isinstance(kind, inspect.Metadata):
         kind, least = kind.type, (kind.extra_json_schema or {}).get("minProperties", 0)
     if isinstance(kind, inspect.DictType):
@@ -49,7 +50,7 @@ def read(given: Mapping[str, object], kind: type[S], path: str = "") -> S:
     """Return the Struct of these members; raise FieldInvalid. `path` is where they stand, with a dot at its end."""
     known = _fields(kind)
     if kind.__struct_config__.forbid_unknown_fields:
-        check_known(given, [field.name for field in known.values()])
+        _check_known(given, [field.name for field in known.values()])
     values = {
         attribute: _read_field(given.get(field.name), field, path)
         for attribute, field in known.items()
@@ -74,7 +75,7 @@ def check(name: str, value: object, hint: Any) -> None:
         raise _refusal(name, field)
 
 
-def check_known(given: Mapping[str, object], known: list[str]) -> None:
+def _check_known(given: Mapping[str, object], known: list[str]) -> None:
     """Raise FieldInvalid for a member that nobody would read, such as a misspelt one."""
     for name in given:
         if name not in known:

@@ -1,7 +1,7 @@
 """The REST API under /api/v1, for pages, programs and robots; a module a resource, all on one blueprint.
 
-docs/protocols.md says what they agree on, and openapi/ every path in full. The handlers read fields and
-write objects; what may be done and what it changes is decided in `services`.
+docs/protocols.md says what they agree on, and `description` every path in full. A handler says by its types what it
+takes and answers (`operations`); what may be done and what it changes is decided in `services`.
 """
 
 from robotether_server.api import (
@@ -20,20 +20,17 @@ from robotether_server.api import (
     tokens,
     users,
 )
-from robotether_server.api.blueprint import blueprint
+from robotether_server.api.operations import blueprint
 
 # Each puts its paths on the blueprint when it is loaded.
 RESOURCES = (
     audit,
     description,
-    robots,
     drives,
     grants,
     groups,
     join,
     join_tokens,
-    users,
-    robot_keys,
     robot_keys,
     robots,
     sites,

@@ -1,10 +1,9 @@
 """Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
-What the operations take and answer is described by their own types (`operations`, `field_types`). The folder openapi/
-holds by hand what is not made of them: a file for what belongs together.
+What the operations take and answer is described by their own types (`operations`, `relayed`, `field_types`). The folder
+openapi/ holds by hand what is not made of them.
 """
 
-import inspect
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -18,8 +17,8 @@ from flask import Response
 from msgspec import Meta
 
 from robotether_server import __version__
-from robotether_server.api.blueprint import blueprint
-from robotether_server.api.operations import OPERATIONS, Operation, Who
+from robotether_server.api.operations import OPERATIONS, Operation, Who, operation
+from robotether_server.api.relayed import RELAYED
 from robotether_server.field_types import PlainName, RobotName, UserName
 
 FOLDER = Path(__file__).parent / "openapi"
@@ -37,28 +36,87 @@ PATH_TYPES: dict[str, Any] = {
     "drive_id": Id,
 }
 Object = dict[str, Any]
-# The responses of base.json that tell of problems.
-PROBLEMS = {
-    HTTPStatus.UNAUTHORIZED: "Unauthorized",
-    HTTPStatus.FORBIDDEN: "Forbidden",
-    HTTPStatus.NOT_FOUND: "NotFound",
-    HTTPStatus.CONFLICT: "Conflict",
-    HTTPStatus.REQUEST_ENTITY_TOO_LARGE: "TooLarge",
-    HTTPStatus.UNSUPPORTED_MEDIA_TYPE: "NotJson",
-    HTTPStatus.UNPROCESSABLE_ENTITY: "Invalid",
-    HTTPStatus.TOO_MANY_REQUESTS: "TooMany",
-    HTTPStatus.SERVICE_UNAVAILABLE: "Unavailable",
-}
 # Where it is not an API token or a login.
 SECURITY: dict[Who, list[Object]] = {
     "anybody": [],
     "enroller": [{"token": []}, {"join_token": []}, {"login": []}],
 }
+# What problems have in common, by their status.
+PROBLEMS = {
+    401: ("Unauthorized", "login_missing, token_invalid, token_expired or token_used_up"),
+    403: (
+        "Forbidden",
+        "grant_missing: the user's role or grant does not do; csrf_refused: a login's change without its token",
+    ),
+    404: (
+        "NotFound",
+        "robot_unknown or record_missing: there is none, can be none, or none that the user may see; "
+        "not_found: no such path",
+    ),
+    409: ("Conflict", "The records say otherwise; the code and the detail say which"),
+    413: ("TooLarge", "request_entity_too_large: over 64 KB"),
+    415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
+    422: ("Invalid", "field_invalid or record_refused: the detail names the field"),
+    429: ("TooMany", "As many as may be: the code and the detail say of what"),
+    503: ("Unavailable", "store_unavailable or front_unavailable: try again shortly"),
+    504: ("GuardSilent", "guard_silent: the robot did not confirm it and stays stopped"),
+}
+BASE: Object = {
+    "openapi": "3.1.0",
+    "info": {
+        "title": "Robotether",
+        "version": __version__,
+        "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        "description": "Robots, who may do what with them, and how they join. The WebSockets that a ticket opens are "
+        "described in docs/protocols.md. A body must be sent as application/json, and may have no members but those "
+        "that are described (a join may). Operations with the tag admin are for users with that role: for others they "
+        "answer 403, whatever they name.",
+    },
+    "servers": [{"url": "/"}],
+    "security": [{"token": []}, {"login": []}],
+    "tags": [{"name": "admin", "description": "For admins alone"}],
+    "components": {
+        "securitySchemes": {
+            "token": {"type": "http", "scheme": "bearer", "description": "An API token, rt_..."},
+            "join_token": {
+                "type": "http",
+                "scheme": "bearer",
+                "description": "A join token, rj_...",
+            },
+            "login": {
+                "type": "apiKey",
+                "in": "cookie",
+                "name": "__Host-robotether_login",
+                "description": "A browser's login; changes need the page's own token in the header X-CSRFToken too",
+            },
+        },
+        "responses": {
+            name: {
+                "description": description,
+                "content": {
+                    "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
+                },
+            }
+            for name, description in PROBLEMS.values()
+        },
+        "schemas": {
+            "Problem": {
+                "type": "object",
+                "required": ["type", "title", "status", "code", "detail"],
+                "properties": {
+                    **{name: {"type": "string"} for name in ("type", "title", "code", "detail")},
+                    "status": {"type": "integer"},
+                },
+                "description": "RFC 9457; `code` is short and stays, `detail` is a sentence for people",
+            }
+        },
+    },
+}
 
 
-@blueprint.get("/openapi.json")
-def openapi() -> Response:
-    """Describe this API."""
+@operation("GET", "/openapi.json", "anybody")
+def openapi() -> dict[str, Any] | Response:
+    """This document."""
     return Response(_text(), content_type="application/json")
 
 
@@ -70,7 +128,7 @@ def _text() -> str:
 def document() -> Object:
     """Return the whole description."""
     files = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))]
-    return joined([*files, _of_operations(OPERATIONS), {"info": {"version": __version__}}])
+    return joined([BASE, *files, _of_operations([*OPERATIONS, *RELAYED])])
 
 
 def _of_operations(operations: list[Operation]) -> Object:
@@ -107,15 +165,13 @@ def _members(query: Any) -> Mapping[str, Any]:
 
 
 def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
-    summary, _, description = (inspect.getdoc(one.handler) or "").partition("\n\n")
-    first, *others = one.handler.__name__.split("_")
     found: Object = {
-        "operationId": first + "".join(map(str.capitalize, others)),
-        "summary": summary.rstrip("."),
+        "operationId": one.name,
+        "summary": one.summary,
         "responses": dict(_responses(one, schemas)),
     }
-    if description:
-        found["description"] = " ".join(description.split())
+    if one.details:
+        found["description"] = one.details
     if one.who in SECURITY:
         found["security"] = SECURITY[one.who]
     if one.tag:
@@ -124,7 +180,7 @@ def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
         found["parameters"] = list(_query_parameters(one.query, schemas))
     if one.body is not None:
         content = {"application/json": {"schema": schemas[id(one.body)]}}
-        found["requestBody"] = {"required": True, "content": content}
+        found["requestBody"] = {"required": one.is_body_required, "content": content}
     return found
 
 
@@ -146,20 +202,22 @@ def _responses(one: Operation, schemas: dict[int, Object]) -> Iterator[tuple[str
             {"description": description, **({"content": content} if content else {})},
         )
     for status in sorted(_problems(one)):
-        yield str(int(status)), _ref("responses", PROBLEMS[HTTPStatus(status)])
+        yield str(int(status)), _ref("responses", PROBLEMS[status][0])
 
 
 def _problems(one: Operation) -> set[int]:
     """Return the statuses of what can go wrong."""
-    found = {*one.problems, HTTPStatus.UNAUTHORIZED, HTTPStatus.SERVICE_UNAVAILABLE}
+    if one.who == "anybody" and one.body is None:
+        return set(one.problems)
+    found = {*one.problems, 401, 503}
     if one.who == "admin" or one.method != "GET":
-        found.add(HTTPStatus.FORBIDDEN)
+        found.add(403)
     if one.names:
-        found.add(HTTPStatus.NOT_FOUND)
+        found.add(404)
     if one.body is not None:
-        found |= {HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNSUPPORTED_MEDIA_TYPE}
+        found |= {413, 415}
     if one.body is not None or one.query is not None:
-        found.add(HTTPStatus.UNPROCESSABLE_ENTITY)
+        found.add(422)
     return found
 
 

@@ -12,17 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
+from inspect import getdoc
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
-from flask import Response, jsonify, request
+from flask import Blueprint, Response, jsonify, request
 
 from robotether_server import schemas
 from robotether_server.api import auth
-from robotether_server.api.blueprint import blueprint
-from robotether_server.api.fields import json_object
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalid, HttpProblem, RecordMissing, RobotUnknown
 from robotether_server.times import rfc3339
 
 Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
@@ -35,23 +34,26 @@ T = TypeVar("T")
 Created = tuple[T, Literal[201]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Operation:
-    """A handler, with what it takes and answers.
+    """What the description says of a method of a path.
 
     `texts`: the types of answers that are texts. `problems`: the statuses that follow from nothing else.
     """
 
     method: Method
     path: str
-    handler: Handler
+    name: str
+    summary: str
+    details: str = ""
     who: Who
-    tag: str
-    body: Any
-    query: Any
+    tag: str = ""
+    body: Any = None
+    is_body_required: bool = True
+    query: Any = None
     answers: Mapping[int, Any]
-    texts: tuple[str, ...]
-    problems: tuple[int, ...]
+    texts: tuple[str, ...] = ()
+    problems: tuple[int, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -59,6 +61,7 @@ class Operation:
         return re.findall(r"<(?:\w+:)?(\w+)>", self.path)
 
 
+blueprint = Blueprint("api", __name__, url_prefix="/api/v1")
 OPERATIONS: list[Operation] = []
 
 
@@ -80,10 +83,14 @@ def operation(
 
     def put(handler: H) -> H:
         types = get_type_hints(handler, include_extras=True)
+        summary, _, details = (getdoc(handler) or "").partition("\n\n")
+        first, *others = handler.__name__.split("_")
         one = Operation(
             method=method,
             path=path,
-            handler=handler,
+            name=first + "".join(map(str.capitalize, others)),
+            summary=summary.rstrip("."),
+            details=" ".join(details.split()),
             who=who,
             tag=tag or ("admin" if who == "admin" else ""),
             body=types.get("body"),
@@ -135,13 +142,38 @@ def _caller(who: Who, names: dict[str, Any]) -> Iterator[dict[str, object]]:
         yield {"caller": caller}
 
 
+@blueprint.url_value_preprocessor
+def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
+    """Refuse names that nobody can have, as the database would take `sim1 ` for sim1."""
+    for kind in ("robot", "user", "group", "site"):
+        name = (values or {}).get(kind, "")
+        if name != name.strip():
+            problem = RobotUnknown if kind == "robot" else RecordMissing
+            raise problem(f"cannot find {kind} {name!r}: a name has no spaces")
+
+
 def _given(one: Operation, *, any_type: bool) -> dict[str, object]:
     given: dict[str, object] = {}
     if one.body is not None:
-        given["body"] = schemas.read_body(json_object(request, any_type=any_type), one.body)
+        given["body"] = schemas.read_body(_body(any_type=any_type), one.body)
     if one.query is not None:
         given["query"] = schemas.read_query(_query(), one.query)
     return given
+
+
+def _body(*, any_type: bool) -> dict[str, object]:
+    if not any_type and not request.is_json:
+        raise HttpProblem(
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+            "cannot read the body: send one JSON object, with Content-Type: application/json",
+        )
+    try:
+        body = request.get_json(force=True, silent=True)
+    except RecursionError:
+        body = None
+    if not isinstance(body, dict):
+        raise FieldInvalid("cannot read the body: it must be one JSON object")
+    return body
 
 
 def _query() -> dict[str, str]:

@@ -2,13 +2,13 @@
 
 import datetime as dt
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, cast
 from urllib.parse import urlencode
 
 from flask import request
 
-from robotether_server import times
-from robotether_server.api import exports, fields
+from robotether_server import schemas, times
+from robotether_server.api import exports
 from robotether_server.api.exports import R
 from robotether_server.problems import FieldInvalid
 
@@ -77,4 +77,6 @@ def files(path: str, given: Asked) -> list[tuple[str, str]]:
 
 def file_kind() -> exports.Format:
     """Return which of them is asked for; raise FieldInvalid."""
-    return fields.choice(dict(request.args.items()), "format", exports.FORMATS)
+    kind = request.args.get("format", "")
+    schemas.check("format", kind, exports.Format)
+    return cast(exports.Format, kind)

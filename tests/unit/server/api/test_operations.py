@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from typing import Any
 
+import pytest
 from api_visitor import Program
 from msgspec import UNSET, Struct, UnsetType
 from robotether_server.api.operations import plain
@@ -35,9 +36,65 @@ def test_who_asks_is_found_out_before_the_body_is_read(program: Browser, ann: Pr
 
 
 def test_refused_body_is_told_by_its_field(root: Program) -> None:
-    """415 for what is no JSON, 422 for a wrong field."""
-    answer = root.visitor.ask("POST", "/api/v1/groups", data="{}", headers=root.headers)
-    assert (answer.status_code, answer.json["code"]) == (415, "unsupported_media_type")
+    """The sentence says what the field must be, and that no change is none."""
     answer = root.ask("POST", "/groups", {"name": "Crew"})
     assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
     assert answer.json["detail"].startswith("cannot use name: it must be 1 to 63 characters")
+    answer = root.ask("PATCH", "/users/ann", {})
+    assert answer.json["detail"] == "cannot change anything: give one of role, disabled, password"
+
+
+def sent(root: Program, path: str, body: bytes, kind: str | None) -> tuple[int, str]:
+    """Status and code of the answer to a body that calls itself so."""
+    answer = root.visitor.ask(
+        "POST", f"/api/v1{path}", data=body, content_type=kind, headers=root.headers
+    )
+    return answer.status_code, answer.json.get("code", "")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["application/json", "application/json; charset=utf-8", "application/merge-patch+json"],
+)
+def test_body_is_one_json_object(root: Program, kind: str) -> None:
+    """Any JSON type does, as programs send several."""
+    assert sent(root, "/groups", b'{"name": "crew"}', kind)[0] == 201
+
+
+@pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded"])
+def test_body_that_is_not_sent_as_json_is_refused(root: Program, kind: str | None) -> None:
+    """415; but not where programs are simple: `curl -d` calls everything a form."""
+    body = b'{"robot": "sim1", "mode": "drive"}'
+    assert sent(root, "/groups", body, kind) == (415, "unsupported_media_type")
+    assert sent(root, "/tickets", body, kind)[0] == 201
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"{", b"[]", b"\xff\xfe", b"null", b"[" * 60000, b"1" * 5000]
+)
+def test_body_that_is_no_object_is_refused(root: Program, data: bytes) -> None:
+    """Broken, deep or long: a wrong body, not a failure of the server."""
+    assert sent(root, "/groups", data, "application/json") == (422, "field_invalid")
+
+
+def test_query_has_each_name_once(root: Program) -> None:
+    """A name that is unknown or stands twice is refused."""
+    assert root.get("/audit?limit=1")["events"] == []
+    for wrong in ("most=1", "limit=1&limit=2"):
+        assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")
+
+
+@pytest.mark.parametrize(
+    ("path", "code"),
+    [
+        ("/robots/sim1%20", "robot_unknown"),
+        ("/robots/%0Asim1", "robot_unknown"),
+        ("/users/ann%20", "record_missing"),
+        ("/grants/ann/sim1%20", "robot_unknown"),
+    ],
+)
+def test_name_has_one_spelling(root: Program, path: str, code: str) -> None:
+    """The database would overlook a space at the end."""
+    for method in ("GET", "DELETE"):
+        if not path.startswith("/grants") or method == "DELETE":
+            assert root.refused(method, path) == (404, code)
