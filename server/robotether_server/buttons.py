@@ -10,10 +10,13 @@ import json
 import math
 import re
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from robotether_server import setting_values
+from msgspec import Meta, Struct
+
+from robotether_server import schemas
 from robotether_server.problems import FieldInvalid
+from robotether_server.setting_values import RosName
 
 Kind = Literal["publish", "call"]
 
@@ -29,6 +32,62 @@ ROS_TYPE = re.compile(
 )
 # By kind: which member has the name of what is sent to, and which what is sent.
 MEMBERS: dict[Kind, tuple[str, str]] = {"publish": ("topic", "msg"), "call": ("service", "args")}
+
+
+def _type(given: object, path: str) -> str:
+    if not isinstance(given, str) or not ROS_TYPE.fullmatch(given):
+        raise FieldInvalid(f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool")
+    return given
+
+
+def _type_or_nothing(given: object, path: str) -> str:
+    return "" if given == "" else _type(given, path)
+
+
+def _fields(given: object, path: str) -> dict[str, Any]:
+    if not isinstance(given, dict):
+        raise FieldInvalid(f"cannot use {path}: it must be a JSON object, such as {{}}")
+    _check(given, path, 1)
+    try:
+        size = len(_text(given).encode())
+    except UnicodeEncodeError:
+        raise FieldInvalid(f"cannot use {path}: it holds half of a character") from None
+    if size > MAX_FIELDS_BYTES:
+        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON")
+    return given
+
+
+def _text(fields: dict[str, Any]) -> str:
+    # One text for each meaning, so that buttons can be compared: to Python, true is 1.
+    return json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+Fields = Annotated[dict[str, Any], Meta(extra={"read": _fields})]
+Name = Annotated[str, Meta(min_length=1, max_length=MAX_NAME_LENGTH)]
+
+
+class PublishButton(Struct, forbid_unknown_fields=True, tag_field="kind", tag="publish"):
+    """A button that publishes a message."""
+
+    name: Name
+    topic: RosName
+    type: Annotated[str, Meta(min_length=1, extra={"read": _type})]
+    msg: Fields = {}
+    confirm: bool = False
+
+
+class CallButton(Struct, forbid_unknown_fields=True, tag_field="kind", tag="call"):
+    """A button that calls a service."""
+
+    name: Name
+    service: RosName
+    type: Annotated[str, Meta(extra={"read": _type_or_nothing})] = ""
+    args: Fields = {}
+    confirm: bool = False
+
+
+GivenButton = PublishButton | CallButton
+GivenButtons = Annotated[list[GivenButton], Meta(max_length=MAX_BUTTONS)]
 
 
 @dataclass(frozen=True)
@@ -57,8 +116,17 @@ class Button:
 
 def parse(given: object) -> tuple[Button, ...]:
     """Return the buttons of a JSON list; raise FieldInvalid, which names the member: buttons.1 is the first."""
-    each = setting_values.listed(given, "buttons", MAX_BUTTONS, "buttons")
-    buttons = tuple(parse_one(one, f"buttons.{place}") for place, one in enumerate(each, 1))
+    return made(schemas.value("buttons", given, GivenButtons))
+
+
+def parse_one(given: object) -> Button:
+    """Return one button; raise FieldInvalid."""
+    return _made(schemas.value("button", given, GivenButton))
+
+
+def made(given: list[GivenButton]) -> tuple[Button, ...]:
+    """Return the buttons; raise FieldInvalid for two of one name."""
+    buttons = tuple(_made(one) for one in given)
     names = [button.name for button in buttons]
     for name in names:
         if names.count(name) > 1:
@@ -66,48 +134,12 @@ def parse(given: object) -> tuple[Button, ...]:
     return buttons
 
 
-def parse_one(given: object, path: str = "button") -> Button:
-    """Return one button; raise FieldInvalid."""
-    kind = setting_values.choice(_member(given, path, "kind"), f"{path}.kind", tuple(MEMBERS))
-    target, sent = MEMBERS[kind]
-    present = setting_values.members(given, path, ("name", "kind", target, "type", sent, "confirm"))
-    return Button(
-        name=setting_values.label(present.get("name"), f"{path}.name", MAX_NAME_LENGTH),
-        kind=kind,
-        target=setting_values.ros_name(present.get(target), f"{path}.{target}"),
-        type=_type(present.get("type", ""), f"{path}.type", may_be_empty=kind == "call"),
-        fields=_fields(present.get(sent, {}), f"{path}.{sent}"),
-        confirm=setting_values.flag(present.get("confirm", False), f"{path}.confirm"),
-    )
-
-
-def _member(given: object, path: str, name: str) -> object:
-    if not isinstance(given, dict):
-        raise FieldInvalid(f"cannot use {path}: it must be an object with members")
-    return given.get(name)
-
-
-def _type(given: object, path: str, *, may_be_empty: bool) -> str:
-    if given == "" and may_be_empty:
-        return ""
-    if not isinstance(given, str) or not ROS_TYPE.fullmatch(given):
-        raise FieldInvalid(f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool")
-    return given
-
-
-def _fields(given: object, path: str) -> str:
-    if not isinstance(given, dict):
-        raise FieldInvalid(f"cannot use {path}: it must be a JSON object, such as {{}}")
-    _check(given, path, 1)
-    # One text for each meaning, so that buttons can be compared: to Python, true is 1.
-    text = json.dumps(given, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    try:
-        size = len(text.encode())
-    except UnicodeEncodeError:
-        raise FieldInvalid(f"cannot use {path}: it holds half of a character") from None
-    if size > MAX_FIELDS_BYTES:
-        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON")
-    return text
+def _made(given: GivenButton) -> Button:
+    if isinstance(given, PublishButton):
+        fields = _text(given.msg)
+        return Button(given.name, "publish", given.topic, given.type, fields, given.confirm)
+    fields = _text(given.args)
+    return Button(given.name, "call", given.service, given.type, fields, given.confirm)
 
 
 def _check(value: Any, path: str, depth: int) -> None:

@@ -8,32 +8,36 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 
 MAX_GLOB_LENGTH = 256
 # What a name is made of, and `*`. Anything else could never match.
-_GLOB = re.compile(r"[/*][A-Za-z0-9_/*]*")
+GLOB_PATTERN = "^[/*][a-zA-Z0-9_/*]*$"
+_GLOB = re.compile(GLOB_PATTERN.removesuffix("$") + r"\Z")
 
 
 def is_glob(text: str) -> bool:
     """Whether the text can match any name at all: a full name begins with `/`."""
-    return len(text) <= MAX_GLOB_LENGTH and _GLOB.fullmatch(text) is not None and "//" not in text
+    return len(text) <= MAX_GLOB_LENGTH and _GLOB.match(text) is not None and "//" not in text
 
 
-@dataclass(frozen=True)
 class Globs:
     """Some patterns; a name matches when one of them does. Equal when the patterns are."""
 
-    patterns: tuple[str, ...]
-    _plain: frozenset[str] = field(init=False, repr=False, compare=False)
-    _split: tuple[tuple[str, ...], ...] = field(init=False, repr=False, compare=False)
+    __slots__ = ("_plain", "_split", "patterns")
 
     def __init__(self, patterns: Iterable[str] = ()) -> None:
-        given = tuple(patterns)
-        object.__setattr__(self, "patterns", given)
-        object.__setattr__(self, "_plain", frozenset(p for p in given if "*" not in p))
-        starred = (tuple(p.split("*")) for p in given if "*" in p)
-        object.__setattr__(self, "_split", tuple(starred))
+        self.patterns = tuple(patterns)
+        self._plain = frozenset(one for one in self.patterns if "*" not in one)
+        self._split = tuple(tuple(one.split("*")) for one in self.patterns if "*" in one)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Globs) and self.patterns == other.patterns
+
+    def __hash__(self) -> int:
+        return hash(self.patterns)
+
+    def __repr__(self) -> str:
+        return f"Globs({list(self.patterns)})"
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.patterns)

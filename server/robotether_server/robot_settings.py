@@ -9,73 +9,78 @@ line name members by paths such as guard.deadman_ms (`get_path`, `put_path`). Pu
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 
 from robotether_server import buttons as button_settings
-from robotether_server import page_settings, setting_values
-from robotether_server.buttons import Button
+from robotether_server import page_settings, schemas, setting_values
+from robotether_server.buttons import Button, GivenButtons
 from robotether_server.globs import Globs
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_values import Bounds
+from robotether_server.setting_values import GLOBS_SCHEMA, GivenGlobs
 
 Level = Literal["observe", "drive", "manage"]
 
-SHELL_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
+SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
+MAX_SHELL_USER_LENGTH = 32
 EVERYTHING = Globs(["*"])
 NOTHING = Globs()
 
 
-MEMBERS = ("shell_user", "guard", "policy", "page", "buttons")
-# The members of each level in `policy`: what a level has no member for, it can never do.
-LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
-    "observe": ("subscribe",),
-    "drive": ("subscribe", "publish", "call"),
-    "manage": ("subscribe", "publish", "call", "serve"),
-}
+def _drive_topics(given: object, path: str) -> Globs:
+    globs = setting_values.globs(given, path)
+    if not globs.patterns:
+        # Without one, every command would pass the guard unseen.
+        raise FieldInvalid(f"cannot use {path}: it must name at least one topic")
+    return globs
+
+
+ShellUser = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=MAX_SHELL_USER_LENGTH,
+        pattern=SHELL_USER_PATTERN,
+        description="The account on the robot that a shell logs in to",
+        extra={
+            "exact": True,
+            "must": "the name of an account on the robot, of at most 32 characters a-z, 0-9, _ and -",
+        },
+    ),
+]
+DriveTopics = Annotated[
+    Globs,
+    Meta(extra_json_schema=GLOBS_SCHEMA | {"minItems": 1}, extra={"read": _drive_topics}),
+]
 # Times in which a robot can stop before it matters, and over which it would not.
-GUARD_TIMES_MS: Mapping[str, Bounds] = {
-    "deadman_ms": Bounds(200, 2000),
-    "max_age_ms": Bounds(200, 2000),
-}
+GuardTime = Annotated[int, Meta(ge=200, le=2000)]
 # No robot needs more; so small a limit as the lowest stands still.
-GUARD_LIMITS: Mapping[str, Bounds] = {
-    "max_speed_m_s": Bounds(0.001, 100),
-    "max_turn_rad_s": Bounds(0.001, 100),
-    "max_acceleration_m_s2": Bounds(0.001, 1000),
-    "max_turn_acceleration_rad_s2": Bounds(0.001, 1000),
-    "max_steering_rad": Bounds(0.001, 3.2),
-}
-CONNECTION_LIMITS: Mapping[str, Bounds] = {
-    "subscriptions": Bounds(1, 10_000),
-    "messages_per_s": Bounds(1, 100_000),
-    "message_kb": Bounds(1, 10_240),
-}
+Speed = Annotated[float, Meta(ge=0.001, le=100)]
+Acceleration = Annotated[float, Meta(ge=0.001, le=1000)]
+Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
 
 
-@dataclass(frozen=True)
-class GuardSettings:
-    """What the guard on the robot holds drive commands to; None: no limit."""
+class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
+    """What the guard on the robot holds drive commands to; null: no limit."""
 
-    drive_topics: Globs = field(default_factory=lambda: Globs(["/cmd_vel", "*/cmd_vel"]))
-    deadman_ms: int = 500
-    max_age_ms: int = 500
-    max_speed_m_s: float | None = None
-    max_turn_rad_s: float | None = None
-    max_acceleration_m_s2: float | None = None
-    max_turn_acceleration_rad_s2: float | None = None
-    max_steering_rad: float | None = None
+    drive_topics: DriveTopics = field(default_factory=lambda: Globs(["/cmd_vel", "*/cmd_vel"]))
+    deadman_ms: GuardTime = 500
+    max_age_ms: GuardTime = 500
+    max_speed_m_s: Speed | None = None
+    max_turn_rad_s: Speed | None = None
+    max_acceleration_m_s2: Acceleration | None = None
+    max_turn_acceleration_rad_s2: Acceleration | None = None
+    max_steering_rad: Angle | None = None
 
     def as_dict(self) -> dict[str, object]:
         """Return the JSON members, all of them, as they go to the agent."""
-        return _members(self)
+        return {**structs.asdict(self), "drive_topics": list(self.drive_topics)}
 
 
-@dataclass(frozen=True)
-class LevelPolicy:
+class LevelPolicy(Struct, frozen=True):
     """What a connection of one level may name in its operations."""
 
     subscribe: Globs = EVERYTHING
@@ -86,17 +91,53 @@ class LevelPolicy:
     drives: bool = False
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     """How much one connection may ask for."""
 
-    subscriptions: int = 100
-    messages_per_s: int = 2000
-    message_kb: int = 1024
+    subscriptions: Annotated[int, Meta(ge=1, le=10_000)] = 100
+    messages_per_s: Annotated[int, Meta(ge=1, le=100_000)] = 2000
+    message_kb: Annotated[int, Meta(ge=1, le=10_240)] = 1024
 
 
-@dataclass(frozen=True)
-class Policy:
+class ObserveNames(Struct, frozen=True, forbid_unknown_fields=True):
+    """What observers may name: what a level has no member for, it can never do."""
+
+    subscribe: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+
+
+class DriveNames(ObserveNames, frozen=True):
+    """What drivers may name, beside the drive topics."""
+
+    publish: GivenGlobs = field(default_factory=lambda: NOTHING)
+    call: GivenGlobs = field(default_factory=lambda: NOTHING)
+
+
+class ManageNames(ObserveNames, frozen=True):
+    """What managers may name, beside the drive topics."""
+
+    publish: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+    call: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+    serve: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+
+
+class GivenPolicy(Struct, frozen=True, forbid_unknown_fields=True):
+    """What connections to a robot may send, by their level."""
+
+    observe: ObserveNames = field(default_factory=ObserveNames)
+    drive: DriveNames = field(default_factory=DriveNames)
+    manage: ManageNames = field(default_factory=ManageNames)
+    limits: Limits = Limits()
+
+
+# The members of each level in `policy`.
+LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
+    "observe": ObserveNames.__struct_fields__,
+    "drive": DriveNames.__struct_fields__,
+    "manage": ManageNames.__struct_fields__,
+}
+
+
+class Policy(Struct, frozen=True):
     """What connections to a robot may send, by their level."""
 
     observe: LevelPolicy = LevelPolicy()
@@ -121,11 +162,10 @@ class Policy:
             name: {member: list(getattr(getattr(self, name), member)) for member in members}
             for name, members in LEVEL_MEMBERS.items()
         }
-        return {**levels, "limits": _members(self.limits)}
+        return {**levels, "limits": structs.asdict(self.limits)}
 
 
-@dataclass(frozen=True)
-class RobotSettings:
+class RobotSettings(Struct, frozen=True):
     """All settings of a robot."""
 
     shell_user: str | None = None
@@ -155,16 +195,33 @@ class RobotSettings:
 DEFAULTS = RobotSettings()
 
 
+class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
+    """A robot's settings; what is not given has its default."""
+
+    shell_user: ShellUser | UnsetType = UNSET
+    guard: GuardSettings = field(default_factory=GuardSettings)
+    policy: GivenPolicy = field(default_factory=GivenPolicy)
+    page: PageSettings = page_settings.DEFAULTS
+    buttons: GivenButtons = []
+
+
 def parse(given: object) -> RobotSettings:
     """Return the settings that this JSON object means; raise FieldInvalid, which names the member."""
-    members = setting_values.members(given, "settings", MEMBERS)
-    user = shell_user(members["shell_user"]) if "shell_user" in members else None
+    if not isinstance(given, Mapping):
+        raise FieldInvalid("cannot use settings: it must be a JSON object")
+    members = schemas.read(given, GivenSettings, of="settings")
+    policy = members.policy
     settings = RobotSettings(
-        shell_user=user,
-        guard=_guard(members.get("guard", {})),
-        policy=_policy(members.get("policy", {})),
-        page=page_settings.parse(members.get("page", {})),
-        buttons=button_settings.parse(members.get("buttons", [])),
+        shell_user=members.shell_user or None,
+        guard=members.guard,
+        policy=Policy(
+            observe=LevelPolicy(**structs.asdict(policy.observe)),
+            drive=LevelPolicy(**structs.asdict(policy.drive), drives=True),
+            manage=LevelPolicy(**structs.asdict(policy.manage), drives=True),
+            limits=policy.limits,
+        ),
+        page=page_settings.check(members.page),
+        buttons=button_settings.made(members.buttons),
     )
     _check_drive_topic(settings)
     for button in settings.buttons:
@@ -201,80 +258,6 @@ def _check_drive_topic(settings: RobotSettings) -> None:
             f"cannot use page.drive_topic: {topic} is no drive topic of this robot; an admin adds it to "
             "guard.drive_topics"
         )
-
-
-def shell_user(name: object) -> str:
-    """Return a name that an account on a robot may have; raise FieldInvalid."""
-    if not isinstance(name, str) or not SHELL_USER.fullmatch(name):
-        raise FieldInvalid(
-            "cannot use shell_user: it must be the name of an account on the robot, of at most 32 "
-            "characters a-z, 0-9, _ and -"
-        )
-    return name
-
-
-def _guard(given: object) -> GuardSettings:
-    members = setting_values.members(
-        given, "guard", [known.name for known in fields(GuardSettings)]
-    )
-    values: dict[str, Any] = {}
-    for name, value in members.items():
-        path = f"guard.{name}"
-        if name == "drive_topics":
-            values[name] = _drive_topics(value, path)
-        elif name in GUARD_TIMES_MS:
-            values[name] = setting_values.whole(value, path, GUARD_TIMES_MS[name])
-        elif value is not None:
-            values[name] = setting_values.number(
-                value, path, GUARD_LIMITS[name], "null, for no limit, or "
-            )
-    return GuardSettings(**values)
-
-
-def _policy(given: object) -> Policy:
-    members = setting_values.members(given, "policy", (*LEVEL_MEMBERS, "limits"))
-    values: dict[str, Any] = {
-        level: _level(members[level], level) for level in LEVEL_MEMBERS if level in members
-    }
-    if "limits" in members:
-        values["limits"] = _limits(members["limits"])
-    return Policy(**values)
-
-
-def _level(given: object, level: Level) -> LevelPolicy:
-    path = f"policy.{level}"
-    members = setting_values.members(given, path, LEVEL_MEMBERS[level])
-    present = DEFAULTS.policy.of(level)
-    values = {
-        name: setting_values.globs(members[name], f"{path}.{name}")
-        if name in members
-        else getattr(present, name)
-        for name in ("subscribe", "publish", "call", "serve")
-    }
-    return LevelPolicy(**values, drives=present.drives)
-
-
-def _limits(given: object) -> Limits:
-    members = setting_values.members(given, "policy.limits", CONNECTION_LIMITS)
-    bounds = CONNECTION_LIMITS
-    values = {
-        name: setting_values.whole(value, f"policy.limits.{name}", bounds[name])
-        for name, value in members.items()
-    }
-    return Limits(**values)
-
-
-def _drive_topics(given: object, path: str) -> Globs:
-    globs = setting_values.globs(given, path)
-    if not globs.patterns:
-        # Without one, every command would pass the guard unseen.
-        raise FieldInvalid(f"cannot use {path}: it must name at least one topic")
-    return globs
-
-
-def _members(of: GuardSettings | Limits) -> dict[str, object]:
-    values = {known.name: getattr(of, known.name) for known in fields(of)}
-    return {k: list(v) if isinstance(v, Globs) else v for k, v in values.items()}
 
 
 def _difference(present: Mapping[str, object], default: Mapping[str, object]) -> dict[str, object]:

@@ -4,7 +4,8 @@ Used by the API for bodies and queries, and by services for single values. A tex
 has printable characters alone. What a value must be is said by its type (field_types.py) and nowhere else. Pure.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
@@ -46,11 +47,16 @@ def read_body(given: Mapping[str, object], hint: Any) -> Any:
     return found
 
 
-def read(given: Mapping[str, object], kind: type[S], path: str = "") -> S:
-    """Return the Struct of these members; raise FieldInvalid. `path` is where they stand, with a dot at its end."""
+def read(given: Mapping[str, object], kind: type[S], path: str = "", *, of: str = "") -> S:
+    """Return the Struct of these members; raise FieldInvalid.
+
+    `path` is where they stand, with a dot at its end; `of` names what they are the settings of.
+    """
     known = _fields(kind)
-    if kind.__struct_config__.forbid_unknown_fields:
-        _check_known(given, [field.name for field in known.values()])
+    config = kind.__struct_config__
+    if config.forbid_unknown_fields:
+        tag = [config.tag_field] if config.tag_field else []
+        _check_known(given, [*tag, *(field.name for field in known.values())], of or path[:-1])
     values = {
         attribute: _read_field(given.get(field.name), field, path)
         for attribute, field in known.items()
@@ -68,20 +74,27 @@ def read_query(given: Mapping[str, str], kind: type[S]) -> S:
     return read(plain, kind)
 
 
-def check(name: str, value: object, hint: Any) -> None:
+def value(name: str, given: object, hint: Any) -> Any:
+    """Return the value as its type says; raise FieldInvalid."""
+    return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
+
+
+def check(name: str, given: object, hint: Any) -> None:
     """Raise FieldInvalid unless the value is as its type says, without white space around it."""
     field = _field(name, hint, _info(hint), is_required=True)
-    if _read_field(value, field, "") != value:
+    if _read_field(given, field, "") != given:
         raise _refusal(name, field)
 
 
-def _check_known(given: Mapping[str, object], known: list[str]) -> None:
+def _check_known(given: Mapping[str, object], known: list[str], of: str) -> None:
     """Raise FieldInvalid for a member that nobody would read, such as a misspelt one."""
-    for name in given:
-        if name not in known:
-            raise FieldInvalid(
-                f"cannot use {name[:40]!r}: there is no such field; known are {', '.join(known)}"
-            )
+    for key in given:
+        if key not in known:
+            name = repr(str(key)[:40])
+            names = ", ".join(known)
+            if of:
+                raise FieldInvalid(f"cannot use {of}: {name} is no setting; there is {names}")
+            raise FieldInvalid(f"cannot use {name}: there is no such field; known are {names}")
 
 
 @cache
@@ -102,58 +115,98 @@ def _info(hint: Any) -> Any:
 def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> Field:
     extra: dict[str, Any] = {}
     may_be_null = False
-    while isinstance(kind, inspect.Metadata | inspect.UnionType):
+    while True:
         if isinstance(kind, inspect.Metadata):
             extra |= kind.extra or {}
             kind = kind.type
+        elif isinstance(kind, inspect.UnionType) and kind.includes_none:
+            [kind] = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
+            may_be_null = True
         else:
-            [other] = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
-            may_be_null, kind = len(kind.types) > 1, other
-    return Field(name, hint, kind, extra, may_be_null, is_required)
+            return Field(name, hint, kind, extra, may_be_null, is_required)
 
 
-def _read_field(value: object, field: Field, path: str) -> object:
-    name = f"{path}{field.name}"
-    if value is None and field.may_be_null:
+def _read_field(given: object, field: Field, path: str) -> object:
+    name, kind = f"{path}{field.name}", field.kind
+    if given is None and field.may_be_null:
         return None
-    if isinstance(field.kind, inspect.StructType) and isinstance(value, dict):
-        return read(value, field.kind.cls, f"{name}.")
+    if "read" in field.extra:
+        return field.extra["read"](given, name)
+    if isinstance(kind, inspect.StructType | inspect.UnionType):
+        if not isinstance(given, Mapping):
+            raise _refusal(name, field)
+        return read(given, _struct(given, kind, name), f"{name}.")
+    if _has_structs(kind) and isinstance(given, list | tuple):
+        return _read_items(given, field, name)
     try:
-        value = _cleaned(value, field)
-        if isinstance(field.kind, inspect.DateTimeType):
-            return times.timestamp(name, str(value))
-        return msgspec.convert(value, field.hint)
-    except (ValueError, msgspec.ValidationError) as error:
+        cleaned = _cleaned(given, field)
+        if isinstance(kind, inspect.DateTimeType):
+            return times.timestamp(name, str(cleaned))
+        return msgspec.convert(cleaned, field.hint)
+    except (ValueError, OverflowError, msgspec.ValidationError) as error:
         raise _refusal(name, field) from error
 
 
-def _cleaned(value: object, field: Field) -> object:
-    """Return a text without the white space around it, and 5.0 as 5; raise ValueError for another type."""
-    if isinstance(field.kind, inspect.IntType):
-        return _whole(value, field)
-    if not isinstance(field.kind, inspect.StrType | inspect.DateTimeType):
-        return value
-    if not isinstance(value, str):
+def _has_structs(kind: inspect.Type) -> bool:
+    return isinstance(kind, inspect.ListType | inspect.VarTupleType) and isinstance(
+        kind.item_type, inspect.StructType | inspect.UnionType
+    )
+
+
+def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
+    """Return the Struct that reads an object: of several, the one whose tag stands in it."""
+    if isinstance(kind, inspect.StructType):
+        return kind.cls
+    tags = {one.tag: one for one in kind.types}
+    tag_field = kind.types[0].tag_field
+    tag = given.get(tag_field)
+    if not isinstance(tag, str) or tag not in tags:
+        raise FieldInvalid(f"cannot use {name}.{tag_field}: it must be one of {', '.join(tags)}")
+    return tags[tag].cls
+
+
+def _read_items(given: Sequence[object], field: Field, name: str) -> object:
+    kind: Any = field.kind
+    if kind.max_length is not None and len(given) > kind.max_length:
+        raise _refusal(name, field)
+    items = [
+        _read_field(one, _field(str(place), Any, kind.item_type, is_required=True), f"{name}.")
+        for place, one in enumerate(given, 1)
+    ]
+    return tuple(items) if isinstance(kind, inspect.VarTupleType) else items
+
+
+def _cleaned(given: object, field: Field) -> object:
+    """Return a text without the white space around it, and 5.0 as 5; raise ValueError for what cannot be meant."""
+    if isinstance(field.kind, inspect.StrType | inspect.DateTimeType):
+        return _text(given, field)
+    if isinstance(field.kind, inspect.FloatType) and isinstance(given, float):
+        if not math.isfinite(given):
+            raise ValueError("no number of JSON")
+    elif isinstance(field.kind, inspect.IntType | inspect.LiteralType):
+        if isinstance(given, float) and given.is_integer():
+            given = int(given)
+        if "most" in field.extra and isinstance(given, int) and given > field.extra["most"]:
+            raise ValueError("too large")
+    return given
+
+
+def _text(given: object, field: Field) -> str:
+    if not isinstance(given, str):
         raise ValueError("no text")  # noqa: TRY004 - as for all else that is wrong with it
-    if field.extra.get("as_typed"):
+    extra = field.extra
+    if extra.get("as_typed"):
         # Half of a pair of surrogates, which JSON can spell, is no character.
-        value.encode()
-        text = value
-    else:
-        text = value.strip()
-        if not text or not text.isprintable():
-            raise ValueError("empty or not printable")
-        if len(value) > _longest(field):
+        given.encode()
+        if len(given) > extra.get("longest", len(given)):
             raise ValueError("too long")
+        return given
+    text = given.strip()
+    if len(given) > _longest(field) or not text or not text.isprintable():
+        raise ValueError("too long, empty or not printable")
+    if extra.get("exact") and text != given:
+        raise ValueError("white space around it")
     return text
-
-
-def _whole(value: object, field: Field) -> object:
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    if "most" in field.extra and isinstance(value, int) and value > field.extra["most"]:
-        raise ValueError("too large")
-    return value
 
 
 def _longest(field: Field) -> int:
@@ -176,6 +229,7 @@ def _refusal(name: str, field: Field) -> FieldInvalid:
 def _must_be(field: Field) -> str:
     """Return what the field must be, as the end of a sentence."""
     kind, extra = field.kind, field.extra
+    null = "null or " if field.may_be_null else ""
     must = "a text" if extra.get("as_typed") else "a JSON object"
     match kind:
         case inspect.StrType() if not extra.get("as_typed"):
@@ -184,10 +238,12 @@ def _must_be(field: Field) -> str:
             must = times.MUST_BE
         case inspect.IntType():
             must = f"a whole number from {kind.ge} to {extra.get('most', kind.le)}"
+        case inspect.FloatType():
+            must = f"a number from {kind.ge:g} to {kind.le:g}"
         case inspect.LiteralType():
             must = f"one of {', '.join(map(str, kind.values))}"
         case inspect.BoolType():
             must = "true or false"
-        case inspect.ListType():
-            must = "a list"
-    return str(extra.get("must", must))
+        case inspect.ListType() | inspect.VarTupleType():
+            must = f"a list of at most {kind.max_length}"
+    return null + str(extra.get("must", must))

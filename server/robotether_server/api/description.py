@@ -1,7 +1,7 @@
 """Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
-What the operations take and answer is described by their own types (`operations`, `relayed`, `field_types`). The folder
-openapi/ holds by hand what is not made of them.
+What the operations take and answer is described by their own types (`operations`, `relayed`, `field_types`); only what
+they have in common stands here.
 """
 
 import json
@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from http import HTTPStatus
-from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
@@ -20,8 +19,8 @@ from robotether_server import __version__
 from robotether_server.api.operations import OPERATIONS, Operation, Who, operation
 from robotether_server.api.relayed import RELAYED
 from robotether_server.field_types import PlainName, RobotName, UserName
+from robotether_server.robot_settings import GivenSettings
 
-FOLDER = Path(__file__).parent / "openapi"
 REF = "#/components/{kind}/{name}"
 Id = Annotated[int, Meta(ge=1)]
 # What stands in paths.
@@ -127,29 +126,38 @@ def _text() -> str:
 
 def document() -> Object:
     """Return the whole description."""
-    files = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))]
-    return joined([BASE, *files, _of_operations([*OPERATIONS, *RELAYED])])
-
-
-def _of_operations(operations: list[Operation]) -> Object:
+    operations = [*OPERATIONS, *RELAYED]
     types = {id(one): one for operation in operations for one in _types(operation)}
-    types |= {id(one): one for one in PATH_TYPES.values()}
+    types |= {id(one): one for one in (*PATH_TYPES.values(), GivenSettings)}
     found, components = msgspec.json.schema_components(
         types.values(), ref_template=REF.format(kind="schemas", name="{name}")
     )
-    schemas = dict(zip(types, found, strict=True))
+    for component in components.values():
+        _without_defaults(component)
+    of_types = dict(zip(types, found, strict=True))
     paths: Object = {}
     for one in operations:
         path = "/api/v1" + re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", one.path)
         item = paths.setdefault(path, {})
-        item[one.method.lower()] = _operation(one, schemas)
+        item[one.method.lower()] = _operation(one, of_types)
         if one.names:
             item["parameters"] = [_ref("parameters", name) for name in one.names]
     parameters = {
-        name: {"name": name, "in": "path", "required": True, "schema": schemas[id(kind)]}
+        name: {"name": name, "in": "path", "required": True, "schema": of_types[id(kind)]}
         for name, kind in PATH_TYPES.items()
     }
-    return {"paths": paths, "components": {"schemas": components, "parameters": parameters}}
+    base = BASE["components"]
+    schemas = base["schemas"] | components
+    return BASE | {
+        "paths": paths,
+        "components": base | {"schemas": schemas, "parameters": parameters},
+    }
+
+
+def _without_defaults(component: Object) -> None:
+    # They are said in docs/protocols.md; of a record, every member is there.
+    for member in component.get("properties", {}).values():
+        member.pop("default", None)
 
 
 def _types(one: Operation) -> Iterator[Any]:
@@ -223,21 +231,3 @@ def _problems(one: Operation) -> set[int]:
 
 def _ref(kind: str, name: str) -> Object:
     return {"$ref": REF.format(kind=kind, name=name)}
-
-
-def joined(files: list[Object]) -> Object:
-    """Return one object of several, whose objects are joined likewise; raise ValueError if two say the same thing."""
-    whole: Object = {}
-    for file in files:
-        _add(whole, file, "")
-    return whole
-
-
-def _add(whole: Object, part: Object, place: str) -> None:
-    for name, value in part.items():
-        if name not in whole:
-            whole[name] = value
-        elif isinstance(value, dict) and isinstance(whole[name], dict):
-            _add(whole[name], value, f"{place}/{name}")
-        else:
-            raise ValueError(f"cannot join the description: {place}/{name} is in two files")

@@ -18,8 +18,9 @@ from robotether_server.settings import JoinSettings
 SSH_USER = "tunnel"
 KEY_WORDS = 2
 CLOSED = Meta(extra_json_schema={"additionalProperties": False})
-GivenSettings = Annotated[
-    dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/Settings"})
+# Described by their type, and read by the service that takes them.
+SettingsObject = Annotated[
+    dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/GivenSettings"})
 ]
 
 
@@ -42,7 +43,7 @@ class ShownRobot(Struct, kw_only=True):
     ros_port: int
     video_port: int
     shell_port: int | None
-    settings: GivenSettings
+    settings: SettingsObject
     site: str | None
     driver: Annotated[DrivenBy, CLOSED] | UnsetType | None = UNSET
     stopped: Annotated[Stopped, CLOSED] | UnsetType | None = UNSET

@@ -2,13 +2,15 @@
 
 from typing import Annotated, Any, Literal
 
+import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, structs
 
 from robotether_server.api.auth import Caller, Enroller
 from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
-from robotether_server.api.objects import GivenSettings, ShownRobot, Ssh, shown_robot, ssh_of
+from robotether_server.api.objects import SettingsObject, ShownRobot, Ssh, shown_robot, ssh_of
 from robotether_server.api.operations import operation
+from robotether_server.buttons import GivenButtons
 from robotether_server.db import control_states, robots, sessions
 from robotether_server.db.sessions import RecordedSession
 from robotether_server.field_types import (
@@ -21,6 +23,7 @@ from robotether_server.field_types import (
     PublicKeyLine,
     RobotName,
 )
+from robotether_server.page_settings import PageSettings
 from robotether_server.problems import RobotUnknown
 from robotether_server.services import drive_pages, sites
 from robotether_server.services import robots as robot_service
@@ -30,8 +33,9 @@ SiteName = Annotated[
     str,
     Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
 ]
-Page = Annotated[dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/Page"})]
-Buttons = Annotated[list[Any], Meta(extra_json_schema={"$ref": "#/components/schemas/Buttons"})]
+PageObject = Annotated[
+    dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/PageSettings"})
+]
 
 
 class RobotList(Struct):
@@ -65,7 +69,7 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
     mac: Mac | UnsetType = UNSET
     state: Literal["active", "disabled"] | UnsetType = UNSET
     shell: bool | UnsetType = UNSET
-    settings: GivenSettings | UnsetType = UNSET
+    settings: SettingsObject | UnsetType = UNSET
     site: SiteName | UnsetType | None = UNSET
 
 
@@ -84,7 +88,7 @@ class SessionList(Struct):
 class ButtonList(Struct, forbid_unknown_fields=True):
     """The buttons of a drive page."""
 
-    buttons: Buttons
+    buttons: GivenButtons
 
 
 @operation("GET", "/robots", "user")
@@ -169,16 +173,18 @@ def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionLis
 
 
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
-def set_page(caller: Caller, robot: str, body: Page) -> Page:
+def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
     """Set what the drive page makes of the robot; for its managers."""
-    return drive_pages.set_page(caller.tx, caller.source, robot, body).page.as_dict()
+    return drive_pages.set_page(caller.tx, caller.source, robot, body).page
 
 
 @operation("PUT", "/robots/<robot>/buttons", "manager", tag="robots")
 def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
     """Set the buttons of the drive page; for the robot's managers."""
-    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, body.buttons)
-    return ButtonList([button.as_dict() for button in settings.buttons])
+    given = msgspec.to_builtins(body.buttons)
+    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, given)
+    buttons = [button.as_dict() for button in settings.buttons]
+    return msgspec.convert({"buttons": buttons}, ButtonList)
 
 
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, robots
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
-from robotether_server.robot_settings import SHELL_USER
+from robotether_server.problems import FieldInvalid
+from robotether_server.robot_settings import ShellUser
 
 JUMP_USER = "jump"
 
@@ -54,4 +56,8 @@ def _entry(entry: ShellEntry, jump: str) -> str:
 def _shell_user(robot: Robot) -> str | None:
     """Return the setting; a text that somebody wrote by SQL must not become a line of its own."""
     found = robot.settings.get("shell_user")
-    return found if isinstance(found, str) and SHELL_USER.fullmatch(found) else None
+    try:
+        schemas.check("shell_user", found, ShellUser)
+    except FieldInvalid:
+        return None
+    return str(found)

@@ -18,6 +18,18 @@ class Inner(Struct):
     name: Label
 
 
+class Publish(Struct, tag_field="kind", tag="publish", forbid_unknown_fields=True):
+    """One of two kinds."""
+
+    topic: Annotated[str, Meta(max_length=9, pattern="^/[a-z]+$", extra={"exact": True})]
+
+
+class Call(Struct, tag_field="kind", tag="call", forbid_unknown_fields=True):
+    """The other."""
+
+    service: Label
+
+
 class Thing(Struct, forbid_unknown_fields=True):
     """Every kind of member."""
 
@@ -31,6 +43,9 @@ class Thing(Struct, forbid_unknown_fields=True):
     settings: dict[str, object] | UnsetType = UNSET
     password: Annotated[str, Meta(extra={"as_typed": True})] | UnsetType = UNSET
     inner: Inner | UnsetType | None = UNSET
+    speed: Annotated[float, Meta(ge=0.5, le=5)] | UnsetType | None = UNSET
+    turned: Literal[0, 90] = 0
+    several: Annotated[list[Publish | Call], Meta(max_length=2)] | UnsetType = UNSET
 
 
 def read(**given: object) -> Any:
@@ -106,6 +121,38 @@ def test_choice_tells_what_is_allowed(value: object) -> None:
     assert refused({"name": "x", "level": value}) == "cannot use level: it must be one of a, b"
 
 
+def test_number_may_be_real() -> None:
+    """But neither NaN nor infinite; where null is a value the sentence says so."""
+    assert (read(speed=1), type(read(speed=1))) == (1.0, float)
+    assert read(speed=None) is None
+    for value in (0.4, 5.1, "1", False, float("inf"), float("nan"), 10**400):
+        assert refused({"name": "x", "speed": value}) == (
+            "cannot use speed: it must be null or a number from 0.5 to 5"
+        )
+
+
+def test_choice_of_numbers_is_one_of_numbers() -> None:
+    """90.0 is 90, and false is not 0."""
+    assert (read(turned=90.0), type(read(turned=90.0))) == (90, int)
+    for value in (45, False, "90", None):
+        assert "it must be one of 0, 90" in refused({"name": "x", "turned": value})
+
+
+def test_items_are_read_by_their_kind() -> None:
+    """A refusal says which, from 1, and what nobody reads in it."""
+    publish, call = {"kind": "publish", "topic": "/a"}, {"kind": "call", "service": "b"}
+    assert read(several=[publish, call]) == [Publish("/a"), Call("b")]
+    for wrong, sentence in (
+        ([publish] * 3, "cannot use several: it must be a list of at most 2"),
+        ({}, "cannot use several: it must be a list of at most 2"),
+        ([publish, 5], "cannot use several.2: it must be a JSON object"),
+        ([publish, {}], "cannot use several.2.kind: it must be one of "),
+        ([{**publish, "topic": "/a\n"}], "cannot use several.1.topic: it must be a text of 1 to 9"),
+        ([{**call, "topic": "/a"}], "cannot use several.1: 'topic' is no setting; there is kind, "),
+    ):
+        assert refused({"name": "x", "several": wrong}).startswith(sentence), wrong
+
+
 def test_flag_is_true_or_false() -> None:
     """Nothing that merely counts as one."""
     assert read(disabled=False) is False
@@ -118,7 +165,7 @@ def test_moment_has_its_offset() -> None:
     assert read(ends_at="2026-01-31T13:00+01:00") == dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     assert read(ends_at=None) is None
     for value in ("", 5, "2026-01-31", "2026-01-31T12:00:00"):
-        assert "ends_at: it must be a moment with its offset" in refused(
+        assert "ends_at: it must be null or a moment with its offset" in refused(
             {"name": "x", "ends_at": value}
         )
 
@@ -143,7 +190,9 @@ def test_inner_object_is_read_too() -> None:
     assert read(inner={"name": "y", "more": 1}) == Inner("y")
     assert read(inner=None) is None
     assert "cannot use inner.name: it must be a text" in refused({"name": "x", "inner": {}})
-    assert "cannot use inner: it must be a JSON object" in refused({"name": "x", "inner": []})
+    assert "cannot use inner: it must be null or a JSON object" in refused(
+        {"name": "x", "inner": []}
+    )
 
 
 def test_member_that_nobody_reads_is_named() -> None:

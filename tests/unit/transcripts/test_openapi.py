@@ -11,7 +11,7 @@ from syrupy.assertion import SnapshotAssertion
 
 SCHEMA = "#/components/schemas/"
 PARAMETER = "#/components/parameters/"
-WORDS = ("title", "description", "examples")
+WORDS = ("title", "description", "examples", "discriminator")
 Schema = dict[str, Any]
 
 
@@ -58,7 +58,7 @@ class Reader:
         nothing = {"type": "null"}
         others = [one for one in options if one != nothing]
         if nothing not in options:
-            # Discriminated or not: one of them fits, and no more.
+            # One of them fits, and no more: their members differ.
             return {"oneOf": sorted(others, key=repr)}
         [other] = others
         if "enum" in other:

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from flask import Flask
 from jsonschema import Draft202012Validator
-from robotether_server.api.description import joined
 from robotether_server.settings import WebSettings
 from robotether_server.web import create_app
 from web_visitor import Browser
@@ -103,13 +102,6 @@ def test_every_schema_is_one(document: Document) -> None:
     for name, schema in document["components"]["schemas"].items():
         Draft202012Validator.check_schema(schema)
         assert set(schema.get("required", [])) <= set(schema.get("properties", {})), name
-
-
-def test_parts_are_joined_and_may_not_contradict() -> None:
-    """Two files may add to one object, and never say one thing twice."""
-    assert joined([{"a": {"b": 1}}, {"a": {"c": 2}}]) == {"a": {"b": 1, "c": 2}}
-    with pytest.raises(ValueError, match="/a/b is in two files"):
-        joined([{"a": {"b": 1}}, {"a": {"b": 1}}])
 
 
 @pytest.mark.parametrize(

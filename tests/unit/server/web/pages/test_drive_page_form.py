@@ -9,7 +9,7 @@ import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
 from robotether_server.db import Database
-from robotether_server.page_settings import MAX_CAMERAS, MAY_BE_NULL, NAMES, Kind
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, NAMES, Kind
 from robotether_server.web.pages.drive_page_form import FIELDS, KIND_WORDS
 from web_visitor import Browser
 
@@ -149,4 +149,4 @@ def test_every_member_of_the_page_has_a_field() -> None:
 def test_what_may_be_empty_says_what_that_means() -> None:
     """And nothing else may be."""
     empty = {field.name for field in FIELDS if field.empty}
-    assert empty == MAY_BE_NULL - {"hold_after_ms"}
+    assert empty == {name for name in NAMES if getattr(DEFAULTS, name) is None}
