@@ -27,14 +27,16 @@ def normalise(text: str, *, allow_local: bool = True) -> str:
     lower = text.strip(" ").lower()
     if not _SPELLINGS.fullmatch(lower):
         raise FieldInvalid(
-            f"cannot use mac {text[:MAX_TEXT_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7"
+            f"cannot use mac {text[:MAX_TEXT_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7",
+            "mac",
         )
     digits = "".join(part.zfill(2) for part in re.split("[:.-]", lower))
     mac = ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
     if mac == ZERO or _first_byte(mac) & MULTICAST:
         raise FieldInvalid(
             f"cannot use mac {text[:MAX_TEXT_LENGTH]!r}: it is all zero, broadcast or multicast, which no single "
-            "robot has; give that of its network card"
+            "robot has; give that of its network card",
+            "mac",
         )
     if not allow_local:
         check_universal(mac)
@@ -47,7 +49,8 @@ def check_universal(mac: str) -> None:
         raise FieldInvalid(
             f"cannot use mac {mac}: it is locally administered, as those of virtual machines and containers "
             "are; give that of a network card, or let an admin announce this one: "
-            "robotether robot add NAME --mac MAC --allow-local-mac"
+            "robotether robot add NAME --mac MAC --allow-local-mac",
+            "mac",
         )
 
 

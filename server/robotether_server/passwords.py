@@ -87,12 +87,14 @@ def hash_password(password: str) -> str:
     if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
         raise FieldInvalid(
             f"cannot use this password: it has {len(password)} characters; "
-            f"allowed are {MIN_LENGTH} to {MAX_LENGTH}"
+            f"allowed are {MIN_LENGTH} to {MAX_LENGTH}",
+            "password",
         )
     if is_common(password):
         raise FieldInvalid(
             "cannot use this password: it is among those that are tried first; choose another, such as "
-            "four words that have nothing to do with each other"
+            "four words that have nothing to do with each other",
+            "password",
         )
     with _turn:
         return _hasher.hash(password)

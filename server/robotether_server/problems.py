@@ -259,10 +259,14 @@ class RobotUnknown(Problem):
 
 
 class FieldInvalid(Problem):
-    """A field from outside is missing or has a wrong value; the detail names it."""
+    """A field from outside is missing or has a wrong value; the detail names it, and `field` if it is one of a form."""
 
     code = "field_invalid"
     status = HTTPStatus.UNPROCESSABLE_ENTITY
+
+    def __init__(self, detail: str, field: str = "") -> None:
+        super().__init__(detail)
+        self.field = field
 
 
 class MacInUse(Problem):

@@ -223,7 +223,7 @@ def _number(text: str, field: Field) -> object:
 
 
 def _refusal(name: str, field: Field) -> FieldInvalid:
-    return FieldInvalid(f"cannot use {name}: it must be {_must_be(field)}")
+    return FieldInvalid(f"cannot use {name}: it must be {_must_be(field)}", name)
 
 
 def _must_be(field: Field) -> str:

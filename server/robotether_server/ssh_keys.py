@@ -113,7 +113,7 @@ def _check_fields(kind: str, fields: list[bytes]) -> None:
 
 
 def _invalid(why: str) -> FieldInvalid:
-    return FieldInvalid(f"cannot use public_key: {why}; an ssh-ed25519 key is best")
+    return FieldInvalid(f"cannot use public_key: {why}; an ssh-ed25519 key is best", "public_key")
 
 
 def signature_holds(key: PublicKey, namespace: str, message: str, signature: str) -> bool:

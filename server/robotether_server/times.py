@@ -44,7 +44,7 @@ def timestamp(field: str, text: str) -> dt.datetime:
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)
     except (ValueError, OverflowError):
         pass
-    raise FieldInvalid(f"cannot use {field}: it must be {MUST_BE}")
+    raise FieldInvalid(f"cannot use {field}: it must be {MUST_BE}", field)
 
 
 def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
@@ -65,8 +65,8 @@ def check_end(field: str, ends_at: dt.datetime) -> None:
     """Raise FieldInvalid for an end that has passed, or is so far away that it must be a mistake."""
     wait = ends_at - dt.datetime.now(dt.UTC)
     if wait <= dt.timedelta():
-        raise FieldInvalid(f"cannot use {field}: it has passed; give a moment in the future")
+        raise FieldInvalid(f"cannot use {field}: it has passed; give a moment in the future", field)
     if wait > MAX_WAIT:
         raise FieldInvalid(
-            f"cannot use {field}: it is more than ten years away; leave it out for no end"
+            f"cannot use {field}: it is more than ten years away; leave it out for no end", field
         )

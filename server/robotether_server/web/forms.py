@@ -13,7 +13,7 @@ def text(name: str, label: str, longest: int) -> str:
     """Return a text of printable characters, without the white space around it."""
     value = optional_text(name, label, longest)
     if value is None:
-        raise FieldInvalid(f"cannot continue: fill in {label}")
+        raise FieldInvalid(f"cannot continue: fill in {label}", name)
     return value
 
 
@@ -22,7 +22,7 @@ def optional_text(name: str, label: str, longest: int) -> str | None:
     value = request.form.get(name, "").strip()
     if len(value) > longest or not value.isprintable():
         raise FieldInvalid(
-            f"cannot use {label}: at most {longest} printable characters are allowed"
+            f"cannot use {label}: at most {longest} printable characters are allowed", name
         )
     return value or None
 
@@ -36,7 +36,7 @@ def number(name: str, label: str, lowest: int, highest: int) -> int:
     """Return a whole number within the bounds, both included."""
     value = optional_number(name, label, lowest, highest)
     if value is None:
-        raise FieldInvalid(f"cannot continue: fill in {label}")
+        raise FieldInvalid(f"cannot continue: fill in {label}", name)
     return value
 
 
@@ -49,7 +49,7 @@ def optional_number(name: str, label: str, lowest: int, highest: int) -> int | N
     is_number = value.isascii() and value.isdigit() and len(value) <= len(str(highest))
     if not is_number or not lowest <= int(value) <= highest:
         raise FieldInvalid(
-            f"cannot use {label}: it must be a whole number from {lowest} to {highest}"
+            f"cannot use {label}: it must be a whole number from {lowest} to {highest}", name
         )
     return int(value)
 
@@ -59,7 +59,7 @@ def choice(name: str, label: str, allowed: tuple[T, ...]) -> T:
     for value in allowed:
         if request.form.get(name) == value:
             return value
-    raise FieldInvalid(f"cannot use {label}: choose one of {', '.join(allowed)}")
+    raise FieldInvalid(f"cannot use {label}: choose one of {', '.join(allowed)}", name)
 
 
 def is_ticked(name: str) -> bool:

@@ -27,8 +27,9 @@ def test_text_is_stripped() -> None:
 @pytest.mark.parametrize("value", [None, "", "  "])
 def test_an_empty_field_is_named(value: str | None) -> None:
     """Or nothing, where it may be empty."""
-    with pytest.raises(FieldInvalid, match="fill in Name"):
+    with pytest.raises(FieldInvalid, match="fill in Name") as refused:
         given(value, lambda: forms.text("x", "Name", 63))
+    assert refused.value.field == "x"
     assert given(value, lambda: forms.optional_text("x", "Name", 63)) is None
     assert given(value, lambda: forms.optional_number("x", "Port", 1, 9)) is None
 

@@ -51,3 +51,12 @@ def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
         answer = send(admin, path, **form)
         assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
     assert admin.ask("GET", "/admin/groups/ghost").status_code == 404
+
+
+def test_wrong_field_is_marked(admin: Browser) -> None:
+    """The sentence stands below it, too, and is read out with its hint; other refusals mark none."""
+    page = send(admin, "/admin/groups", name="The Crew").text
+    assert 'aria-invalid="true" aria-describedby="name-problem name-hint"' in page
+    assert '<p class="wrong" id="name-problem">cannot use name: it must be 1 to 63' in page
+    send(admin, "/admin/groups", name="crew")
+    assert "aria-invalid" not in send(admin, "/admin/groups", name="crew").text
