@@ -11,7 +11,7 @@ from robotether_server.api.operations import Operation
 from robotether_server.field_types import PlainName, RobotName, Timestamp
 
 
-class DriverShown(Struct):
+class ShownDriver(Struct):
     """Who drives; `fence` is the number of the lease."""
 
     user: str
@@ -19,7 +19,7 @@ class DriverShown(Struct):
     fence: Annotated[int, Meta(ge=1)]
 
 
-class WaitingShown(Struct):
+class ShownWaiting(Struct):
     """Who asks for the control, and when it passes by itself."""
 
     user: str
@@ -27,14 +27,14 @@ class WaitingShown(Struct):
     passes_at: Timestamp
 
 
-class ReservedShown(Struct):
+class ShownReservation(Struct):
     """For whom the control is kept, and until when."""
 
     user: str
     until: Timestamp
 
 
-class StopShown(Struct):
+class ShownStop(Struct):
     """Who stopped the robot, and whether its guard has it."""
 
     by: str
@@ -42,13 +42,13 @@ class StopShown(Struct):
     confirmed: bool
 
 
-class ControlShown(Struct):
+class ShownControl(Struct):
     """Who drives, who waits and whether it is stopped."""
 
-    driver: DriverShown | None
-    waiting: WaitingShown | None
-    reserved: ReservedShown | None
-    stopped: StopShown | None
+    driver: ShownDriver | None
+    waiting: ShownWaiting | None
+    reserved: ShownReservation | None
+    stopped: ShownStop | None
     guard: Literal["ready", "down", "off", "unknown"]
 
 
@@ -93,7 +93,7 @@ class StoppedRobotList(Struct):
 
 
 BOTH_OR_NEITHER = Meta(extra_json_schema={"dependentRequired": {"by": ["at"], "at": ["by"]}})
-CONTROL: dict[int, Any] = {200: ControlShown}
+CONTROL: dict[int, Any] = {200: ShownControl}
 
 RELAYED = (
     Operation(
