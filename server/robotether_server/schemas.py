@@ -20,7 +20,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 MAX_DIGITS = 20
 
 
-class Field(NamedTuple):
+class StructField(NamedTuple):
     """A member of a Struct: its name outside, its type, and what msgspec and `extra` know of that type."""
 
     name: str
@@ -98,7 +98,7 @@ def _check_known(given: Mapping[str, object], known: list[str], of: str) -> None
 
 
 @cache
-def _fields(kind: type[msgspec.Struct]) -> Mapping[str, Field]:
+def _fields(kind: type[msgspec.Struct]) -> Mapping[str, StructField]:
     """Return the members by their attributes."""
     hints = get_type_hints(kind, include_extras=True)
     return {
@@ -112,7 +112,7 @@ def _info(hint: Any) -> Any:
     return inspect.type_info(hint)
 
 
-def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> Field:
+def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> StructField:
     extra: dict[str, Any] = {}
     may_be_null = False
     while True:
@@ -123,10 +123,10 @@ def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> Fi
             [kind] = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
             may_be_null = True
         else:
-            return Field(name, hint, kind, extra, may_be_null, is_required)
+            return StructField(name, hint, kind, extra, may_be_null, is_required)
 
 
-def _read_field(given: object, field: Field, path: str) -> object:
+def _read_field(given: object, field: StructField, path: str) -> object:
     name, kind = f"{path}{field.name}", field.kind
     if given is None and field.may_be_null:
         return None
@@ -165,7 +165,7 @@ def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
     return tags[tag].cls
 
 
-def _read_items(given: Sequence[object], field: Field, name: str) -> object:
+def _read_items(given: Sequence[object], field: StructField, name: str) -> object:
     kind: Any = field.kind
     if kind.max_length is not None and len(given) > kind.max_length:
         raise _refusal(name, field)
@@ -176,7 +176,7 @@ def _read_items(given: Sequence[object], field: Field, name: str) -> object:
     return tuple(items) if isinstance(kind, inspect.VarTupleType) else items
 
 
-def _cleaned(given: object, field: Field) -> object:
+def _cleaned(given: object, field: StructField) -> object:
     """Return a text without the white space around it, and 5.0 as 5; raise ValueError for what cannot be meant."""
     if isinstance(field.kind, inspect.StrType | inspect.DateTimeType):
         return _text(given, field)
@@ -191,7 +191,7 @@ def _cleaned(given: object, field: Field) -> object:
     return given
 
 
-def _text(given: object, field: Field) -> str:
+def _text(given: object, field: StructField) -> str:
     if not isinstance(given, str):
         raise ValueError("no text")  # noqa: TRY004 - as for all else that is wrong with it
     extra = field.extra
@@ -209,24 +209,24 @@ def _text(given: object, field: Field) -> str:
     return text
 
 
-def _longest(field: Field) -> int:
+def _longest(field: StructField) -> int:
     if isinstance(field.kind, inspect.DateTimeType):
         return times.MAX_TEXT_LENGTH
     # A text without either is a mistake in its type.
     return int(field.extra.get("longest") or field.kind.max_length)  # type: ignore[attr-defined] # it is a StrType
 
 
-def _number(text: str, field: Field) -> object:
+def _number(text: str, field: StructField) -> object:
     # Python takes digits of every script, underscores and signs for a number; and long texts are slow to read.
     is_plain = text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS
     return int(text) if isinstance(field.kind, inspect.IntType) and is_plain else text
 
 
-def _refusal(name: str, field: Field) -> FieldInvalid:
+def _refusal(name: str, field: StructField) -> FieldInvalid:
     return FieldInvalid(f"cannot use {name}: it must be {_must_be(field)}", name)
 
 
-def _must_be(field: Field) -> str:
+def _must_be(field: StructField) -> str:
     """Return what the field must be, as the end of a sentence."""
     kind, extra = field.kind, field.extra
     null = "null or " if field.may_be_null else ""

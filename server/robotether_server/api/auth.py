@@ -121,7 +121,7 @@ def any_user() -> Iterator[Caller]:
 
 
 @dataclass(frozen=True)
-class Enroller:
+class EnrolmentCaller:
     """Who enrols a robot, with an open transaction."""
 
     tx: Transaction
@@ -130,11 +130,11 @@ class Enroller:
 
 
 @contextmanager
-def enroller() -> Iterator[Enroller]:
+def enroller() -> Iterator[EnrolmentCaller]:
     """Let in whoever may enrol a robot; raise what `enrolment_credential` raises."""
     with context().database.transaction() as tx:
         credential = enrolment_credential(tx, request)
-        yield Enroller(tx, credential, Source(credential.actor, request.remote_addr))
+        yield EnrolmentCaller(tx, credential, Source(credential.actor, request.remote_addr))
 
 
 @contextmanager

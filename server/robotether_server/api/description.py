@@ -16,7 +16,7 @@ from flask import Response
 from msgspec import Meta
 
 from robotether_server import __version__
-from robotether_server.api.operations import OPERATIONS, Operation, Who, operation
+from robotether_server.api.operations import OPERATIONS, ApiOperation, Who, operation
 from robotether_server.api.relayed import RELAYED
 from robotether_server.field_types import PlainName, RobotName, UserName
 from robotether_server.robot_settings import GivenSettings
@@ -160,7 +160,7 @@ def _without_defaults(component: Object) -> None:
         member.pop("default", None)
 
 
-def _types(one: Operation) -> Iterator[Any]:
+def _types(one: ApiOperation) -> Iterator[Any]:
     yield from (kind for kind in (one.body, *one.answers.values()) if kind is not None)
     if one.query is not None:
         yield from _members(one.query).values()
@@ -172,7 +172,7 @@ def _members(query: Any) -> Mapping[str, Any]:
     return get_type_hints(query, include_extras=True)
 
 
-def _operation(one: Operation, schemas: dict[int, Object]) -> Object:
+def _operation(one: ApiOperation, schemas: dict[int, Object]) -> Object:
     found: Object = {
         "operationId": one.name,
         "summary": one.summary,
@@ -199,7 +199,7 @@ def _query_parameters(query: Any, schemas: dict[int, Object]) -> Iterator[Object
         yield {"name": name, "in": "query", **words, "schema": schema}
 
 
-def _responses(one: Operation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
+def _responses(one: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
     for status, kind in one.answers.items():
         content = {name: {"schema": {"type": "string"}} for name in one.texts}
         if kind is not None:
@@ -213,7 +213,7 @@ def _responses(one: Operation, schemas: dict[int, Object]) -> Iterator[tuple[str
         yield str(int(status)), _ref("responses", PROBLEMS[status][0])
 
 
-def _problems(one: Operation) -> set[int]:
+def _problems(one: ApiOperation) -> set[int]:
     """Return the statuses of what can go wrong."""
     if one.who == "anybody" and one.body is None:
         return set(one.problems)

@@ -100,8 +100,8 @@ def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> Shown
     return given
 
 
-@operation("DELETE", "/grants/<user>/<robot>", "admin", problems=(409,))
-def take_grant(caller: Caller, user: str, robot: str) -> None:
+@operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant", problems=(409,))
+def revoke_grant(caller: Caller, user: str, robot: str) -> None:
     """Take the grant away."""
     grant_service.revoke(caller.tx, caller.source, user, robot)
 

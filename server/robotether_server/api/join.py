@@ -28,7 +28,7 @@ Signature = Annotated[
 ]
 
 
-class PreviousKey(Struct):
+class GivenPreviousKey(Struct):
     """The key that the robot had until now: it rotates the key."""
 
     fingerprint: Annotated[str, Meta(extra={"longest": 64})]
@@ -49,10 +49,10 @@ class RobotJoin(Struct):
     token: Annotated[str, Meta(extra={"longest": 200})] | UnsetType | None = UNSET
     name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
     mac_present: bool | UnsetType | None = UNSET
-    previous_key: PreviousKey | UnsetType | None = UNSET
+    previous_key: GivenPreviousKey | UnsetType | None = UNSET
 
 
-class Joined(Struct):
+class JoinedRobot(Struct):
     """The robot is active."""
 
     state: Literal["active"]
@@ -60,7 +60,7 @@ class Joined(Struct):
     ssh: Ssh
 
 
-class Pending(Struct):
+class WaitingRobot(Struct):
     """The robot waits for approval."""
 
     state: Literal["pending"]
@@ -70,7 +70,7 @@ class Pending(Struct):
 
 
 @operation("POST", "/join", "anybody", any_type=True, problems=(409, 429))
-def join(body: RobotJoin) -> tuple[Joined, Literal[200]] | tuple[Pending, Literal[202]]:
+def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
     """A robot asks to be let in."""
     asked = _asked(body)
     with context().database.transaction() as tx:
@@ -79,8 +79,8 @@ def join(body: RobotJoin) -> tuple[Joined, Literal[200]] | tuple[Pending, Litera
         with context().database.transaction() as tx:
             answer = joining.join(tx, asked, context().join)
     if answer.code == "active":
-        return Joined("active", answer.robot, ssh_of(context().join)), 200
-    return Pending("pending", answer.robot, answer.code, answer.detail), 202
+        return JoinedRobot("active", answer.robot, ssh_of(context().join)), 200
+    return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
 
 
 def _asked(body: RobotJoin) -> joining.JoinRequest:

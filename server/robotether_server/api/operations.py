@@ -35,7 +35,7 @@ Created = tuple[T, Literal[201]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Operation:
+class ApiOperation:
     """What the description says of a method of a path.
 
     `texts`: the types of answers that are texts. `problems`: the statuses that follow from nothing else.
@@ -62,7 +62,7 @@ class Operation:
 
 
 blueprint = Blueprint("api", __name__, url_prefix="/api/v1")
-OPERATIONS: list[Operation] = []
+OPERATIONS: list[ApiOperation] = []
 
 
 def operation(
@@ -70,6 +70,7 @@ def operation(
     path: str,
     who: Who,
     *,
+    name: str = "",
     tag: str = "",
     any_type: bool = False,
     texts: tuple[str, ...] = (),
@@ -77,18 +78,19 @@ def operation(
 ) -> Callable[[H], H]:
     """Let a handler answer this method of this path, under /api/v1.
 
-    It gets who asks as `caller`, unless that may be anybody, and the names in the path. `any_type`: the body may call
-    itself whatever it likes, as `curl -d` sends it.
+    It gets who asks as `caller`, unless that may be anybody, and the names in the path. `name`: the
+    operation's, where it is not the handler's. `any_type`: the body may call itself whatever it likes, as `curl -d`
+    sends it.
     """
 
     def put(handler: H) -> H:
         types = get_type_hints(handler, include_extras=True)
         summary, _, details = (getdoc(handler) or "").partition("\n\n")
         first, *others = handler.__name__.split("_")
-        one = Operation(
+        one = ApiOperation(
             method=method,
             path=path,
-            name=first + "".join(map(str.capitalize, others)),
+            name=name or first + "".join(map(str.capitalize, others)),
             summary=summary.rstrip("."),
             details=" ".join(details.split()),
             who=who,
@@ -152,7 +154,7 @@ def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
             raise problem(f"cannot find {kind} {name!r}: a name has no spaces")
 
 
-def _given(one: Operation, *, any_type: bool) -> dict[str, object]:
+def _given(one: ApiOperation, *, any_type: bool) -> dict[str, object]:
     given: dict[str, object] = {}
     if one.body is not None:
         given["body"] = schemas.read_body(_body(any_type=any_type), one.body)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.api.operations import Operation
+from robotether_server.api.operations import ApiOperation
 from robotether_server.field_types import PlainName, RobotName, Timestamp
 
 
@@ -34,7 +34,7 @@ class ShownReservation(Struct):
     until: Timestamp
 
 
-class ShownStop(Struct):
+class ConfirmedStop(Struct):
     """Who stopped the robot, and whether its guard has it."""
 
     by: str
@@ -48,7 +48,7 @@ class ShownControl(Struct):
     driver: ShownDriver | None
     waiting: ShownWaiting | None
     reserved: ShownReservation | None
-    stopped: ShownStop | None
+    stopped: ConfirmedStop | None
     guard: Literal["ready", "down", "off", "unknown"]
 
 
@@ -96,7 +96,7 @@ BOTH_OR_NEITHER = Meta(extra_json_schema={"dependentRequired": {"by": ["at"], "a
 CONTROL: dict[int, Any] = {200: ShownControl}
 
 RELAYED = (
-    Operation(
+    ApiOperation(
         method="GET",
         path="/events",
         name="events",
@@ -107,7 +107,7 @@ RELAYED = (
         texts=("text/event-stream",),
         problems=(429,),
     ),
-    Operation(
+    ApiOperation(
         method="GET",
         path="/robots/<robot>/control",
         name="showControl",
@@ -116,7 +116,7 @@ RELAYED = (
         tag="control",
         answers=CONTROL,
     ),
-    Operation(
+    ApiOperation(
         method="POST",
         path="/robots/<robot>/lease",
         name="changeLease",
@@ -129,7 +129,7 @@ RELAYED = (
         answers=CONTROL,
         problems=(409, 429),
     ),
-    Operation(
+    ApiOperation(
         method="POST",
         path="/robots/<robot>/stop",
         name="stopRobot",
@@ -142,7 +142,7 @@ RELAYED = (
         is_body_required=False,
         answers=CONTROL,
     ),
-    Operation(
+    ApiOperation(
         method="POST",
         path="/robots/<robot>/release",
         name="releaseRobot",
@@ -156,7 +156,7 @@ RELAYED = (
         answers=CONTROL,
         problems=(409, 504),
     ),
-    Operation(
+    ApiOperation(
         method="POST",
         path="/stop",
         name="stopAll",

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, structs
 
-from robotether_server.api.auth import Caller, Enroller
+from robotether_server.api.auth import Caller, EnrolmentCaller
 from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.objects import SettingsObject, ShownRobot, Ssh, shown_robot, ssh_of
@@ -121,7 +121,7 @@ def show_robot(caller: Caller, robot: str) -> ShownRobot:
 
 @operation("PUT", "/robots/<robot>", "enroller", problems=(409,))
 def register_robot(
-    caller: Enroller, robot: str, body: NewRegistration
+    caller: EnrolmentCaller, robot: str, body: NewRegistration
 ) -> tuple[RegisteredRobot, Literal[200, 201]]:
     """Enrol a robot with its key, as a playbook does.
 
