@@ -108,11 +108,8 @@ def lease_unavailable(robot: str) -> CloseReason:
 
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """Neither pong nor message came in time."""
-    return CloseReason(
-        4408,
-        "client_silent",
-        f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed",
-    )
+    why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"
+    return CloseReason(4408, "client_silent", why)
 
 
 def client_slow(robot: str, limit_s: float) -> CloseReason:

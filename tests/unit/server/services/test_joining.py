@@ -152,7 +152,7 @@ def test_one_network_leaves_ten_waiting(site: Site) -> None:
     site = dataclasses.replace(site, limit=50)
     for number in range(MAX_UNKNOWN_PER_NETWORK):
         site.unknown_robot(number, f"2001:db8::{number + 1:x}")
-    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 wait for approval"):
+    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 already wait for approval"):
         site.unknown_robot(90, "2001:db8::99")
     assert site.unknown_robot(0, "2001:db8::99").code == "approval_pending"
     assert site.unknown_robot(91, "2001:db8:0:1::1").code == "approval_pending"

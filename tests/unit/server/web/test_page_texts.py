@@ -136,7 +136,7 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
             event("grant_given", user="ann", all=True, level="observe"),
             "gave ann the right to observe all robots",
         ),
-        (event("robot_site_set", "sim1", site=None, was="lab"), "put sim1 at no site"),
+        (event("robot_site_set", "sim1", site=None, was="lab"), "removed sim1 from its site"),
         (event("robot_shell_set", "sim1", shell=True), "turned the shell of sim1 on"),
         (event("robot_renamed", "sim2", was="sim1"), "renamed sim1 to sim2"),
         (event("lease_taken", "sim1", driver="ben"), "took control of sim1 from ben"),

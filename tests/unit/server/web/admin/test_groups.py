@@ -22,7 +22,7 @@ def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -
     assert members(database) == ("ann",)
     assert "/admin/groups/crew" in admin.ask("GET", "/admin/users/ann").text
     path = "/admin/groups/crew/members/ann/remove"
-    assert "Put ann in again" in admin.ask("GET", path).text
+    assert "Add ann again" in admin.ask("GET", path).text
     assert send(admin, path).location == "/admin/groups/crew"
     assert members(database) == ()
     send(admin, "/admin/groups/crew/members", user="ann")

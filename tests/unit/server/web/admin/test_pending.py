@@ -94,7 +94,7 @@ def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     page = admin.ask("GET", "/admin/pending").text
     assert "MAC in use by robot sim1, which is offline" in page
     question = admin.ask("GET", asked("replace", "sim1", 2)).text
-    assert "is cut off within 2 seconds" in question
+    assert "is disconnected within 2 seconds" in question
     assert "copy" in question
     assert key_of(database, "sim1") == ("active", fingerprint(1))
     form = {"fingerprint": fingerprint(2)}

@@ -77,7 +77,7 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
 def test_a_search_that_finds_nothing_leads_back(admin: Browser) -> None:
     """To all robots."""
     page = admin.ask("GET", "/admin/robots?q=ghost").text
-    assert "None of the 2 robots fits" in page
+    assert "None of the 2 robots matches" in page
     assert 'href="/admin/robots">Show all' in page
 
 
