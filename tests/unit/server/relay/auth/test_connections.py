@@ -152,7 +152,7 @@ def test_a_user_has_room_for_so_many(live, sim1, sim2):
     """A user's rosbridge connections to all robots count together, and without the video."""
     live.connections.caps = Caps(per_user=2, per_robot=9)
     first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", connected=False)
-    assert "you have 2 connections" in (live.connections.no_room(first) or "")
+    assert "you already have 2 connections" in (live.connections.no_room(first) or "")
     assert live.connections.no_room(replace(first, use="video")) is None
     assert live.connections.no_room(replace(first, user_id=2)) is None
     live.leave()
@@ -163,7 +163,7 @@ def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
     """Observers and viewers fill up their own places, and keep no driver out."""
     live.connections.caps = Caps(per_user=9, per_robot=2)
     observer, _ = live.add(2, sim1, "observe"), live.add(1, sim1, "observe")
-    assert "robot sim1 has 2" in (live.connections.no_room(observer) or "")
+    assert "robot sim1 already has 2" in (live.connections.no_room(observer) or "")
     assert live.connections.no_room(replace(observer, use="drive")) is None
     assert live.connections.no_room(replace(observer, robot=sim2)) is None
 
@@ -174,7 +174,7 @@ def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1):
     observer = replace(live.add(2, sim1, "video"), camera="/a")
     for _ in range(5):
         live.add(2, sim1, "video")
-    assert "robot sim1 has 6" in (live.connections.no_room(observer) or "")
+    assert "robot sim1 already has 6" in (live.connections.no_room(observer) or "")
     assert live.connections.no_room(replace(observer, may_drive=True)) is None
 
 
@@ -185,7 +185,7 @@ def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
         viewer = live.add(2, sim1, "video")
         viewer.camera, viewer.may_drive = camera, may_drive
     more = replace(viewer, camera="/d", may_drive=False)
-    assert "shows 2 cameras already" in (live.connections.no_room(more) or "")
+    assert "already shows 2 cameras" in (live.connections.no_room(more) or "")
     assert live.connections.no_room(replace(more, camera="/b")) is None
     assert live.connections.no_room(replace(more, may_drive=True)) is None
     assert live.connections.no_room(replace(more, robot=sim2)) is None
