@@ -111,7 +111,7 @@ async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robo
         async with GuardClient(guard.port, 13) as client:
             await client.drive(0.5)
             await client.drive(0.0, msg={"header": {}, "twist": {"linear": {"x": 0.0}}})
-            assert "another type" in (await client.receive())["msg"]
+            assert "another message type" in (await client.receive())["msg"]
             stopped_at = time.monotonic()
             guard.tell(type="stop", id="5f", by="ben")
             await until("it stands", lambda: robot.speeds[-1:] == [0.0])
