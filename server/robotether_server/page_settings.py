@@ -82,7 +82,6 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 DEFAULTS = PageSettings()
-NAMES = PageSettings.__struct_fields__
 
 
 def parse(given: Mapping[str, object]) -> PageSettings:

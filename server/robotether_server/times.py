@@ -48,7 +48,7 @@ def timestamp(field: str, text: str) -> dt.datetime:
 
 
 def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
-    """Return a moment as `moment` does, or the begin of a day in UTC such as 2026-01-31, or its last second."""
+    """Return a moment as `timestamp` does, or the begin of a day in UTC such as 2026-01-31, or its last second."""
     try:
         if _DAY.fullmatch(text):
             clock = _LAST_OF_DAY if is_end else _FIRST_OF_DAY
@@ -56,8 +56,7 @@ def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
         return timestamp(field, text)
     except (ValueError, FieldInvalid) as error:
         raise FieldInvalid(
-            f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or a moment with its offset, "
-            "such as 2026-01-31T12:00:00Z"
+            f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or {MUST_BE}"
         ) from error
 
 

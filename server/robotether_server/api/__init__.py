@@ -4,7 +4,8 @@ docs/protocols.md says what they agree on, and `description` every path in full.
 takes and answers (`operations`); what may be done and what it changes is decided in `services`.
 """
 
-from robotether_server.api import (
+# Each puts its paths on the blueprint when it is loaded.
+from robotether_server.api import (  # noqa: F401
     audit,
     description,
     drives,
@@ -22,22 +23,4 @@ from robotether_server.api import (
 )
 from robotether_server.api.operations import blueprint
 
-# Each puts its paths on the blueprint when it is loaded.
-RESOURCES = (
-    audit,
-    description,
-    drives,
-    grants,
-    groups,
-    join,
-    join_tokens,
-    robot_keys,
-    robots,
-    sites,
-    ssh_keys,
-    tickets,
-    tokens,
-    users,
-)
-
-__all__ = ["RESOURCES", "blueprint"]
+__all__ = ["blueprint"]
