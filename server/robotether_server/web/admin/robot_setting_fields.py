@@ -83,13 +83,13 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Observers",
         "What connections may name that only watch.",
-        (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they may subscribe."),),
+        (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they may subscribe to."),),
     ),
     Section(
         "Drivers",
         "What the connection of a driver may name.",
         (
-            _globs("policy.drive.subscribe", "Subscribe to", "Topics that they may subscribe."),
+            _globs("policy.drive.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(
                 "policy.drive.publish",
                 "Publish to",
@@ -106,7 +106,7 @@ SECTIONS: tuple[Section, ...] = (
         "Managers",
         "What the connection of a driver who manages the robot may name.",
         (
-            _globs("policy.manage.subscribe", "Subscribe to", "Topics that they may subscribe."),
+            _globs("policy.manage.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(
                 "policy.manage.publish",
                 "Publish to",
