@@ -9,7 +9,7 @@ import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
 from robotether_server.db import Database
-from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, NAMES, Kind
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Kind, PageSettings
 from robotether_server.web.pages.drive_page_form import FIELDS, KIND_WORDS
 from web_visitor import Browser
 
@@ -142,11 +142,13 @@ def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> 
 def test_every_member_of_the_page_has_a_field() -> None:
     """The three others have controls of their own kinds."""
     own = {"kind", "cameras", "hold_after_ms"}
-    assert {field.name for field in FIELDS} == set(NAMES) - own
+    assert {field.name for field in FIELDS} == set(PageSettings.__struct_fields__) - own
     assert tuple(kind for kind, _ in KIND_WORDS) == get_args(Kind)
 
 
 def test_what_may_be_empty_says_what_that_means() -> None:
     """And nothing else may be."""
     empty = {field.name for field in FIELDS if field.empty}
-    assert empty == {name for name in NAMES if getattr(DEFAULTS, name) is None}
+    assert empty == {
+        name for name in PageSettings.__struct_fields__ if getattr(DEFAULTS, name) is None
+    }
