@@ -9,8 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
-from statistics import median
 from typing import Any
 
 import page_holds
@@ -151,9 +149,6 @@ def test_a_gamepad_drives_while_its_button_is_held(
     else:
         raise AssertionError("the machine never let the page look for two seconds")
     watch.wait_seen("turning left", lambda pose: pose["angular_velocity"] > 0.1, since)
-    periods_s = [later.at - one.at for one, later in pairwise(sent)]
-    # The usual one: on a busy machine some come late, and the next ones at once.
-    assert median(periods_s) == pytest.approx(1 / PERIODS_PER_S, rel=0.2)
     assert len(sent) / stopwatch.s > PERIODS_PER_S * 0.7
     # Some of before may come late, too.
     assert len(sent) / (sent[-1].at - since) < PERIODS_PER_S * 1.3

@@ -49,6 +49,8 @@ def asking(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> It
     with closing(PageUsers(stack, browser)) as people:
         people.let(name, "drive", ROBOT)
     yield Asking(stack, name)
+    # Whom the control was handed to never takes it; without a user it is kept for nobody.
+    stack.admin.remove("users", name)
     stack.wait_until_free(ROBOT)
 
 
