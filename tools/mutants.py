@@ -56,7 +56,6 @@ SUBJECTS = {
         # The table itself is data, which is not changed; these apply it.
         (
             f"{RELAY}rosbridge/message_validator.py",
-            f"{RELAY}rosbridge/policy.py",
             f"{RELAY}rosbridge/fields.py",
             "robotether_server/globs.py",
         ),

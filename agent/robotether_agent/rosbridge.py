@@ -107,7 +107,7 @@ async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbri
     Whoever is cancelled leaves without a goodbye: a rosbridge that hangs must not hold up what waits for that, which
     may be the word to the guard that the session is lost.
     """
-    # As in guard/sockets.py: aiohttp's own socket cannot be dropped.
+    # As in guard/rosbridge.py: aiohttp's own socket cannot be dropped.
     made = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
     async with aiohttp.ClientSession(ws_response_class=made) as http:
         socket = await within(CONNECT_WITHIN_S, _open(http, url, max_message_bytes))

@@ -18,7 +18,7 @@ from robotether_agent.fields import JsonObject, line_of, parse_object
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardHandle
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
-from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard.rosbridge import new_http
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.problems import GuardDown
 from robotether_agent.settings import Settings

@@ -15,9 +15,8 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agent"))
 
 with atheris.instrument_imports(include=["robotether_agent.guard"]):
-    from robotether_agent.guard import commands, drive_messages
-    from robotether_agent.guard.drive_messages import DriveTopics
-    from robotether_agent.guard.refused import Refused
+    from robotether_agent.guard import drive_messages
+    from robotether_agent.guard.drive_messages import DriveTopics, Refused
 
 TOPICS = DriveTopics(["/cmd_vel", "*/cmd_vel", "/base/vel*"])
 SEEDS = (
@@ -55,11 +54,11 @@ def must_not_drive(message: Any) -> None:
 def must_be_sound(found: drive_messages.DriveMessage) -> None:
     """What a command says anew is JSON, and says the same when it is read again."""
     try:
-        command = commands.read(found.fields.get("msg", {}), None)
+        command = drive_messages.read_command(found.fields.get("msg", {}), None)
     except Refused:
         return
-    again = json.loads(json.dumps(commands.write(command), allow_nan=False))
-    assert commands.read(again, None).linear == command.linear
+    again = json.loads(json.dumps(drive_messages.write_command(command), allow_nan=False))
+    assert drive_messages.read_command(again, None).linear == command.linear
 
 
 def operations(value: Any) -> list[Any]:

@@ -18,13 +18,14 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server"))
 with atheris.instrument_imports(include=["robotether_server", "json"]):
     from robotether_server.globs import Globs
-    from robotether_server.relay.rosbridge.drive_commands import stamped
+    from robotether_server.relay.rosbridge.drive_path import stamped
     from robotether_server.relay.rosbridge.message_validator import (
+        OPERATIONS,
+        ROSAPI_LOOKUPS,
         MessageRefusedError,
         MessageValidator,
         ValidatedMessage,
     )
-    from robotether_server.relay.rosbridge.policy import OPERATIONS, ROSAPI_LOOKUPS
     from robotether_server.robot_settings import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])

@@ -232,7 +232,7 @@ ALLOWED = {
     ("inNameOrder", "fleet/filters.js"): "sorted",
     ("inOrder", "fleet/filters.js"): "sorted",
     ("in_order", "robotether_agent/"): "one after the other",
-    ("moves", "guard/commands.py"): "of a robot",
+    ("moves", "guard/drive_messages.py"): "of a robot",
     ("picture_bytes", "robotether_server/"): "a column of SQL",
     ("pictures", "robotether_server/"): "a column of SQL",
     ("switch", "robotether_agent/cli.py"): "a command of the program",

@@ -5,17 +5,17 @@ other work nor its crash can delay a stop. docs/protocols.md, "The guard", says 
 let a drive command through that it has not checked, never move the robot by itself, and never publish where
 nobody has driven through it.
 
-    operator -> server -> client_proxy -> drive_messages -> drive_controller -> cmd_vel_publisher -> rosbridge
+    operator -> server -> client_proxy -> drive_messages -> drive_controller -> rosbridge
                                `---- everything else, unchanged ----> rosbridge
 
-    process            the parts put together; reads and answers the agent (`agent_messages`), ends stopped
-    server             lets operators in by `authorization`: key, lease, stop, session, the agent's life
-    client_proxy       an operator's WebSocket and its rosbridge connection; `sockets` are their ends
-    drive_messages     finds what concerns drive topics; `commands` reads it field by field and limits it
-    drive_controller   checks and sends commands, and the zeros that `deadman` says are due; `topics` is what it
-                       knows of each, `refused` why it does not take one
-    cmd_vel_publisher  the one connection on which commands and zeros go to rosbridge
-    latch              the stop; `motion_state` is what tells the next guard that the robot moves
+    process           the parts put together; reads and answers the agent (`agent_messages`), ends stopped
+    server            lets operators in by `authorization`: key, lease, stop, session, the agent's life
+    client_proxy      an operator's WebSocket and its rosbridge connection
+    drive_messages    finds what concerns drive topics, reads it field by field and limits it, or refuses it
+    drive_controller  checks and sends commands, and the zeros that are due
+    topics            what it knows of each topic: the command, the deadman, the file that says that the robot moves
+    rosbridge         the connections to it: each operator's, and the one on which commands and zeros go
+    latch             the stop
 
 In the agent's own process `supervisor` keeps a guard running, and `child_process` is one of them.
 """

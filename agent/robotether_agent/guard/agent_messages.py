@@ -27,9 +27,7 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.guard.authorization import MAX_FENCE
-from robotether_agent.guard.commands import DriveLimits
-from robotether_agent.guard.drive_messages import DriveTopics
-from robotether_agent.guard.refused import Kind
+from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics, Kind
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
 DEFAULT_MS = 500

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_agent.guard.refused import Refused
+from robotether_agent.guard.drive_messages import Refused
 
 AGENT_SILENT_S = 1.0
 MAX_FENCE = 2**63 - 1

@@ -2,7 +2,8 @@
 
 Made by the server for each handshake that was let in. Frames pass as they came, except that drive messages go to the
 drive controller, and what cannot be checked is refused. It never reads what comes from the robot. Reading on one side
-waits for writing on the other, so its memory is bounded by the socket buffers and one message each way.
+waits for writing on the other, so its memory is bounded by the socket buffers and one message each way. Text stays
+bytes, and pings and pongs go on to the other side as they come.
 """
 
 from __future__ import annotations
@@ -11,16 +12,24 @@ import asyncio
 import json
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Literal
 
-from aiohttp import WSMsgType
+from aiohttp import WSMsgType, web
 
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.drive_messages import DriveTopics, MessageId, Unclear, drive_message
-from robotether_agent.guard.refused import Kind
-from robotether_agent.guard.sockets import ClientSocket, RosbridgeSocket
-from robotether_agent.tasks import first_of
+from robotether_agent.guard.drive_messages import (
+    DriveTopics,
+    Kind,
+    MessageId,
+    Unclear,
+    drive_message,
+)
+from robotether_agent.guard.rosbridge import FAREWELL_S, SEND_BUFFER_BYTES, RosbridgeSocket
+from robotether_agent.tasks import first_of, within
 
+# The relay takes 10 MB; reading a message holds up all others, and the zeros.
+FROM_CLIENT_BYTES = 16 * 1024 * 1024
 # Of each kind of refusal.
 ANSWER_EVERY_S = 1.0
 # A client that takes nothing gets no answers either.
@@ -30,8 +39,48 @@ GOING_AWAY = 1001
 NEVER_SENT = (0, 1005, 1006, 1015)
 
 
+class ClientSocket(web.WebSocketResponse[Literal[False]]):
+    """The operator's end."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            timeout=FAREWELL_S,
+            autoping=False,
+            compress=False,
+            max_msg_size=FROM_CLIENT_BYTES,
+            writer_limit=SEND_BUFFER_BYTES,
+            decode_text=False,
+        )
+        self._transport: asyncio.Transport | None = None
+
+    async def open(self, request: web.BaseRequest) -> None:
+        """Answer the upgrade."""
+        self._transport = request.transport
+        if self._transport is not None:
+            self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+        await self.prepare(request)
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this process."""
+        return self._transport.get_write_buffer_size() if self._transport else 0
+
+    async def leave(self, code: int) -> None:
+        """Say goodbye, without waiting for long for a client that does not read."""
+        with suppress(asyncio.TimeoutError, ConnectionError):
+            await within(FAREWELL_S, self.close(code=code))
+
+    def drop(self) -> None:
+        """End the connection at once; a client that has taken all that was sent keeps it, and its reason."""
+        if self._transport is None:
+            return
+        if self._transport.get_write_buffer_size():
+            self._transport.abort()
+        else:
+            self._transport.close()
+
+
 class ClientProxy:
-    """Implements `topics.Source`."""
+    """Implements `topics.CommandSource`."""
 
     def __init__(
         self,

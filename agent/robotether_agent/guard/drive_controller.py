@@ -13,15 +13,33 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
-from robotether_agent.guard import commands
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.commands import SHAPES, CheckedCommand, Shape, limited
-from robotether_agent.guard.deadman import Deadman
-from robotether_agent.guard.drive_messages import DriveMessage, MessageId, message_id
-from robotether_agent.guard.motion_state import Driven, MotionFile, MotionTracker
-from robotether_agent.guard.refused import KINDS, Kind, Refused
-from robotether_agent.guard.topics import CommandSource, PendingCommand, Topic, Topics
+from robotether_agent.guard.drive_messages import (
+    KINDS,
+    SHAPES,
+    CheckedCommand,
+    DriveMessage,
+    Kind,
+    MessageId,
+    Refused,
+    Shape,
+    limited,
+    message_id,
+    read_command,
+    write_command,
+    zero,
+)
+from robotether_agent.guard.topics import (
+    CommandSource,
+    Deadman,
+    Driven,
+    MotionFile,
+    MotionTracker,
+    PendingCommand,
+    Topic,
+    Topics,
+)
 
 # A moment may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
 AHEAD_MS = 100.0
@@ -49,7 +67,7 @@ class Publisher(Protocol):
 
 
 class DriveController:
-    """Implements `cmd_vel_publisher.PublisherListener`; `publisher` is set before anything else is called."""
+    """Implements `rosbridge.PublisherListener`; `publisher` is set before anything else is called."""
 
     publisher: Publisher
 
@@ -94,7 +112,7 @@ class DriveController:
         left = left or [Driven(name, "twist") for name in self._config.topics.plain()]
         for driven in left:
             topic = self._topics.add(driven.topic)
-            topic.type, topic.sent = driven.type, commands.zero(driven.shape, driven.frame_id)
+            topic.type, topic.sent = driven.type, zero(driven.shape, driven.frame_id)
             topic.moved = True
         names = [driven.topic for driven in left]
         log.warning(
@@ -232,7 +250,7 @@ class DriveController:
             raise Refused("held", "rosbridge does not accept commands")
         old_at = self._old_at(source, stamp.get("t_ms"), now)
         known = self._topics.find(message.topic)
-        wanted = commands.read(message.fields.get("msg", {}), known.declared if known else None)
+        wanted = read_command(message.fields.get("msg", {}), known.declared if known else None)
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, wanted.shape)
         before = topic.sent if self._deadman.is_moving(topic.name) else None
@@ -313,7 +331,7 @@ class DriveController:
         topic.waiting = None
         if topic.sent is not None and self.publisher.can_send:
             await self._announce(topic)
-            command = commands.zero(topic.sent.shape, topic.sent.frame_id)
+            command = zero(topic.sent.shape, topic.sent.frame_id)
             if await self.publisher.send(_publish(topic, command, None)):
                 topic.sent, topic.sent_at = command, now
                 self._deadman.zeroed(topic.name, now)
@@ -391,7 +409,7 @@ def _publish(topic: Topic, command: CheckedCommand, identity: MessageId) -> byte
     message: dict[str, object] = {"op": "publish", "topic": topic.name}
     if identity is not None:
         message["id"] = identity
-    message["msg"] = commands.write(command)
+    message["msg"] = write_command(command)
     return _json(message)
 
 

@@ -30,12 +30,11 @@ from robotether_agent.guard.agent_messages import (
     parse,
 )
 from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.latch import Latch, StopFile
-from robotether_agent.guard.motion_state import MotionFile
+from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import Server
-from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard.topics import MotionFile
 from robotether_agent.tasks import first_of, within
 
 TICK_EVERY_S = 0.2

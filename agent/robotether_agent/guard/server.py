@@ -22,9 +22,9 @@ from robotether_agent.guard.authorization import (
     Authorizer,
     NotAuthorized,
 )
-from robotether_agent.guard.client_proxy import ClientProxy
+from robotether_agent.guard.client_proxy import ClientProxy, ClientSocket
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.sockets import ClientSocket, open_rosbridge
+from robotether_agent.guard.rosbridge import open_rosbridge
 
 ADDRESS = "127.0.0.1"
 MAX_CONNECTIONS = 128

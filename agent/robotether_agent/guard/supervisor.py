@@ -20,7 +20,7 @@ from typing import NoReturn
 from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
 from robotether_agent.guard import agent_messages
 from robotether_agent.guard.child_process import START_S, GuardHandle
-from robotether_agent.guard.refused import KINDS
+from robotether_agent.guard.drive_messages import KINDS
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of
 

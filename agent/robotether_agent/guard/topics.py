@@ -1,21 +1,58 @@
-"""The state of each drive topic: last command, its sender, and what waits for rosbridge. Pure."""
+"""What the drive controller knows of each drive topic: the last command, when zeros are due, and that the robot moves.
+
+`Topics` keeps the last command, its sender, and what waits for rosbridge. `Deadman` decides when a topic gets the
+guard's zeros: after the deadman time, or at once. Both are pure and know no clock: every time in seconds is given.
+
+`MotionTracker` writes a file (motion.json) before the robot moves, so that the next guard can stop it. It is in the
+run directory and outlives a crash: what it says of a topic must be what the next guard needs to zero it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Protocol
+import json
+import logging
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal, Protocol, cast
 
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    as_object,
+    get_match,
+    get_text,
+    parse_object,
+)
+from robotether_agent.files import read_text
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.commands import SHAPES, CheckedCommand, Shape
-from robotether_agent.guard.drive_messages import MessageId
-from robotether_agent.guard.refused import Kind, Refused
+from robotether_agent.guard.drive_messages import (
+    MAX_FRAME_ID_LENGTH,
+    NAME,
+    SHAPES,
+    CheckedCommand,
+    Kind,
+    MessageId,
+    Refused,
+    Shape,
+    full_name,
+)
+from robotether_agent.problems import StateUnusable
 
 MAX_TOPICS = 16
 # A client advertises a topic once, so the type outlives the place. Without one, rosbridge takes what its graph says of
 # the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a zero,
 # show what it is.
 MAX_TYPES = 64
+ZERO_EVERY_S = 0.05
+ZEROS = 10
+MOTION_FILE = "motion.json"
+# A driver's clean stop is often followed by the next motion; the mark need not be written for each.
+REMOVED_AFTER_S = 1.0
+
+State = Literal["idle", "moving", "zeroing"]
+
+log = logging.getLogger(__name__)
 
 
 class CommandSource(Protocol):
@@ -165,3 +202,222 @@ class Topics:
         for topic in self:
             if topic.source is source:
                 topic.source = None
+
+
+@dataclass
+class _Phase:
+    state: State = "idle"
+    # moving: when the zeros begin; zeroing: when the next one goes out.
+    due: float = 0.0
+    # Zeros that are not sent yet.
+    left: int = ZEROS
+
+
+class Deadman:
+    """The phases of all drive topics that somebody has driven.
+
+    A topic is idle (nothing to do), moving (a command that moves was sent last) or zeroing (ten zeros at 20 Hz,
+    counted when they were sent, then idle). One that never moved gets none, unless `force` says so.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        self._topics: dict[str, _Phase] = {}
+
+    @property
+    def state(self) -> State:
+        """The most urgent one of all topics."""
+        states = {topic.state for topic in self._topics.values()}
+        return "moving" if "moving" in states else "zeroing" if "zeroing" in states else "idle"
+
+    @property
+    def owes(self) -> bool:
+        """Whether a zero is due that could not be sent yet; it goes before any command."""
+        return any(t.state == "zeroing" and t.left == ZEROS for t in self._topics.values())
+
+    def is_moving(self, name: str) -> bool:
+        """Tell whether the robot was told on this topic last to move."""
+        return self._is(name, "moving")
+
+    def is_at_rest(self, name: str) -> bool:
+        """Tell whether the robot was told on this topic last to stand, and has got its zeros."""
+        return name not in self._topics or self._is(name, "idle")
+
+    def moving(self) -> list[str]:
+        """Name the topics on which the robot was told to move last."""
+        return [name for name, topic in self._topics.items() if topic.state == "moving"]
+
+    def commanded(self, name: str, now: float, *, moves: bool) -> None:
+        """Note that a command was sent; one that does not move ends the motion."""
+        topic = self._topics.setdefault(name, _Phase())
+        topic.state, topic.due = ("moving", now + self.timeout_s) if moves else ("idle", 0.0)
+
+    def stop(self, names: Iterable[str], now: float) -> None:
+        """Begin the zeros on those of `names` that move."""
+        self.force([name for name in names if self._is(name, "moving")], now)
+
+    def force(self, names: Iterable[str], now: float) -> None:
+        """Begin the zeros on `names`, whatever they do."""
+        for name in names:
+            self._topics[name] = _Phase("zeroing", now)
+
+    def due(self, now: float) -> list[str]:
+        """Name the topics that get a zero now. `zeroed` or `postponed` must follow for each."""
+        self.stop([name for name in self.moving() if self._topics[name].due <= now], now)
+        return [n for n, t in self._topics.items() if t.state == "zeroing" and t.due <= now]
+
+    def forget(self, known: Container[str]) -> None:
+        """Forget the topics that stand and are not `known` any more."""
+        gone = [n for n in self._topics if n not in known and self.is_at_rest(n)]
+        for name in gone:
+            del self._topics[name]
+
+    def zeroed(self, name: str, now: float) -> None:
+        """Note that a zero was sent."""
+        topic = self._topics.get(name)
+        if topic is None or topic.state != "zeroing":
+            return
+        topic.due, topic.left = now + ZERO_EVERY_S, topic.left - 1
+        if topic.left == 0:
+            topic.state = "idle"
+
+    def postponed(self, name: str, now: float) -> None:
+        """Note that a zero could not be sent; it is due again soon."""
+        if name in self._topics:
+            self._topics[name].due = now + ZERO_EVERY_S
+
+    def hurry(self, now: float) -> None:
+        """Make due what is owed: it can be sent again."""
+        for topic in self._topics.values():
+            if topic.state == "zeroing" and topic.left == ZEROS:
+                topic.due = min(topic.due, now)
+
+    def restart_zeros(self) -> None:
+        """Forget the zeros of a connection that is lost: nobody knows which of them arrived."""
+        for topic in self._topics.values():
+            topic.left = ZEROS
+
+    def next_at(self) -> float | None:
+        """Return when `due` must be asked next, or None: only after another event."""
+        times = [topic.due for topic in self._topics.values() if topic.state != "idle"]
+        return min(times, default=None)
+
+    def _is(self, name: str, state: State) -> bool:
+        return name in self._topics and self._topics[name].state == state
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A drive topic as it was driven; `type` as it was advertised, or empty."""
+
+    topic: str
+    shape: Shape
+    type: str = ""
+    frame_id: str = ""
+
+
+class MotionFile:
+    """The mark of a robot that may move."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._path = run_dir / MOTION_FILE
+
+    def read(self) -> list[Driven] | None:
+        """Return what was driven when the last guard ended: None nothing, an empty list something unknown."""
+        try:
+            text = read_text(self._path)
+            return None if text is None else _driven(parse_object(text, MOTION_FILE))
+        except (StateUnusable, FieldError) as error:
+            log.warning("%s cannot be read: %s", self._path, error)
+            return []
+
+    def write(self, driven: Sequence[Driven]) -> None:
+        """Mark these topics; StateUnusable when that fails."""
+        text = json.dumps({"topics": [asdict(topic) for topic in driven]}) + "\n"
+        # Not synced to the disk, which would hold the first command up: it must outlive the process only.
+        new = self._path.with_suffix(".new")
+        try:
+            new.write_text(text, encoding="utf-8")
+            new.replace(self._path)
+        except OSError as error:
+            raise StateUnusable(f"cannot write {self._path}: {error.strerror}") from error
+
+    def remove(self) -> None:
+        """Take the mark away; StateUnusable when that fails."""
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StateUnusable(f"cannot remove {self._path}: {error.strerror}") from error
+
+
+def _driven(file: JsonObject) -> list[Driven]:
+    topics = file.get("topics")
+    if not isinstance(topics, list):
+        raise FieldError("field topics must be a list")
+    return [_topic(as_object(topic, "a topic")) for topic in topics]
+
+
+def _topic(fields: JsonObject) -> Driven:
+    shape, type_name = get_text(fields, "shape"), get_text(fields, "type")
+    if shape not in SHAPES.values() or (type_name and type_name not in SHAPES):
+        raise FieldError(f"{shape!r} or {type_name!r} is no drive type")
+    name = full_name(get_match(fields, "topic", NAME, "a topic's name"))
+    if name is None:
+        raise FieldError("field topic is too long")
+    frame_id = get_text(fields, "frame_id", default="", limit=MAX_FRAME_ID_LENGTH)
+    return Driven(name, cast("Shape", shape), type_name, frame_id)
+
+
+class MotionTracker:
+    """The mark of one drive controller."""
+
+    def __init__(self, file: MotionFile) -> None:
+        self._file = file
+        # What stands in the file.
+        self._recorded: dict[str, Driven] = {}
+        self._remove_at = 0.0
+
+    @property
+    def ends_at(self) -> float | None:
+        """When the mark of a robot that stands is taken away; None: there is none."""
+        return self._remove_at if self._recorded else None
+
+    def read_previous(self) -> list[Driven] | None:
+        """Return what the last guard left: None nothing, an empty list something unknown."""
+        return self._file.read()
+
+    def adopt(self, driven: Iterable[Driven]) -> None:
+        """Keep what the last guard left as this one's own."""
+        self._recorded = {one.topic: one for one in driven}
+
+    def ensure(self, moving: Driven, known: Container[str]) -> bool:
+        """Write that a topic moves, before it does; False: it cannot. Others that are not `known` are left out."""
+        if self._recorded.get(moving.topic) == moving:
+            return True
+        kept = {name: one for name, one in self._recorded.items() if name in known}
+        recorded = {**kept, moving.topic: moving}
+        try:
+            self._file.write(list(recorded.values()))
+        except StateUnusable as problem:
+            log.error("%s", problem)  # noqa: TRY400 - no defect
+            return False
+        self._recorded = recorded
+        return True
+
+    def tend(self, now: float, *, moves: bool) -> None:
+        """Take the mark away when the robot has stood for a while."""
+        if moves or not self._recorded:
+            self._remove_at = now + REMOVED_AFTER_S
+        elif now >= self._remove_at:
+            self.end(now)
+
+    def end(self, now: float) -> None:
+        """Take the mark away: the robot stands. Another guard's mark, which this one never took over, stays."""
+        if not self._recorded:
+            return
+        try:
+            self._file.remove()
+            self._recorded = {}
+        except StateUnusable as problem:
+            log.warning("%s", problem)
+            self._remove_at = now + REMOVED_AFTER_S

@@ -9,9 +9,8 @@ from typing import Any
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorization, Authorizer
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.drive_messages import drive_message
-from robotether_agent.guard.motion_state import Driven, MotionFile
-from robotether_agent.guard.refused import Kind
+from robotether_agent.guard.drive_messages import Kind, drive_message
+from robotether_agent.guard.topics import Driven, MotionFile
 
 CONFIG = GuardConfig("ws://127.0.0.1:9090", "k1")
 DRIVER = Authorization("drive", 13)

@@ -27,6 +27,7 @@ from robotether_server.relay.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,
     ValidatedMessage,
+    status_error,
 )
 from robotether_server.relay.rosbridge.own_operations import OwnOperations
 
@@ -203,7 +204,8 @@ class Bridge:
             return
         complaint = await self._drive.submit(checked.drive)
         if complaint is not None:
-            await self._send_to_client(complaint, WSMsgType.TEXT)
+            answer = status_error(complaint, checked.drive.message.get("id"))
+            await self._send_to_client(answer, WSMsgType.TEXT)
 
     async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
         answer = self._own.answer(operation, own)

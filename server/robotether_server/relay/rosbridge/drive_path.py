@@ -1,19 +1,21 @@
-"""Sends one driver's commands to the robot: checks their age, and lets only the newest wait.
+"""Reads drive commands, bounds their age, and sends them to the robot, stamped for the guard.
 
-`handler` makes one for each connection with a lease; `bridge` hands it every drive command that passed the
-message validator. A command never waits behind another: when the robot's side is full, only the newest of
-each topic waits, and it goes on if it is young enough by then. It must never send a command that is too old.
+The message validator makes a `DriveCommand` of each publish to a drive topic that passes. `handler` makes a
+`DrivePath` for each connection with a lease, and `bridge` hands it every command. A command never waits behind
+another: when the robot's side is full, only the newest of each topic waits, and it goes on if it is young enough by
+then. A command that is too old must never go on, and what is no drive command must never pass as one.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from aiohttp import WSMsgType
 
@@ -21,8 +23,7 @@ from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.robot_clock import RobotClock
-from robotether_server.relay.rosbridge.drive_commands import DriveCommand, stamped
-from robotether_server.relay.rosbridge.message_validator import status_error
+from robotether_server.relay.rosbridge.fields import FieldRefusedError
 
 # Pings may be unanswered as long as a silent client is waited for; of more, the oldest are forgotten.
 MAX_PINGS_OPEN = 64
@@ -32,6 +33,74 @@ _SEQUENCE = struct.Struct("!Q")
 # Clients drive one or two topics.
 MAX_WAITING = 8
 POLL_EVERY_S = 0.005
+
+_AXES = frozenset(("x", "y", "z"))
+_TWIST = frozenset(("linear", "angular"))
+_TWIST_STAMPED = frozenset(("header", "twist"))
+_ACKERMANN_STAMPED = frozenset(("header", "drive"))
+_ACKERMANN = frozenset(
+    ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk")
+)
+
+
+class DriveCommand(NamedTuple):
+    """A publish to a drive topic that passed; `data` is `message` as it is written."""
+
+    topic: str
+    message: Mapping[str, Any]
+    data: bytes
+    # When the input event was on the relay's clock, as far as the client says.
+    stamp_ms: float | None
+    speed_m_s: float
+    # None: the command says how to steer, not how fast to turn.
+    turn_rad_s: float | None
+
+
+def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
+    """Write a command for the guard, with its moment on the robot's clock and the lease's number."""
+    return b'%b,"robotether":{"t_ms":%.3f,"fence":%d}}' % (command.data[:-1], t_ms, fence)
+
+
+def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
+    """Return the speed in m/s and the turn in rad/s; raise FieldRefusedError when it is no command.
+
+    The shape tells the type: geometry_msgs/Twist and TwistStamped, ackermann_msgs/AckermannDriveStamped. A member
+    that is missing is zero, as it is to rosbridge.
+    """
+    members = msg.keys()
+    if members <= _TWIST:
+        return _of_twist(msg)
+    if members <= _TWIST_STAMPED:
+        return _of_twist(_object(msg.get("twist", {}), _TWIST))
+    if members <= _ACKERMANN_STAMPED:
+        drive = _object(msg.get("drive", {}), _ACKERMANN)
+        for value in drive.values():
+            _finite(value)
+        return abs(_finite(drive.get("speed", 0.0))), None
+    raise FieldRefusedError(
+        "is neither a Twist, a TwistStamped nor an AckermannDriveStamped, which a drive topic takes"
+    )
+
+
+def _of_twist(twist: Mapping[str, Any]) -> tuple[float, float]:
+    return _length(twist.get("linear", {})), _length(twist.get("angular", {}))
+
+
+def _length(vector: Any) -> float:
+    return _finite(math.hypot(*map(_finite, _object(vector, _AXES).values())))
+
+
+def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
+    if not isinstance(value, dict) or not value.keys() <= known:
+        raise FieldRefusedError(f"has a part that is no object of {', '.join(sorted(known))}")
+    return value
+
+
+def _finite(value: Any) -> float:
+    # True is a number to Python only.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise FieldRefusedError("holds a speed that is no finite number")
+    return float(value)
 
 
 class CommandTimestamps:
@@ -104,7 +173,7 @@ class DrivePath:
         self._wake = asyncio.Event()
         self._warnings = RateLimiter(time.monotonic(), per_s=1, at_once=1)
 
-    async def submit(self, command: DriveCommand) -> bytes | None:
+    async def submit(self, command: DriveCommand) -> str | None:
         """Send the command or let it wait; return what a client is told whose command is refused."""
         now = time.monotonic()
         timestamp = self._timestamps.of(command.stamp_ms, now)
@@ -164,9 +233,8 @@ class DrivePath:
         self._sent(len(data))
         await self._robot.send_frame(data, WSMsgType.TEXT)
 
-    def _refuse(self, command: DriveCommand, why: str, now: float) -> bytes | None:
+    def _refuse(self, command: DriveCommand, why: str, now: float) -> str | None:
         self.log.dropped()
         if not self._warnings.allow(now):
             return None
-        text = f"cannot publish to {command.topic}: {why}"
-        return status_error(text, command.message.get("id"))
+        return f"cannot publish to {command.topic}: {why}"

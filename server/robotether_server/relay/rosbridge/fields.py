@@ -1,4 +1,4 @@
-"""Checks of single fields of a client's message; `policy` says which field gets which check.
+"""Checks of single fields of a client's message; `OPERATIONS` says which field gets which.
 
 A check returns the value to send on, and raises FieldRefusedError with the reason. What passes has
 one meaning to every JSON parser; but for `payload`, which `json_text` looks after, it holds no

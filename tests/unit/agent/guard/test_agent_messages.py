@@ -24,7 +24,7 @@ from robotether_agent.guard.agent_messages import (
     Tick,
     parse,
 )
-from robotether_agent.guard.refused import KINDS
+from robotether_agent.guard.drive_messages import KINDS
 
 URL = "ws://127.0.0.1:9090"
 STANDS = State(stopped=False, by="", moving=False)

@@ -11,7 +11,7 @@ from robotether_agent.guard.authorization import (
     Authorizer,
     NotAuthorized,
 )
-from robotether_agent.guard.refused import Refused
+from robotether_agent.guard.drive_messages import Refused
 
 NOW = 100.0
 

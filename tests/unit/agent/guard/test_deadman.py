@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from robotether_agent.guard.deadman import ZERO_EVERY_S, ZEROS, Deadman
+from robotether_agent.guard.topics import ZERO_EVERY_S, ZEROS, Deadman
 
 TIMEOUT_S = 0.5
 TOPIC = "/cmd_vel"

@@ -14,7 +14,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import ReleaseRequest, StopRequest
 from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
+from robotether_agent.problems import StateUnusable
 from sim_client import until
+
+
+def test_a_stop_is_kept_with_its_name(tmp_path: Path) -> None:
+    """Until it is removed; removing none is no failure."""
+    file = StopFile(tmp_path)
+    assert file.read() is None
+    file.write("ben")
+    assert StopFile(tmp_path).read() == "ben"
+    file.remove()
+    file.remove()
+    assert file.read() is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"by": 3}', "\udcff"])
+def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, text: str) -> None:
+    (tmp_path / "stop.json").write_bytes(text.encode(errors="surrogateescape"))
+    assert StopFile(tmp_path).read() == ""
+
+
+def test_a_stop_that_is_no_file_is_a_stop(tmp_path: Path) -> None:
+    (tmp_path / "stop.json").mkdir()
+    assert StopFile(tmp_path).read() == ""
+
+
+def test_a_stop_for_which_there_is_no_directory_is_a_problem(tmp_path: Path) -> None:
+    with pytest.raises(StateUnusable):
+        StopFile(tmp_path / "gone").write("ben")
 
 
 class SlowFile(StopFile):

@@ -20,7 +20,7 @@ from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
-from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard.rosbridge import new_http
 from sim_client import SETTINGS, until
 from sim_robot.bus import Node, TopicMessage
 from sim_robot.simulator import Simulator

@@ -15,11 +15,10 @@ from guard_process import KEY, GuardClient
 from robotether_agent.guard import server as server_module
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.motion_state import MotionFile
+from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
-from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard.topics import MotionFile
 from sim_client import until
 
 

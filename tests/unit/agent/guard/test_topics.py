@@ -9,9 +9,7 @@ from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.commands import CheckedCommand
-from robotether_agent.guard.drive_messages import MessageId
-from robotether_agent.guard.refused import Kind, Refused
+from robotether_agent.guard.drive_messages import CheckedCommand, Kind, MessageId, Refused
 from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, PendingCommand, Topic, Topics
 
 

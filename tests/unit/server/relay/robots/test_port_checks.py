@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import ExitStack
 
 import pytest
 import pytest_asyncio
@@ -143,4 +145,21 @@ async def test_a_link_that_ends_checks_no_more(asked):
 
 async def test_a_host_that_is_away_holds_no_port():
     """When sshd itself cannot be found, no port of it is taken."""
-    assert await wait_released("no-such-host.invalid", 20000, within_s=0)
+    assert await wait_released("no-such-host.invalid", 20000, within_s=10)
+
+
+async def test_only_a_port_that_nobody_holds_is_released(serve):
+    port = await serve(SSH, 0)
+    assert not await wait_released(HOST, port, within_s=0.1)
+    assert await wait_released(HOST, free_port(), within_s=10)
+
+
+async def test_a_port_whose_holder_is_slow_is_not_released():
+    """A connection that is not refused may still be accepted, however long that takes."""
+    with socket.create_server((HOST, 0), backlog=0) as holder, ExitStack() as waiting:
+        # The kernel drops what comes when so many wait to be accepted.
+        for _ in range(4):
+            one = waiting.enter_context(socket.socket())
+            one.setblocking(False)
+            one.connect_ex(holder.getsockname())
+        assert not await wait_released(HOST, holder.getsockname()[1], within_s=0.5)

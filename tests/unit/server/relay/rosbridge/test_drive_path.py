@@ -1,4 +1,4 @@
-"""Drive commands on their way to the guard: stamps, ages, the newest one first, and the drive's books."""
+"""Drive commands on their way to the guard: speeds, stamps, ages, the newest one first, and the drive's books."""
 
 from __future__ import annotations
 
@@ -17,13 +17,77 @@ from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.rosbridge.drive_path import (
     MAX_PINGS_OPEN,
     CommandTimestamps,
+    DriveCommand,
     DriveLease,
     DrivePath,
+    speeds,
+    stamped,
 )
+from robotether_server.relay.rosbridge.fields import FieldRefusedError
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS
 
 NOON = utc(2026, 1, 1, 12, 0)
+TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -2}}
+
+
+@pytest.mark.parametrize(
+    ("msg", "speed", "turn"),
+    [
+        (TWIST, 5.0, 2.0),
+        ({"linear": {"x": -1}}, 1.0, 0.0),
+        ({"angular": {}}, 0.0, 0.0),
+        ({}, 0.0, 0.0),
+        ({"header": {"frame_id": "base"}, "twist": TWIST}, 5.0, 2.0),
+        ({"header": {}}, 0.0, 0.0),
+        ({"drive": {"speed": -1.5, "steering_angle": 0.3}}, 1.5, None),
+        ({"header": {}, "drive": {}}, 0.0, None),
+    ],
+)
+def test_each_shape_has_its_speeds(msg, speed, turn):
+    """Speed and turn are lengths; what is missing is zero."""
+    assert speeds(msg) == (speed, turn)
+
+
+@pytest.mark.parametrize(
+    "msg",
+    [
+        {"data": 1},
+        {"linear": TWIST["linear"], "twist": TWIST},
+        {"twist": TWIST, "drive": {}},
+        {"twist": {"linear": {}, "header": {}}},
+        {"linear": None},
+        {"linear": [1, 2, 3]},
+        {"linear": {"x": 1, "w": 1}},
+        {"linear": {"x": None}},
+        {"linear": {"x": True}},
+        {"linear": {"x": "1"}},
+        {"linear": {"x": float("inf")}},
+        {"linear": {"x": 1.7e308, "y": 1.7e308}},
+        {"angular": {"z": float("nan")}},
+        {"twist": {"angular": {"z": []}}},
+        {"drive": {"speed": None}},
+        {"drive": {"speed": 1, "steering_angle": "left"}},
+        {"drive": {"velocity": 1}},
+        {"drive": 1},
+    ],
+)
+def test_what_is_no_command_is_refused(msg):
+    """Two shapes at once, unknown members, and anything that is no finite number."""
+    with pytest.raises(FieldRefusedError):
+        speeds(msg)
+
+
+def test_a_command_is_stamped_without_writing_it_again():
+    """Moment and number stand behind all that was checked."""
+    data = json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": TWIST}).encode()
+    command = DriveCommand("/cmd_vel", json.loads(data), data, None, 5.0, 2.0)
+    written = stamped(command, 123456.7891, 13)
+    assert written.endswith(b',"robotether":{"t_ms":123456.789,"fence":13}}')
+    assert json.loads(written) == {
+        **json.loads(data),
+        "robotether": {"t_ms": 123456.789, "fence": 13},
+    }
 
 
 def drives(memory_database) -> list[DriveEntry]:
@@ -48,12 +112,15 @@ async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarde
 
 
 async def test_a_command_of_a_timestamp_to_come_is_refused(relay, guarded, sim1, http):
-    """A client whose clock is ahead is told, and moves nothing."""
+    """A client whose clock is ahead is told of which message, and moves nothing."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
         await ann.until("robotether.beat")
-        await ann.drive(0.5, age_ms=-5000)
-        assert "its timestamp lies ahead" in (await ann.until("status"))["msg"]
+        ahead = {"t_ms": 2.0**52}
+        await ann.send(op="publish", id="p1", topic="/cmd_vel", msg={}, robotether=ahead)
+        answer = await ann.until("status")
+        assert "its timestamp lies ahead" in answer["msg"]
+        assert answer["id"] == "p1"
         await ann.drive(0.25)
         await until(lambda: guarded.received, "the right one came")
     assert [json.loads(data)["msg"] for data in guarded.received] == [{"linear": {"x": 0.25}}]

@@ -1,4 +1,4 @@
-"""The publisher before rosbridges of all moods."""
+"""The guard's connections before rosbridges of all moods."""
 
 from __future__ import annotations
 
@@ -7,12 +7,58 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+import aiohttp
+import pytest
+from aiohttp import WSMsgType
 from fake_rosbridge import FakeRosbridge
-from robotether_agent.guard import cmd_vel_publisher
-from robotether_agent.guard.cmd_vel_publisher import CmdVelPublisher
-from robotether_agent.guard.sockets import new_http
+from robotether_agent.guard.rosbridge import (
+    FAREWELL_S,
+    FULL_AFTER_S,
+    SEND_BUFFER_BYTES,
+    CmdVelPublisher,
+    RosbridgeSocket,
+    new_http,
+    open_rosbridge,
+)
 from sim_client import until
 from stopwatch import Stopwatch
+
+
+async def test_text_stays_bytes() -> None:
+    async with FakeRosbridge() as rosbridge, new_http() as http:
+        socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
+        await socket.send_frame(b'{"op":"publish","topic":"/echo"}', WSMsgType.TEXT)
+        message = await socket.receive(timeout=5)
+        assert (message.type, message.data) == (WSMsgType.TEXT, b'{"op":"publish","topic":"/echo"}')
+        await socket.leave()
+        assert socket.closed
+
+
+async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
+    """What waits is counted, and a goodbye that it does not take is cut short."""
+    async with FakeRosbridge("slow_reader") as rosbridge, new_http() as http:
+        socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
+        await socket.send_frame(b"{}", WSMsgType.TEXT)
+        frame = b"{}" + b" " * SEND_BUFFER_BYTES
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(_send_on(socket, frame), 2)
+        assert 0 < socket.waiting_bytes() < 8 * SEND_BUFFER_BYTES
+        begun = asyncio.get_running_loop().time()
+        await socket.leave()
+        assert asyncio.get_running_loop().time() - begun < FAREWELL_S + 1
+        socket.drop()
+        socket.drop()
+
+
+async def test_no_rosbridge_is_an_error() -> None:
+    async with FakeRosbridge("refuses") as rosbridge, new_http() as http:
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
+
+
+async def _send_on(socket: RosbridgeSocket, frame: bytes) -> None:
+    while True:
+        await socket.send_frame(frame, WSMsgType.TEXT)
 
 
 class MonitoredSession:
@@ -68,7 +114,7 @@ async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled() -> None
         await line.send(b'{"op":"x"}')
         with Stopwatch() as stopwatch:
             await until("it is full", lambda: not line.can_send)
-        assert stopwatch.s < cmd_vel_publisher.FULL_AFTER_S + 0.3
+        assert stopwatch.s < FULL_AFTER_S + 0.3
         assert line.up
         await until("it is stalled", lambda: line.stalled and not line.up)
         rosbridge.read_on()

@@ -1,9 +1,12 @@
-"""The guard's own connection to rosbridge, which carries drive commands and zeros in order.
+"""Connects to rosbridge: once for each operator, and once for the guard's own commands and zeros, in order.
 
-Run by the guard's process for its whole life; connects again at once and for ever. Nothing waits in it: `can_send` says
-whether what is sent now is read soon. TCP alone would not tell, for the kernel takes minutes of commands for a
-rosbridge that reads nothing, and delivers them when it reads again. So a ping follows each command, and while its
-pong is late nothing is sent.
+The server opens an operator's. Text stays bytes, nothing is compressed, and a socket tells how much of what was sent
+is still in this process.
+
+The guard's process runs `CmdVelPublisher` for its whole life; it connects again at once and for ever. Nothing waits in
+it: `can_send` says whether what is sent now is read soon. TCP alone would not tell, for the kernel takes minutes of
+commands for a rosbridge that reads nothing, and delivers them when it reads again. So a ping follows each command, and
+while its pong is late nothing is sent.
 """
 
 from __future__ import annotations
@@ -12,17 +15,24 @@ import asyncio
 import logging
 import socket
 from collections.abc import Callable
-from typing import Protocol
+from contextlib import suppress
+from typing import Any, Literal, Protocol, cast
 
 import aiohttp
-from aiohttp import WSMsgType
+from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPConnector, WSMsgType
+from aiohttp import ClientWSTimeout as Timeouts
 
 from robotether_agent.describe_error import describe_error
-from robotether_agent.guard.sockets import RosbridgeSocket, open_rosbridge
+from robotether_agent.tasks import within
 
+CONNECT_WITHIN_S = 3.0
+FAREWELL_S = 0.5
+FROM_ROBOT_BYTES = 64 * 1024 * 1024
+# Beyond this a socket counts as full, and the other end is not read on.
+SEND_BUFFER_BYTES = 64 * 1024
 RETRY_S = 0.2
-# Of the kernel's own buffer; the least that it gives is some 4 KB, twenty commands.
-SEND_BUFFER_BYTES = 4096
+# Of the kernel's own buffer of the publisher; the least that it gives is some 4 KB, twenty commands.
+KERNEL_BUFFER_BYTES = 4096
 # A pong that is later than this means that what is sent now would wait.
 FULL_AFTER_S = 0.1
 # ... and later than this, that rosbridge does not read.
@@ -31,6 +41,58 @@ GIVEN_UP_AFTER_S = 10.0
 IDLE_PING_EVERY_S = 1.0
 
 log = logging.getLogger(__name__)
+
+
+class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):
+    """rosbridge's end; aiohttp makes it as the session's `ws_response_class`."""
+
+    def __init__(
+        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
+    ) -> None:
+        super().__init__(reader, writer, protocol, response, *args, **kwargs)
+        self._answer: ClientResponse = response
+        self._transport: asyncio.Transport = writer.transport
+        self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+
+    def waiting_bytes(self) -> int:
+        """Tell how much of what was sent is still in this process."""
+        return self._transport.get_write_buffer_size()
+
+    async def leave(self) -> None:
+        """Say goodbye, without waiting for long for a rosbridge that does not read."""
+        with suppress(asyncio.TimeoutError, ConnectionError):
+            await within(FAREWELL_S, self.close())
+
+    def drop(self) -> None:
+        """End the connection at once, also that of a socket that broke, which aiohttp keeps."""
+        # Not closed, which would wait without end for a rosbridge that does not take what is sent already.
+        self._transport.abort()
+        self._answer.close()
+
+
+def new_http() -> ClientSession:
+    """Return the session with which all connections to rosbridge are made."""
+    return ClientSession(
+        connector=TCPConnector(limit=0),
+        ws_response_class=cast("type[ClientWebSocketResponse]", RosbridgeSocket),
+    )
+
+
+async def open_rosbridge(http: ClientSession, url: str) -> RosbridgeSocket:
+    """Return a new connection; aiohttp.ClientError, OSError or asyncio.TimeoutError when there is none."""
+    connection = await within(
+        CONNECT_WITHIN_S,
+        http.ws_connect(
+            url,
+            timeout=Timeouts(ws_close=FAREWELL_S),
+            autoping=False,
+            max_msg_size=FROM_ROBOT_BYTES,
+            decode_text=False,
+        ),
+    )
+    if not isinstance(connection, RosbridgeSocket):
+        raise TypeError("the session makes sockets of another class")
+    return connection
 
 
 class PublisherListener(Protocol):
@@ -53,7 +115,7 @@ class CmdVelPublisher:
     """One connection after the other."""
 
     def __init__(
-        self, http: aiohttp.ClientSession, listener: PublisherListener, clock: Callable[[], float]
+        self, http: ClientSession, listener: PublisherListener, clock: Callable[[], float]
     ) -> None:
         self._http = http
         self._listener = listener
@@ -186,4 +248,4 @@ class CmdVelPublisher:
 def _keep_small(connection: RosbridgeSocket) -> None:
     raw = connection.get_extra_info("socket")
     if raw is not None:
-        raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER_BYTES)
