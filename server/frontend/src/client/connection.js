@@ -1,10 +1,9 @@
 // A rosbridge connection that stays: it gets a ticket for each attempt, tries again after a cut, and
-// gives every new link the subscriptions and publishers of the page. Started by drive.js.
+// gives every new link the subscriptions and publishers of the page.
 // It must never send on a new link what was meant for an old one.
 
-import { TicketRefused } from "./api.js";
-import { backoff } from "./backoff.js";
-import { CONNECTING, LINK_LOST, LIVE, NOT_OPENED, ROSBRIDGE_SILENT, afterClose, afterTicketRefusal } from "./states.js";
+import { reasons } from "../texts/common.js";
+import { TicketRefused, backoff } from "./api.js";
 
 const OPEN_MS = 5000;
 const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself
@@ -12,7 +11,7 @@ const SILENCE_MS = 6000;
 const WATCH_MS = 1000;
 
 export class Connection {
-  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
+  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in rosbridge.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
   // `onLink(send)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
@@ -27,16 +26,7 @@ export class Connection {
     onOwn = () => {},
     now = () => performance.now(),
   }) {
-    Object.assign(this, {
-      requestTicket,
-      openLink,
-      prepare,
-      onState,
-      onLeaving,
-      onLink,
-      onOwn,
-      now,
-    });
+    Object.assign(this, { requestTicket, openLink, prepare, onState, onLeaving, onLink, onOwn, now });
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
@@ -220,4 +210,55 @@ export class Connection {
     this.state = state;
     this.onState(state);
   }
+}
+
+// What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
+// why this page may no longer drive.
+// Pure. Close codes are those of docs/protocols.md.
+
+const retrying = (name, reason = "") => ({ name, reason, retry: true });
+// The robot is there, but this page no longer drives it: it goes on as an observer, at once.
+const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
+const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
+
+const BY_CLOSE_CODE = {
+  1001: () => retrying("server_unreachable", reasons.restarting),
+  1008: () => retrying("link_lost"),
+  1009: () => retrying("link_lost"),
+  // Rights or settings changed; what is left, the next ticket tells.
+  4001: () => retrying("connecting"),
+  4002: lostControl("superseded"),
+  4003: lostControl("robot_stopped"),
+  4009: lostControl("lease_held"),
+  4010: lostControl("lease_lost"),
+  4408: () => retrying("link_lost"),
+  4413: () => retrying("link_lost"),
+  4429: () => retrying("server_unreachable", reasons.crowded),
+  4503: (reason) => retrying("offline", reason),
+  4504: () => retrying("rosbridge_down"),
+  4505: () => retrying("link_lost"),
+  4510: () => retrying("lease_unavailable"),
+};
+
+export const CONNECTING = retrying("connecting");
+export const LIVE = retrying("live");
+export const LINK_LOST = retrying("link_lost");
+export const NOT_OPENED = retrying("server_unreachable");
+export const ROSBRIDGE_SILENT = retrying("rosbridge_down");
+
+// A code that is not listed is a cut by the network (1006) or by something in between.
+export function afterClose({ code, reason = "", wasLive = false }) {
+  const verdict = BY_CLOSE_CODE[code];
+  if (verdict) return verdict(reason);
+  return retrying(wasLive ? "link_lost" : "server_unreachable");
+}
+
+// `status` 0 stands for a server that gave no answer at all.
+export function afterTicketRefusal({ status, code }) {
+  if (status === 401) return final("not_allowed", reasons.login, true);
+  if (status === 404) return final("not_allowed", reasons.robot);
+  if (code === "grant_missing") return final("not_allowed", reasons.grant);
+  if (status === 400 || status === 403) return final("not_allowed", reasons.stale);
+  if (status === 429) return retrying("server_unreachable", reasons.busy);
+  return retrying("server_unreachable");
 }

@@ -2,7 +2,7 @@
 // It reads the stream itself: EventSource hides the comments that tell a quiet stream from a dead one,
 // gives up for good after an HTTP error, and does not tell an ended login from a server that is down.
 
-import { backoff } from "./backoff.js";
+import { backoff } from "./api.js";
 
 const SILENCE_MS = 25_000; // over two of the relay's comments
 

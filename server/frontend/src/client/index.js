@@ -2,11 +2,10 @@
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";
-import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
-import { TicketRefused, requestTicket, Api } from "./api.js";
+import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { Driver } from "./driver.js";
 import { FrameStream } from "./frames.js";
-import { twistType } from "./messages.js";
+import { twistType } from "./rosbridge.js";
 import { RttProbe } from "./rtt.js";
 import { Session } from "./session.js";
 
@@ -81,7 +80,7 @@ export class Robot {
     this.begun = false;
   }
 
-  // "state" with {name, reason, driving} at each change of the connection, as src/client/states.js names them; "control" with
+  // "state" with {name, reason, driving} at each change of the connection, as src/client/connection.js names them; "control" with
   // who drives, who asks and whether the robot is stopped, as docs/protocols.md has it. Gives the function that ends it.
   on(event, handler) {
     this.handlers[event].add(handler);

@@ -17,7 +17,7 @@ export class Banner {
     this.deafness = new Deafness(now); // who presses sooner meant what the button was before
   }
 
-  // `state` as of states.js; `facts` are those of `selectStatus` and what the sentences need.
+  // `state` as of connection.js; `facts` are those of `selectStatus` and what the sentences need.
   show(state, facts) {
     this.state = state;
     this.shown = selectStatus(state, facts);
@@ -55,7 +55,7 @@ export class Banner {
 // comes first. Pure.
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
-// `state` is the connection's (states.js); `control` as in docs/protocols.md, `video` the kind of videoInterlock.js; `disabled` by an
+// `state` is the connection's (connection.js); `control` as in docs/protocols.md, `video` the kind of the VideoInterlock; `disabled` by an
 // administrator.
 export function selectStatus({ name }, { control = {}, driving, video, disabled = false }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;

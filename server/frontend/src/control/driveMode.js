@@ -3,7 +3,7 @@
 // somebody drives, in another window of this person's included, and never arm the controls when control comes at a
 // moment that the person does not choose.
 
-import { LocalStore } from "../pages/localStore.js";
+import { LocalStore } from "../pages/page.js";
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };
@@ -50,7 +50,7 @@ export class DriveMode {
     return released && OF_A_STOP.includes(this.note?.why);
   }
 
-  // The server ended the connection or did not let it drive; `why` as `lost` in states.js.
+  // The server ended the connection or did not let it drive; `why` as `lost` in connection.js.
   lose(why, reason) {
     this.mode = "observe";
     this.armed = this.pressed = false;

@@ -1,5 +1,5 @@
 // The robots as elements, cards or rows of a table: one list, in order, with what is filtered out hidden.
-// The markup is the server's; cards.js fills it in.
+// The markup is the server's; cards.js fills it in. What changes is gathered, and nothing moves under a person's hand.
 
 import { fillCard, newCard } from "./cards.js";
 
@@ -91,4 +91,92 @@ function firstNotBelow(ends, values, value) {
     else high = middle;
   }
   return low;
+}
+
+// Gathers changes until the next frame, and calls for what is costly seldom. Pure but for its timers.
+export class Batch {
+  // `apply(names)` gets what changed since the last time, once a frame.
+  constructor({ apply, frame = (act) => requestAnimationFrame(act) }) {
+    Object.assign(this, { apply, frame });
+    this.names = new Set();
+  }
+
+  add(name) {
+    if (this.names.size === 0) this.frame(() => this.flush());
+    this.names.add(name);
+  }
+
+  flush() {
+    const { names } = this;
+    this.names = new Set();
+    if (names.size > 0) this.apply(names);
+  }
+}
+
+export class Seldom {
+  // Calls `act` at most once in so many ms: at once if it is long ago, else at the end of the time.
+  constructor({ act, everyMs, now = () => performance.now() }) {
+    Object.assign(this, { act, everyMs, now });
+    this.actedAt = -Infinity;
+    this.timer = null;
+  }
+
+  ask() {
+    if (this.timer !== null) return;
+    const wait = this.actedAt + this.everyMs - this.now();
+    if (wait <= 0) this.run();
+    else this.timer = setTimeout(() => this.run(), wait);
+  }
+
+  run() {
+    clearTimeout(this.timer);
+    this.timer = null;
+    this.actedAt = this.now();
+    this.act();
+  }
+}
+
+// Whether a person is at the list with a pointer, a finger or the keyboard: then nothing moves in it, so that a press
+// meets the robot that it was meant for.
+const TOUCH_MS = 3000; // after a finger has left: the next one is on its way
+
+export class PointerPause {
+  // `onEnd()` when nobody is at the list any more.
+  constructor({ onEnd, now = () => performance.now() }) {
+    Object.assign(this, { onEnd, now });
+    this.pointed = false;
+    this.touchedAt = -Infinity;
+    this.lists = [];
+  }
+
+  listen(list) {
+    this.lists.push(list);
+    list.addEventListener("pointerover", ({ pointerType }) => this.point(pointerType !== "touch"));
+    list.addEventListener("pointerleave", () => this.point(false));
+    list.addEventListener("pointerdown", ({ pointerType }) => pointerType === "touch" && this.touch());
+    list.addEventListener("focusout", () => setTimeout(() => this.check()));
+  }
+
+  point(pointed) {
+    this.pointed = pointed;
+    this.check();
+  }
+
+  touch() {
+    this.touchedAt = this.now();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.check(), TOUCH_MS);
+  }
+
+  check() {
+    if (!this.active) this.onEnd();
+  }
+
+  get active() {
+    return this.pointed || this.now() - this.touchedAt < TOUCH_MS || this.focused;
+  }
+
+  get focused() {
+    return this.lists.some((list) => list.querySelector(":focus-visible") !== null);
+  }
 }

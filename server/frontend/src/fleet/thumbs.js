@@ -1,7 +1,7 @@
 // A robot's small picture on the fleet page: comes when somebody presses, points at or focuses it, and is let go when it
 // leaves the screen.
 
-import { plainQuery } from "../client/addresses.js";
+import { plainQuery } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
 import { thumb as texts } from "../texts/fleet.js";
 

@@ -1,7 +1,6 @@
 // Search, filters, order and the choice of cards or table. What is chosen stands in the page's address.
 
-import { LocalStore } from "../pages/localStore.js";
-import { part, setText } from "../pages/page.js";
+import { LocalStore, part, setText } from "../pages/page.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { fromQuery, isFiltered, sitesOf, toQuery } from "./filters.js";
 

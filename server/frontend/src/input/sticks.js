@@ -1,8 +1,7 @@
 // The joysticks on the screen: one for everything, or a left one to drive and a right one to turn. Which of the two a
 // person likes is kept on the device; a robot that goes sideways starts with two, as one cannot tell it to.
 
-import { LocalStore } from "../pages/localStore.js";
-import { byTestId, part } from "../pages/page.js";
+import { LocalStore, byTestId, part } from "../pages/page.js";
 import { hints } from "../texts/inputs.js";
 
 const STORED_AS = "sticks";
@@ -13,7 +12,7 @@ const drive = ({ up, left }) => ({ forward: up, left, turn: 0 });
 const turn = ({ left }) => ({ forward: 0, left: 0, turn: left });
 
 export class Sticks {
-  // `kind` as of mixing.js, `teleop` as of teleop.js.
+  // `kind` and `teleop` as of teleop.js.
   constructor(root, { kind, teleop, store = new LocalStore() }) {
     Object.assign(this, { kind, teleop, store });
     this.asks = both;

@@ -3,7 +3,7 @@
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
 // press took the control.
 
-import { STILL, mixed } from "./mixing.js";
+export const STILL = { forward: 0, left: 0, turn: 0 };
 
 const PERIOD_MS = 50;
 const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
@@ -16,7 +16,7 @@ export class Teleop {
   // `timestamp()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
   // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
   // `now()` must go on while the
-  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of mixing.js.
+  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of `mixed`.
   constructor({
     publish,
     limits,
@@ -70,7 +70,7 @@ export class Teleop {
     this.armed = this.watching = false;
   }
 
-  // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
+  // `input` names keyboard, joystick or the like; `value` as of `mixed`; `at` is the event's moment. One that is
   // polled says for how many ms its word is good: nobody tells when polling ends.
   hold(input, value, at = this.timestamp(), goodForMs = Infinity) {
     if (!this.accepts) return;
@@ -194,3 +194,28 @@ export class Teleop {
     this.publish(twist, at);
   }
 }
+
+// Mixes all inputs to a twist that this kind of robot can follow, within the limits. Pure.
+// `inputs` are {forward, left, turn} from -1 to 1, forward and left positive, `turbo` true for the higher limits.
+// `limits` are {linear, angular} in m/s and rad/s, with `turbo` of the same shape, and `most`: the robot's own.
+export function mixed(inputs, limits, kind) {
+  const { linear, angular } = inputs.some(({ turbo }) => turbo) ? (limits.turbo ?? limits) : limits;
+  const [forward, left, turn] = ["forward", "left", "turn"].map((name) => total(inputs, name));
+  if (kind === "holonomic") return { ...together(forward, left, linear), turn: turn * angular };
+  if (kind === "ackermann") return steered(forward * linear, turn * angular, limits.most?.linear ?? linear);
+  return { forward: forward * linear, left: 0, turn: turn * angular };
+}
+
+const total = (inputs, name) => clamp(inputs.reduce((sum, input) => sum + (input[name] ?? 0), 0));
+
+const clamp = (value) => Math.min(1, Math.max(-1, value)) + 0; // + 0 turns -0 into 0
+
+// The limit is that of the speed, whichever way it goes.
+function together(forward, left, linear) {
+  const scale = linear / Math.max(1, Math.hypot(forward, left));
+  return { forward: forward * scale, left: left * scale };
+}
+
+// A car turns as it goes, the other way when it backs: the stick says how far the wheels are turned, and
+// `turn` is what that makes at the robot's highest speed.
+const steered = (forward, turn, highest) => ({ forward, left: 0, turn: (turn * forward) / highest + 0 });

@@ -1,30 +1,26 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
-import { framesUrl, rosUrl } from "../client/addresses.js";
-import { requestTicket } from "../client/api.js";
+import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
-import { openLink } from "../client/link.js";
+import { openLink } from "../client/rosbridge.js";
 import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
-import { Arming } from "../control/arming.js";
+import { Arming, VideoInterlock } from "../control/arming.js";
 import { Banner } from "../control/banner.js";
 import { ControlPanel } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
 import { Summary, OwnDrive } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
-import { VideoInterlock } from "../control/videoInterlock.js";
 import { setUpControls } from "../input/controls.js";
-import { Readback } from "../overlays/readback.js";
-import { Readings } from "../overlays/readings.js";
+import { Readback, Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { ObserverConnection } from "../topics/observerConnection.js";
 import { Topics } from "../topics/topicList.js";
 import { View } from "../video/view.js";
-import { api } from "./calls.js";
-import { LoginUse } from "./loginUse.js";
+import { LoginUse, api } from "./calls.js";
 import { byTestId, localTime, setText, part } from "./page.js";
 import { driveSettings } from "./settings.js";
 

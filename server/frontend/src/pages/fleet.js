@@ -2,15 +2,13 @@
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
 import { Feed } from "../client/feed.js";
-import { Batch, Seldom } from "../fleet/batch.js";
 import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
-import { RobotList } from "../fleet/list.js";
-import { PointerPause } from "../fleet/pointerPause.js";
+import { Batch, PointerPause, RobotList, Seldom } from "../fleet/list.js";
 import { Snapshots, Queue, Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
-import { LoginUse } from "./loginUse.js";
+import { LoginUse } from "./calls.js";
 import { byTestId, part, setText } from "./page.js";
 
 const ARRANGE_EVERY_MS = 1000;

@@ -1,7 +1,7 @@
 // A probe of one topic: what was heard of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { plainType } from "../client/messages.js";
+import { plainType } from "../client/rosbridge.js";
 import { numberAt, numbersIn } from "./fields.js";
 import { LastMinute, Rate } from "./samples.js";
 

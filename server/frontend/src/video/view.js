@@ -1,18 +1,17 @@
 // The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
-import { plainQuery } from "../client/addresses.js";
+import { plainQuery } from "../client/api.js";
 import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { LocalStore } from "../pages/localStore.js";
-import { byTestId, part, setText, TEXT, matches } from "../pages/page.js";
+import { LocalStore, TEXT, byTestId, matches, part, setText } from "../pages/page.js";
 import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
+import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
-import { Layout } from "./layout.js";
-import { MAP, cameraTopics, offeredCameras, topicOf } from "./sources.js";
+import { Layout, MAP } from "./layout.js";
 import { Tiles } from "./tiles.js";
 
 const USUAL_HOLD_MS = 1000;
