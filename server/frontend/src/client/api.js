@@ -5,8 +5,11 @@ const TIMEOUT_MS = 8000;
 
 export class Api {
   // `server` is "" for the page's own; `headers()` are those that say who asks. `onDate` gets each answer's header Date.
+  /** @param {{server?: string, headers?: () => Record<string, string>, onDate?: (date: string | null) => void}} options */
   constructor({ server = "", headers = () => ({}), onDate = () => {} } = {}) {
-    Object.assign(this, { server, headers, onDate });
+    this.server = server;
+    this.headers = headers;
+    this.onDate = onDate;
   }
 
   // Gives {status, ok, code, detail, body}; `status` 0 is no answer. `keepalive` lets it outlive the page.
@@ -97,6 +100,7 @@ function address(server, robot, path, query, socket = false) {
 const FIRST_MS = 500;
 const LAST_MS = 5000;
 
+/** @returns {Generator<number, never>} */
 export function* backoff(random = Math.random) {
   for (let full = FIRST_MS; ; full = Math.min(2 * full, LAST_MS)) {
     yield Math.max(FIRST_MS, full * (0.5 + random() / 2));

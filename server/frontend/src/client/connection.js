@@ -5,6 +5,8 @@
 import { reasons } from "../texts/common.js";
 import { TicketRefused, backoff } from "./api.js";
 
+/** @typedef {import("./rosbridge.js").Link} Link */
+
 const OPEN_MS = 5000;
 const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself
 const SILENCE_MS = 6000;
@@ -16,6 +18,18 @@ export class Connection {
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
   // `onLink(send)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
   // the relay says on it in operations of our own.
+  /**
+   * @param {{
+   *   requestTicket: () => Promise<string>,
+   *   openLink: (url: string, handlers: import("./rosbridge.js").LinkHandlers) => Link,
+   *   prepare: (call: Link["call"]) => Promise<void>,
+   *   onState: (state: State) => void,
+   *   onLeaving?: () => void,
+   *   onLink?: (send: ((operation: object) => boolean) | null) => void,
+   *   onOwn?: (operation: any) => void,
+   *   now?: () => number,
+   * }} options
+   */
   constructor({
     requestTicket,
     openLink,
@@ -26,11 +40,20 @@ export class Connection {
     onOwn = () => {},
     now = () => performance.now(),
   }) {
-    Object.assign(this, { requestTicket, openLink, prepare, onState, onLeaving, onLink, onOwn, now });
+    this.requestTicket = requestTicket;
+    this.openLink = openLink;
+    this.prepare = prepare;
+    this.onState = onState;
+    this.onLeaving = onLeaving;
+    this.onLink = onLink;
+    this.onOwn = onOwn;
+    this.now = now;
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
+    /** @type {Link | null} */
     this.link = null;
+    this.receivedAt = -Infinity;
     this.yielded = false;
     this.started = false;
     this.topics = new Set();
@@ -85,12 +108,14 @@ export class Connection {
   }
 
   // Gives the function that ends the subscription.
+  /** @type {(spec: import("./rosbridge.js").TopicSpec, handler: (message: any) => void) => () => void} */
   subscribe(spec, handler) {
     const entry = this.keep((link) => link.subscribe(spec, handler));
     return () => this.release(entry);
   }
 
   // Gives {publish, end}; publish drops the message unless the link is live, and says whether it went.
+  /** @param {import("./rosbridge.js").TopicSpec} spec */
   advertise(spec) {
     const entry = this.keep((link) => link.advertise(spec));
     return {
@@ -105,11 +130,11 @@ export class Connection {
   // Rejects when there is no live link; never settles when the link ends before the answer.
   async call(service, request = {}, type = undefined) {
     if (!this.live) throw new Error(`cannot call ${service}: not connected`);
-    return this.link.call(service, request, type);
+    return /** @type {Link} */ (this.link).call(service, request, type);
   }
 
   keep(attach) {
-    const entry = { attach, channel: null };
+    const entry = { attach, channel: /** @type {any} */ (null) };
     this.topics.add(entry);
     if (this.live) entry.channel = attach(this.link);
     return entry;
@@ -149,7 +174,8 @@ export class Connection {
   // The server opens the WebSocket before it knows whether the robot answers, so that it can close it
   // with a reason. Only an answer from the robot itself makes the link live.
   async confirm() {
-    const { link, attempt } = this;
+    const { attempt } = this;
+    const link = /** @type {Link} */ (this.link);
     this.onLink((operation) => link.send(operation));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
@@ -216,6 +242,9 @@ export class Connection {
 // why this page may no longer drive.
 // Pure. Close codes are those of docs/protocols.md.
 
+/** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean}} State */
+
+/** @returns {State} */
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
 // The robot is there, but this page no longer drives it: it goes on as an observer, at once.
 const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });

@@ -18,6 +18,7 @@ const BY_CODE = {
   4506: "video_down",
 };
 
+/** @type {Record<string, string | number | null>} */
 const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source: null };
 
 export class FrameStream {
@@ -27,6 +28,18 @@ export class FrameStream {
   // waited for before the next picture is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the status) or of BY_CODE.
+  /**
+   * @param {{
+   *   url: () => string | Promise<string>,
+   *   want?: object,
+   *   onFrame: (frame: {jpeg: Uint8Array, number: number, at: number}) => void | Promise<void>,
+   *   onStatus?: (status: any) => void,
+   *   oldMs?: number,
+   *   now?: () => number,
+   *   wall?: () => number,
+   *   openSocket?: (address: string) => WebSocket,
+   * }} options
+   */
   constructor({
     url,
     want = {},
@@ -37,10 +50,22 @@ export class FrameStream {
     wall = () => Date.now(),
     openSocket = (address) => new WebSocket(address),
   }) {
-    Object.assign(this, { url, wanted: want, onFrame, onStatus, oldMs, now, wall, openSocket });
+    this.url = url;
+    this.wanted = want;
+    this.onFrame = onFrame;
+    this.onStatus = onStatus;
+    this.oldMs = oldMs;
+    this.now = now;
+    this.wall = wall;
+    this.openSocket = openSocket;
     this.round = 0;
     this.running = false;
     this.link = null;
+    this.delays = backoff();
+    /** @type {number | null} */
+    this.at = null;
+    this.details = NO_DETAILS;
+    this.sender = { state: "", detail: "" };
     this.bytes = 0;
     this.reported = "";
   }
@@ -162,7 +187,8 @@ export class FrameStream {
   }
 
   checkAge() {
-    const picture = this.at === null ? "none" : this.ageMs > this.oldMs ? "old" : "live";
+    const { ageMs } = this;
+    const picture = ageMs === null ? "none" : ageMs > this.oldMs ? "old" : "live";
     this.report({ picture, ...this.reason(picture), ...this.details });
   }
 
@@ -191,8 +217,14 @@ class FramesLink {
   // `want` as in docs/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
   // picture is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
-    Object.assign(this, { socket, wanted: want, onFrame, onStatus, onEnd, now });
+    this.socket = socket;
+    this.wanted = want;
+    this.onFrame = onFrame;
+    this.onStatus = onStatus;
+    this.onEnd = onEnd;
+    this.now = now;
     this.senderClock = new SenderClock({ now, wall });
+    /** @type {Promise<unknown>} */
     this.turn = Promise.resolve();
     this.taken = null;
     this.opened = false;
@@ -253,7 +285,7 @@ class FramesLink {
     const frame = readFrame(data);
     const at = frame && this.senderClock.timestamp(frame.timestampMs);
     if (frame) this.taken = frame.number;
-    this.turn = this.turn.then(() => at !== null && this.hand({ ...frame, at, bytes: data.byteLength }));
+    this.turn = this.turn.then(() => (at === null ? undefined : this.hand({ ...frame, at, bytes: data.byteLength })));
     this.turn = this.turn.then(() => this.credit(1));
   }
 
@@ -315,7 +347,8 @@ const STEP_MS = 250; // over what clocks drift in that time, and over what brows
 export class SenderClock {
   // `now()` may stand still while the machine sleeps, as performance.now() does; `wall()` goes on.
   constructor({ now, wall }) {
-    Object.assign(this, { now, wall });
+    this.now = now;
+    this.wall = wall;
     this.samples = [];
   }
 

@@ -2,14 +2,25 @@
 
 import { Ros, Topic } from "roslib";
 
+/**
+ * @typedef {{
+ *   onOpen: () => void,
+ *   onMessage: (message: object) => void,
+ *   onOwn: (operation: any) => void,
+ *   onClose: (event: CloseEvent) => void,
+ * }} LinkHandlers
+ * @typedef {{name: string, type?: string, throttleMs?: number, queueLength?: number, onRefused?: (why: string) => void}} TopicSpec
+ */
+
 // One roslib connection, from its opening to its end; connection.js opens the next one.
 // A fresh Ros a link: roslib would otherwise queue what is sent while it is cut, and replay old
 // drive commands to the robot when the link returns.
+/** @type {(url: string, handlers: LinkHandlers) => Link} */
 export function openLink(url, handlers) {
   return new Link(url, handlers);
 }
 
-class Link {
+export class Link {
   // `onMessage` gets what the robot says, `onOwn` what the relay says in operations of our own.
   constructor(url, { onOpen, onMessage, onOwn, onClose }) {
     this.transport = new JsonTransport(url);
@@ -22,11 +33,12 @@ class Link {
     this.ros.connect(url);
   }
 
+  /** @param {TopicSpec} spec */
   topic({ name, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0 }) {
     return new Topic({
       ros: this.ros,
       name,
-      messageType: type,
+      messageType: /** @type {string} */ (type), // roslib does without one, too
       throttle_rate: throttleMs,
       queue_length: queueLength,
       queue_size: 1,
@@ -38,12 +50,11 @@ class Link {
   subscribe(spec, handler) {
     const topic = this.topic(spec);
     topic.subscribe(handler);
-    const status = `status:${topic.subscribeId}`;
-    if (spec.onRefused) this.ros.on(status, ({ level, msg }) => level === "error" && spec.onRefused(msg));
+    if (spec.onRefused) this.onRefusal(topic.subscribeId, spec.onRefused);
     return {
       end: () => {
         topic.unsubscribe();
-        this.ros.off(status);
+        this.ros.off(`status:${topic.subscribeId}`);
       },
     };
   }
@@ -54,7 +65,7 @@ class Link {
     const topic = this.topic(spec);
     topic.advertise();
     const id = spec.onRefused && this.newId(`publish:${spec.name}`);
-    if (id) this.ros.on(`status:${id}`, ({ level, msg }) => level === "error" && spec.onRefused(msg));
+    if (id) this.onRefusal(id, spec.onRefused);
     return {
       publish: (msg, robotether) => this.transport.send({ op: "publish", id, topic: spec.name, msg, robotether }),
       end: () => {
@@ -74,10 +85,15 @@ class Link {
         this.ros.off(`status:${id}`);
         resolve(answer);
       };
-      this.ros.on(id, ({ result, values }) => settle({ ok: Boolean(result), values }));
-      this.ros.on(`status:${id}`, ({ level, msg }) => level === "error" && settle({ ok: false, values: msg }));
+      this.ros.on(id, (/** @type {any} */ { result, values }) => settle({ ok: Boolean(result), values }));
+      this.onRefusal(id, (why) => settle({ ok: false, values: why }));
       this.transport.send({ op: "call_service", id, service, type, args });
     });
+  }
+
+  // By what the server says of the message with this id.
+  onRefusal(id, act) {
+    this.ros.on(`status:${id}`, (/** @type {any} */ { level, msg }) => level === "error" && act(msg));
   }
 
   newId(beginning) {
@@ -191,7 +207,7 @@ export function twistType(topicType, typesSeen) {
 }
 
 // `forward` and `left` in m/s, `turn` in rad/s, left positive (REP-103); `wheelbase` in m.
-export function driveMessage(type, { forward, left = 0, turn }, { wheelbase } = {}) {
+export function driveMessage(type, { forward, left = 0, turn }, /** @type {{wheelbase?: number | null}} */ { wheelbase } = {}) {
   const plain = plainType(type);
   if (plain === ACKERMANN_STAMPED) return carMessage(forward, turn, wheelbase);
   const twist = { linear: { x: forward, y: left, z: 0 }, angular: { x: 0, y: 0, z: turn } };
@@ -241,6 +257,7 @@ const POSE_READERS = {
 export const poseReader = (type) => POSE_READERS[plainType(type)];
 
 // A geometry_msgs/Pose seen from above.
+/** @param {{position?: {x: number, y: number}, orientation?: object}} pose */
 export function planar({ position, orientation } = {}) {
   const { x, y, z, w } = { x: 0, y: 0, z: 0, w: 1, ...orientation };
   const theta = Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));

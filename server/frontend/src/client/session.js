@@ -6,12 +6,29 @@ import { Connection } from "./connection.js";
 import { driveMessage, openLink } from "./rosbridge.js";
 import { median } from "./rtt.js";
 
+/**
+ * @typedef {import("../input/teleop.js").Twist} Twist
+ * @typedef {import("../control/driveMode.js").Control} Control
+ * @typedef {{t_ms: number}} Stamp the moment of a command in the relay's time
+ */
+
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
 
 export class Session {
   // `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
   // who drives and whether the robot is stopped.
+  /**
+   * @param {{
+   *   driveTopic: string,
+   *   wheelbase: number | null,
+   *   requestUrl: () => Promise<string>,
+   *   prepare: (call: import("./rosbridge.js").Link["call"]) => Promise<void>,
+   *   onState: (state: import("./connection.js").State) => void,
+   *   onLeaving: () => void,
+   *   onControl: (control: Control) => void,
+   * }} options
+   */
   constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl }) {
     this.clockSync = new ClockSync();
     this.controlState = new ControlState({ onControl });
@@ -59,9 +76,21 @@ export class Session {
 // It must advertise nothing on a connection that only watches: the server would refuse it.
 export class Commands {
   // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of ClockSync; `wheelbase` in m of a robot that steers.
+  /**
+   * @param {{
+   *   topic: string,
+   *   advertise: import("./connection.js").Connection["advertise"],
+   *   stamp: (timestamp: number) => Stamp | undefined,
+   *   wheelbase?: number | null,
+   * }} options
+   */
   constructor({ topic, advertise, stamp, wheelbase = null }) {
-    Object.assign(this, { topic, advertise, stamp, wheelbase });
-    this.type = null;
+    this.topic = topic;
+    this.advertise = advertise;
+    this.stamp = stamp;
+    this.wheelbase = wheelbase;
+    this.type = "";
+    /** @type {ReturnType<typeof advertise> | null} */
     this.publisher = null;
     this.used = false;
   }
@@ -85,6 +114,7 @@ export class Commands {
     this.publisher = wanted ? this.advertise({ name: this.topic, type: this.type }) : null;
   }
 
+  /** @type {(twist: Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     const { type, wheelbase } = this;
     this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(timestamp));
@@ -95,6 +125,7 @@ export class Commands {
 // connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
 // connection tells it, it alone counts. Pure.
 export class ControlState {
+  /** @param {{onControl: (control: Control) => void}} options */
   constructor({ onControl }) {
     this.onControl = onControl;
     this.linked = false;
@@ -134,6 +165,8 @@ export class ClockSync {
   // `now()` is the clock of event.timeStamp.
   constructor({ now = () => performance.now() } = {}) {
     this.now = now;
+    this.samples = /** @type {{at: number, ahead: number}[]} */ ([]);
+    this.roundTrips = /** @type {number[]} */ ([]);
     this.forget();
   }
 
@@ -177,6 +210,7 @@ export class ClockSync {
 
   // What {robotether} of a drive message is to say of the moment `t_ms`; undefined while nothing is known,
   // and then the relay goes by its own pings.
+  /** @type {(t_ms: number) => Stamp | undefined} */
   stamp(t_ms) {
     const known = this.fresh(this.now()).map(({ ahead }) => ahead);
     return known.length ? { t_ms: t_ms + Math.max(...known) } : undefined;

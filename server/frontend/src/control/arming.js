@@ -3,8 +3,17 @@
 
 export class Arming {
   // `controls()` gives those of controls.js; `interlock` is a VideoInterlock; `send(twist, timestamp)` publishes a command.
+  /**
+   * @param {{
+   *   controls: () => Pick<ReturnType<typeof import("../input/controls.js").setUpControls>, "arm" | "watch" | "disarm" | "letGo">,
+   *   interlock: VideoInterlock,
+   *   send: (twist: import("../input/teleop.js").Twist, timestamp: number) => void,
+   * }} options
+   */
   constructor({ controls, interlock, send }) {
-    Object.assign(this, { controls, interlock, send });
+    this.controls = controls;
+    this.interlock = interlock;
+    this.send = send;
     this.armed = false;
   }
 
@@ -46,6 +55,7 @@ export class Arming {
   }
 
   // Each command asks anew whether the person can see: a timer may be late.
+  /** @type {(twist: import("../input/teleop.js").Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;
@@ -61,9 +71,14 @@ const STEP_MS = 250; // between two clocks of this machine: it slept, or one of 
 export class VideoInterlock {
   // `afterMs`: the greatest age of the picture, null for any. `onChange()` comes when `kind` has become another.
   // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
+  /** @param {{afterMs: number | null, onChange?: () => void, now?: () => number, wall?: () => number}} options */
   constructor({ afterMs, onChange = () => {}, now = () => performance.now(), wall = () => Date.now() }) {
-    Object.assign(this, { afterMs, onChange, now, wall });
+    this.afterMs = afterMs;
+    this.onChange = onChange;
+    this.now = now;
+    this.wall = wall;
     this.state = "none"; // before the first word: no picture yet
+    /** @type {number | null} */
     this.at = null;
     this.allowed = false;
     this.sleptMs = wall() - now();
@@ -72,9 +87,10 @@ export class VideoInterlock {
   }
 
   // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
+  /** @param {{state: string, ageMs: number | null}} reading */
   receive({ state, ageMs }) {
     this.state = state;
-    this.at = Number.isFinite(ageMs) ? this.now() - ageMs : null;
+    this.at = ageMs !== null && Number.isFinite(ageMs) ? this.now() - ageMs : null;
     this.check();
   }
 
@@ -120,7 +136,7 @@ export class VideoInterlock {
 
   get lack() {
     if (this.state === "none" || this.at === null) return "missing";
-    return this.ageMs > this.afterMs || this.at < this.wokeAt ? "old" : "";
+    return this.now() - this.at > (this.afterMs ?? Infinity) || this.at < this.wokeAt ? "old" : "";
   }
 
   get held() {

@@ -9,7 +9,9 @@ export class StopBar {
   // `halt()` ends what this page commands; `send()` says the stop on the page's own connection;
   // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
   constructor(root, { robot, halt, send, onReleased }) {
-    Object.assign(this, { robot, halt, onReleased });
+    this.robot = robot;
+    this.halt = halt;
+    this.onReleased = onReleased;
     this.element = byTestId(root, "stop-bar");
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
@@ -116,8 +118,11 @@ const KEYS = ["Enter", "Space", "NumpadEnter"];
 
 export class Hold {
   // `onDone()` comes at the end of the time; `onState("idle"|"held"|"once")` tells how far it is.
+  /** @param {{onDone: () => void, onState?: (state: "idle" | "held" | "once") => void, now?: () => number}} options */
   constructor({ onDone, onState = () => {}, now = () => Date.now() }) {
-    Object.assign(this, { onDone, onState, now });
+    this.onDone = onDone;
+    this.onState = onState;
+    this.now = now;
     this.state = "idle";
   }
 

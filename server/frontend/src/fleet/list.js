@@ -6,7 +6,9 @@ import { fillCard, newCard } from "./cards.js";
 export class RobotList {
   // `container` holds the elements, `template` makes one for a robot that has none yet; `onNew(element, name)` for each.
   constructor({ container, template, onNew }) {
-    Object.assign(this, { container, template, onNew });
+    this.container = container;
+    this.template = template;
+    this.onNew = onNew;
     this.elements = new Map([...container.children].map((element) => [element.dataset.robot, element]));
     for (const [name, element] of this.elements) onNew(element, name);
   }
@@ -38,7 +40,7 @@ export class RobotList {
     for (const left of this.container.querySelectorAll("[data-left]")) left.remove();
     const present = [...this.container.children].map(({ dataset }) => dataset.robot);
     const moving = itemsToMove(present, names);
-    const focused = document.activeElement;
+    const focused = /** @type {HTMLElement | null} */ (document.activeElement);
     let next = null;
     for (const name of [...names].reverse()) {
       const element = this.elements.get(name);
@@ -47,7 +49,7 @@ export class RobotList {
       next = element;
     }
     // An element that moves loses the keyboard focus.
-    if (focused !== document.activeElement && this.container.contains(focused)) focused.focus({ preventScroll: true });
+    if (focused !== document.activeElement && this.container.contains(focused)) focused?.focus({ preventScroll: true });
   }
 }
 
@@ -97,7 +99,8 @@ function firstNotBelow(ends, values, value) {
 export class Batch {
   // `apply(names)` gets what changed since the last time, once a frame.
   constructor({ apply, frame = (act) => requestAnimationFrame(act) }) {
-    Object.assign(this, { apply, frame });
+    this.apply = apply;
+    this.frame = frame;
     this.names = new Set();
   }
 
@@ -116,13 +119,16 @@ export class Batch {
 export class Seldom {
   // Calls `act` at most once in so many ms: at once if it is long ago, else at the end of the time.
   constructor({ act, everyMs, now = () => performance.now() }) {
-    Object.assign(this, { act, everyMs, now });
+    this.act = act;
+    this.everyMs = everyMs;
+    this.now = now;
     this.actedAt = -Infinity;
-    this.timer = null;
+    /** @type {number | undefined} */
+    this.timer = undefined;
   }
 
   ask() {
-    if (this.timer !== null) return;
+    if (this.timer !== undefined) return;
     const wait = this.actedAt + this.everyMs - this.now();
     if (wait <= 0) this.run();
     else this.timer = setTimeout(() => this.run(), wait);
@@ -130,7 +136,7 @@ export class Seldom {
 
   run() {
     clearTimeout(this.timer);
-    this.timer = null;
+    this.timer = undefined;
     this.actedAt = this.now();
     this.act();
   }
@@ -143,7 +149,8 @@ const TOUCH_MS = 3000; // after a finger has left: the next one is on its way
 export class PointerPause {
   // `onEnd()` when nobody is at the list any more.
   constructor({ onEnd, now = () => performance.now() }) {
-    Object.assign(this, { onEnd, now });
+    this.onEnd = onEnd;
+    this.now = now;
     this.pointed = false;
     this.touchedAt = -Infinity;
     this.lists = [];

@@ -11,7 +11,9 @@ const FRESH_MS = 5000;
 export class Thumbs {
   // `queue` and `snapshots` are a Queue and Snapshots.
   constructor({ queue, snapshots, now = () => performance.now() }) {
-    Object.assign(this, { queue, snapshots, now });
+    this.queue = queue;
+    this.snapshots = snapshots;
+    this.now = now;
     this.byElement = new WeakMap();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));
   }
@@ -30,7 +32,10 @@ export class Thumbs {
 
 class Thumb {
   constructor(button, { robot, topic, thumbs }) {
-    Object.assign(this, { button, robot, topic, thumbs });
+    this.button = button;
+    this.robot = robot;
+    this.topic = topic;
+    this.thumbs = thumbs;
     this.image = part(button, "thumb-image");
     this.words = part(button, "thumb-words");
     this.takenAt = -Infinity;
@@ -147,7 +152,7 @@ export function firstTopic(page) {
 
 export class Snapshots {
   // `fetch` as the browser's.
-  constructor({ fetch = (...how) => globalThis.fetch(...how) } = {}) {
+  constructor({ fetch = (url, options) => globalThis.fetch(url, options) } = {}) {
     this.fetch = fetch;
     this.topics = new Map();
   }

@@ -10,7 +10,10 @@ const ANY_SITE = "any";
 export class Toolbar {
   // `onFilter()` and `onView(view)` when the person chose; `filter` and `view` say what.
   constructor(root, { onFilter, onView, store = new LocalStore() }) {
-    Object.assign(this, { root, onFilter, onView, store });
+    this.root = root;
+    this.onFilter = onFilter;
+    this.onView = onView;
+    this.store = store;
     this.filter = fromQuery(location.search);
     this.view = store.read(VIEW) === "table" ? "table" : "cards";
     this.search = part(root, "search");

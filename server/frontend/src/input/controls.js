@@ -73,7 +73,8 @@ const STEPS = 20;
 export class Limits {
   constructor({ maxLinear, maxAngular }) {
     this.most = { linear: maxLinear, angular: maxAngular };
-    Object.assign(this, this.most);
+    this.linear = maxLinear;
+    this.angular = maxAngular;
     this.share = 1; // of the robot's own, with turbo
   }
 
@@ -113,7 +114,7 @@ function setUpSlider(root, name, max, onValue) {
 const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange"];
 
 export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
-  const on = (target, names, applies = () => true) => {
+  const on = (target, names, /** @type {(event: any) => boolean} */ applies = () => true) => {
     for (const name of names) target.addEventListener(name, (event) => applies(event) && letGo());
   };
   on(window, ALWAYS);

@@ -9,8 +9,21 @@ export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the moment of the look; `onStop()` comes
   // with each press of the stop button; `onState` tells "unknown" (no profile), "off" (nothing counts now),
   // "stuck" (enable must be released first), "ready", "driving" or "turbo".
+  /**
+   * @param {{
+   *   accepts: () => boolean,
+   *   onHold: (input: object, at: number) => void,
+   *   onRelease: () => void,
+   *   onStop: () => void,
+   *   onState?: (state: string) => void,
+   * }} options
+   */
   constructor({ accepts, onHold, onRelease, onStop, onState = () => {} }) {
-    Object.assign(this, { accepts, onHold, onRelease, onStop, onState });
+    this.accepts = accepts;
+    this.onHold = onHold;
+    this.onRelease = onRelease;
+    this.onStop = onStop;
+    this.onState = onState;
     this.profile = null;
     this.forget();
   }
@@ -156,10 +169,28 @@ export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is looked at from now on (axes, buttons: how
   // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
   // with all that there are.
+  /**
+   * @param {{
+   *   onFound: (device: {id: string, mapping: string, axes: number, buttons: number}) => void,
+   *   onSeen: (sample: {axes: number[], buttons: boolean[]}, at: number) => void,
+   *   onLost: () => void,
+   *   onAll?: (all: {index: number, id: string, chosen: boolean}[]) => void,
+   *   pads?: () => (globalThis.Gamepad | null)[],
+   *   frame?: (act: () => void) => void,
+   *   now?: () => number,
+   * }} options
+   */
   constructor({ onFound, onSeen, onLost, onAll = () => {}, ...options }) {
     const { pads, frame, now } = { ...BROWSER, ...options };
-    Object.assign(this, { onFound, onSeen, onLost, onAll, pads, frame, now });
-    this.chosen = null; // {index, id}
+    this.onFound = onFound;
+    this.onSeen = onSeen;
+    this.onLost = onLost;
+    this.onAll = onAll;
+    this.pads = pads;
+    this.frame = frame;
+    this.now = now;
+    /** @type {{index: number, id: string} | null} */
+    this.chosen = null;
     this.waiting = false;
   }
 
@@ -219,7 +250,7 @@ export class GamepadLoop {
   }
 
   connected() {
-    return [...this.pads()].filter((pad) => pad?.connected);
+    return [...this.pads()].flatMap((pad) => (pad?.connected ? [pad] : []));
   }
 }
 

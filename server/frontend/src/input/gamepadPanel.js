@@ -11,7 +11,10 @@ const storedAs = ({ id }) => `gamepad ${id}`;
 export class GamepadPanel {
   // `kind`, `limits` and `teleop` as of teleop.js; `onStop()` comes from the stop button.
   constructor(root, { kind, teleop, limits, onStop, store = new LocalStore() }) {
-    Object.assign(this, { kind, teleop, limits, store });
+    this.kind = kind;
+    this.teleop = teleop;
+    this.limits = limits;
+    this.store = store;
     this.element = byTestId(root, "gamepad");
     this.free = false; // whether its enable button would take the control
     this.device = null;

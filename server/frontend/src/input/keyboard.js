@@ -28,7 +28,11 @@ export class Keyboard {
   // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its moment.
   // `onLetGo()` asks to let go of everything. `fields` is a FieldFocus.
   constructor({ sideways = false, accepts, onHold, onRelease, onLetGo, fields = new FieldFocus() }) {
-    Object.assign(this, { accepts, onHold, onRelease, onLetGo, fields });
+    this.accepts = accepts;
+    this.onHold = onHold;
+    this.onRelease = onRelease;
+    this.onLetGo = onLetGo;
+    this.fields = fields;
     this.directions = sideways ? ALL : DIRECTIONS;
     this.pressed = new Set();
     this.focusedAt = -Infinity;

@@ -3,6 +3,9 @@
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
 // press took the control.
 
+/** @typedef {{forward: number, left: number, turn: number}} Twist */
+
+/** @type {Twist} */
 export const STILL = { forward: 0, left: 0, turn: 0 };
 
 const PERIOD_MS = 50;
@@ -17,6 +20,19 @@ export class Teleop {
   // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
   // `now()` must go on while the
   // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of `mixed`.
+  /**
+   * @param {{
+   *   publish: (twist: Twist, timestamp: number) => void,
+   *   limits: Limits | null,
+   *   kind?: string,
+   *   mayQueue?: () => boolean,
+   *   onDrop?: () => void,
+   *   onTake?: () => void,
+   *   onWanted?: (twist: Twist) => void,
+   *   now?: () => number,
+   *   timestamp?: () => number,
+   * }} options
+   */
   constructor({
     publish,
     limits,
@@ -28,11 +44,20 @@ export class Teleop {
     now = () => Date.now(),
     timestamp = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onTake, onWanted, now, timestamp });
+    this.publish = publish;
+    this.limits = limits;
+    this.kind = kind;
+    this.mayQueue = mayQueue;
+    this.onDrop = onDrop;
+    this.onTake = onTake;
+    this.onWanted = onWanted;
+    this.now = now;
+    this.timestamp = timestamp;
     this.armed = false;
     this.watching = false;
     this.held = new Map();
     this.zerosLeft = 0;
+    this.sentAt = this.tickedAt = this.seenAt = NaN; // before the first command
   }
 
   // Without a live connection nothing is accepted. What is held when one ends or begins must be let go
@@ -98,7 +123,7 @@ export class Teleop {
 
   get wanted() {
     const values = [...this.held.values()].map(({ value }) => value);
-    return mixed(values, this.limits, this.kind);
+    return mixed(values, /** @type {Limits} */ (this.limits), this.kind);
   }
 
   start(at) {
@@ -198,6 +223,12 @@ export class Teleop {
 // Mixes all inputs to a twist that this kind of robot can follow, within the limits. Pure.
 // `inputs` are {forward, left, turn} from -1 to 1, forward and left positive, `turbo` true for the higher limits.
 // `limits` are {linear, angular} in m/s and rad/s, with `turbo` of the same shape, and `most`: the robot's own.
+/**
+ * @typedef {{linear: number, angular: number}} Speeds
+ * @typedef {Speeds & {turbo?: Speeds, most?: Speeds}} Limits
+ */
+
+/** @type {(inputs: (Partial<Twist> & {turbo?: boolean})[], limits: Limits, kind: string) => Twist} */
 export function mixed(inputs, limits, kind) {
   const { linear, angular } = inputs.some(({ turbo }) => turbo) ? (limits.turbo ?? limits) : limits;
   const [forward, left, turn] = ["forward", "left", "turn"].map((name) => total(inputs, name));

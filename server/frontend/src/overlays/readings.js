@@ -10,7 +10,10 @@ const TICK_MS = 250;
 export class Readings {
   // `frameAge()` gives the age of the main picture in ms, null for none.
   constructor(root, { frameAge }) {
-    Object.assign(this, { root, frameAge, speedAt: null, wayMs: 0 });
+    this.root = root;
+    this.frameAge = frameAge;
+    this.speedAt = null;
+    this.wayMs = 0;
     setInterval(() => this.tick(), TICK_MS);
   }
 
@@ -83,8 +86,17 @@ const SPEED_OLD_MS = 1000;
 export class Readback {
   // `subscribe(spec, handler)` as of connection.js; `onSpeed` gets {forward, turn} or null for unknown,
   // `onPose` {x, y, theta} in the odometry's frame, with each message.
+  /**
+   * @param {{
+   *   subscribe: (spec: object, handler: (message: any) => void) => () => void,
+   *   onSpeed: (speed: {forward: number, left: number, turn: number} | null) => void,
+   *   onPose?: (pose: {x: number, y: number, theta: number}) => void,
+   * }} options
+   */
   constructor({ subscribe, onSpeed, onPose = () => {} }) {
-    Object.assign(this, { subscribe, onSpeed, onPose });
+    this.subscribe = subscribe;
+    this.onSpeed = onSpeed;
+    this.onPose = onPose;
     this.topic = null;
   }
 

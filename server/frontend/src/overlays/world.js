@@ -10,7 +10,10 @@ const ORIGIN = { x: 0, y: 0, theta: 0 };
 export class World {
   // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes.
   constructor({ subscribe, onChange, makeBitmap = bitmapOf, now = () => performance.now() }) {
-    Object.assign(this, { subscribe, onChange, makeBitmap, now });
+    this.subscribe = subscribe;
+    this.onChange = onChange;
+    this.makeBitmap = makeBitmap;
+    this.now = now;
     this.path = new Path();
     this.topics = {};
     this.shown = null;

@@ -48,7 +48,8 @@ const EVENTS = ["pointerdown", "keydown", "wheel"];
 export class LoginUse {
   // The page itself was such a use when it was loaded.
   constructor({ ask = () => fetch("/api/v1/me"), now = () => performance.now() } = {}) {
-    Object.assign(this, { ask, now });
+    this.ask = ask;
+    this.now = now;
     this.askedAt = now();
   }
 

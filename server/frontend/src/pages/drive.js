@@ -27,9 +27,9 @@ import { driveSettings } from "./settings.js";
 const CHECK_MS = 50;
 const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
 
-const root = document.querySelector("main.drive");
-const { robot, level, user } = root.dataset;
-const settings = JSON.parse(root.dataset.settings);
+const root = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
+const { robot = "", level = "observe", user = "" } = root.dataset;
+const settings = JSON.parse(root.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };

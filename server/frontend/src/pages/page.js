@@ -1,6 +1,7 @@
 // What all pages share: small helpers around the document, and what the browser keeps for the next visit.
 
-export const csrfToken = () => document.querySelector('meta[name="csrf-token"]').content;
+/** @returns {string} */
+export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
 
 export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
 
@@ -45,7 +46,7 @@ export class LocalStore {
   // What was kept under this name, or null.
   read(name) {
     try {
-      return JSON.parse(this.storage().getItem(PREFIX + name));
+      return JSON.parse(this.storage().getItem(PREFIX + name) ?? "null");
     } catch {
       return null;
     }

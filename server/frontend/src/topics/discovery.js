@@ -8,7 +8,9 @@ const AGAIN_MS = 5000;
 export class Discovery {
   // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `odometryTopic` is the setting's, or null.
   constructor({ driveTopic, odometryTopic = null, onFound }) {
-    Object.assign(this, { driveTopic, odometryTopic, onFound });
+    this.driveTopic = driveTopic;
+    this.odometryTopic = odometryTopic;
+    this.onFound = onFound;
     this.round = 0;
     this.knownType = "";
   }
@@ -107,7 +109,10 @@ function cameraName({ name, type }) {
   return [name.endsWith(COMPRESSED) ? name.slice(0, -COMPRESSED.length) : name];
 }
 
-// The cameras {topic, name, turned_deg} to offer: the configured ones, else the `known` topics, else the usual one.
+/** @typedef {{topic: string, name: string, turned_deg: number}} Camera */
+
+// The cameras to offer: the configured ones, else the `known` topics, else the usual one.
+/** @type {(cameras: {configured?: Camera[], known?: string[]}) => Camera[]} */
 export function offeredCameras({ configured = [], known = [] }) {
   if (configured.length) return configured;
   const topics = known.length ? known : [USUAL_CAMERA];

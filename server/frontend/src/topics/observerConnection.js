@@ -8,7 +8,8 @@ const TOO_BIG = 1009;
 export class ObserverConnection {
   // `requestUrl()` gives a URL, `openLink(url, handlers)` a link as in rosbridge.js.
   constructor({ requestUrl, openLink }) {
-    Object.assign(this, { requestUrl, openLink });
+    this.requestUrl = requestUrl;
+    this.openLink = openLink;
     this.watchers = new Set();
     this.link = null;
     this.wanted = false;

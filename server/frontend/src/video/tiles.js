@@ -10,7 +10,8 @@ import { MAP } from "./layout.js";
 export class Tiles {
   // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small picture that is to be the main one.
   constructor(stage, options) {
-    Object.assign(this, { stage, options });
+    this.stage = stage;
+    this.options = options;
     this.tiles = new Map();
   }
 
