@@ -6,8 +6,12 @@ import { build, context } from "esbuild";
 const OUT = "../robotether_server/web/static/dist";
 
 // roslib brings decoders (BSON, CBOR, PNG) and a Node.js socket for its own transports. The pages use
-// their own JSON transport (src/client/link.js), so these would only be dead weight in the bundle.
+// their own JSON transport (src/client/rosbridge.js), so these would only be dead weight in the bundle.
 const UNUSED = /^(bson|cbor2|fast-png|ws)$|^\.\/(Native|Ws)WebSocketTransport-/;
+
+// roslib reads robots' models with an XML parser that it has in its own bundle (/^var x = y();$/m), and that no page uses;
+// esbuild leaves out what is not used once it knows that the call does nothing else.
+const XML_PARSER = /^(var \w+ = )(\w+\(\);)$/gm;
 
 const leaveOutUnused = {
   name: "leave-out-unused",
@@ -17,6 +21,12 @@ const leaveOutUnused = {
       contents: "module.exports = {}",
       loader: "js",
     }));
+    builder.onLoad({ filter: /\/RosLib\.js$/ }, async ({ path }) => {
+      const text = await readFile(path, "utf8");
+      const found = text.match(XML_PARSER) ?? [];
+      if (found.length !== 1) throw new Error(`cannot leave out roslib's XML parser: ${found.length} places look like its call, not 1`);
+      return { contents: text.replace(XML_PARSER, "$1/* @__PURE__ */ $2"), loader: "js" };
+    });
   },
 };
 
@@ -40,7 +50,7 @@ const options = {
 
 // The licences of what is in the bundle ask for their text beside it.
 async function writeLicences(inputs) {
-  const packages = new Set(["@xmldom/xmldom"]); // inside roslib's own bundle
+  const packages = new Set();
   for (const path of Object.keys(inputs)) {
     const match = /^node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path);
     if (match) packages.add(match[1]);

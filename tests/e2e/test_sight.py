@@ -24,7 +24,7 @@ FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 # Of driving, as the machine may make the page let go on its way.
 STRETCHES = 5
-# As in mapTile.js and grid.js.
+# As in mapTile.js and world.js.
 SCAN, PATH, WALL = (255, 107, 107), (90, 169, 255), (236, 240, 246)
 
 HIDE = (

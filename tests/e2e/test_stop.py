@@ -38,7 +38,7 @@ NOTE_HOLDS = """() => {
     }
   }).observe(button, {attributes: true, attributeFilter: ['data-hold']});
 }"""
-# As of hold.js: a second, and a timer may be so late.
+# As of stopBar.js: a second, and a timer may be so late.
 HOLD_MS, LATE_MS = 1000, 300
 
 

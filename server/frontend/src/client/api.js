@@ -1,11 +1,15 @@
-// Asks the server's API to do something. Never throws: no answer is an answer, too.
+// How a page reaches the server: its API, tickets, the addresses of WebSockets and streams, and delays between attempts.
 
+// Asks the API to do something. Never throws: no answer is an answer, too.
 const TIMEOUT_MS = 8000;
 
 export class Api {
   // `server` is "" for the page's own; `headers()` are those that say who asks. `onDate` gets each answer's header Date.
+  /** @param {{server?: string, headers?: () => Record<string, string>, onDate?: (date: string | null) => void}} options */
   constructor({ server = "", headers = () => ({}), onDate = () => {} } = {}) {
-    Object.assign(this, { server, headers, onDate });
+    this.server = server;
+    this.headers = headers;
+    this.onDate = onDate;
   }
 
   // Gives {status, ok, code, detail, body}; `status` 0 is no answer. `keepalive` lets it outlive the page.
@@ -65,9 +69,40 @@ export class TicketRefused extends Error {
   }
 }
 
-// `api` as of client/api.js. Throws TicketRefused.
+// `api` is an Api. Throws TicketRefused.
 export async function requestTicket(api, robot, mode) {
   const { ok, status, code, body } = await api.post("/api/v1/tickets", { robot, mode });
   if (!ok) throw new TicketRefused(status, code);
   return body.ticket;
+}
+
+// Where a robot's WebSockets and streams are (docs/protocols.md, docs/media.md). Pure.
+
+// A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
+export const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
+
+// `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
+export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
+
+export const framesUrl = (server, robot, topic, ticket) => address(server, robot, "video/frames", { topic, ticket }, true);
+
+export const streamUrl = (server, robot, topic, ticket, more = {}) => address(server, robot, "video/stream", { topic, ...more, ticket });
+
+function address(server, robot, path, query, socket = false) {
+  const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);
+  url.search = plainQuery(Object.entries(query).filter(([, value]) => value !== undefined));
+  if (socket) url.protocol = url.protocol.replace("http", "ws");
+  return url.href;
+}
+
+// Delays between attempts, in milliseconds: doubling from 0.5 s to 5 s. Jitter keeps the browsers of
+// a whole site from coming back in the same instant after the server restarted.
+const FIRST_MS = 500;
+const LAST_MS = 5000;
+
+/** @returns {Generator<number, never>} */
+export function* backoff(random = Math.random) {
+  for (let full = FIRST_MS; ; full = Math.min(2 * full, LAST_MS)) {
+    yield Math.max(FIRST_MS, full * (0.5 + random() / 2));
+  }
 }

@@ -1,10 +1,11 @@
 // A rosbridge connection that stays: it gets a ticket for each attempt, tries again after a cut, and
-// gives every new link the subscriptions and publishers of the page. Started by drive.js.
+// gives every new link the subscriptions and publishers of the page.
 // It must never send on a new link what was meant for an old one.
 
-import { TicketRefused } from "./api.js";
-import { backoff } from "./backoff.js";
-import { CONNECTING, LINK_LOST, LIVE, NOT_OPENED, ROSBRIDGE_SILENT, afterClose, afterTicketRefusal } from "./states.js";
+import { reasons } from "../texts/common.js";
+import { TicketRefused, backoff } from "./api.js";
+
+/** @typedef {import("./rosbridge.js").Link} Link */
 
 const OPEN_MS = 5000;
 const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself
@@ -12,11 +13,23 @@ const SILENCE_MS = 6000;
 const WATCH_MS = 1000;
 
 export class Connection {
-  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in link.js. `prepare(call)` asks the
+  // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in rosbridge.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
   // `onLink(send)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
   // the relay says on it in operations of our own.
+  /**
+   * @param {{
+   *   requestTicket: () => Promise<string>,
+   *   openLink: (url: string, handlers: import("./rosbridge.js").LinkHandlers) => Link,
+   *   prepare: (call: Link["call"]) => Promise<void>,
+   *   onState: (state: State) => void,
+   *   onLeaving?: () => void,
+   *   onLink?: (send: ((operation: object) => boolean) | null) => void,
+   *   onOwn?: (operation: any) => void,
+   *   now?: () => number,
+   * }} options
+   */
   constructor({
     requestTicket,
     openLink,
@@ -27,20 +40,20 @@ export class Connection {
     onOwn = () => {},
     now = () => performance.now(),
   }) {
-    Object.assign(this, {
-      requestTicket,
-      openLink,
-      prepare,
-      onState,
-      onLeaving,
-      onLink,
-      onOwn,
-      now,
-    });
+    this.requestTicket = requestTicket;
+    this.openLink = openLink;
+    this.prepare = prepare;
+    this.onState = onState;
+    this.onLeaving = onLeaving;
+    this.onLink = onLink;
+    this.onOwn = onOwn;
+    this.now = now;
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
+    /** @type {Link | null} */
     this.link = null;
+    this.receivedAt = -Infinity;
     this.yielded = false;
     this.started = false;
     this.topics = new Set();
@@ -95,12 +108,14 @@ export class Connection {
   }
 
   // Gives the function that ends the subscription.
+  /** @type {(spec: import("./rosbridge.js").TopicSpec, handler: (message: any) => void) => () => void} */
   subscribe(spec, handler) {
     const entry = this.keep((link) => link.subscribe(spec, handler));
     return () => this.release(entry);
   }
 
   // Gives {publish, end}; publish drops the message unless the link is live, and says whether it went.
+  /** @param {import("./rosbridge.js").TopicSpec} spec */
   advertise(spec) {
     const entry = this.keep((link) => link.advertise(spec));
     return {
@@ -115,11 +130,11 @@ export class Connection {
   // Rejects when there is no live link; never settles when the link ends before the answer.
   async call(service, request = {}, type = undefined) {
     if (!this.live) throw new Error(`cannot call ${service}: not connected`);
-    return this.link.call(service, request, type);
+    return /** @type {Link} */ (this.link).call(service, request, type);
   }
 
   keep(attach) {
-    const entry = { attach, channel: null };
+    const entry = { attach, channel: /** @type {any} */ (null) };
     this.topics.add(entry);
     if (this.live) entry.channel = attach(this.link);
     return entry;
@@ -159,7 +174,8 @@ export class Connection {
   // The server opens the WebSocket before it knows whether the robot answers, so that it can close it
   // with a reason. Only an answer from the robot itself makes the link live.
   async confirm() {
-    const { link, attempt } = this;
+    const { attempt } = this;
+    const link = /** @type {Link} */ (this.link);
     this.onLink((operation) => link.send(operation));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
@@ -220,4 +236,58 @@ export class Connection {
     this.state = state;
     this.onState(state);
   }
+}
+
+// What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
+// why this page may no longer drive.
+// Pure. Close codes are those of docs/protocols.md.
+
+/** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean}} State */
+
+/** @returns {State} */
+const retrying = (name, reason = "") => ({ name, reason, retry: true });
+// The robot is there, but this page no longer drives it: it goes on as an observer, at once.
+const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
+const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
+
+const BY_CLOSE_CODE = {
+  1001: () => retrying("server_unreachable", reasons.restarting),
+  1008: () => retrying("link_lost"),
+  1009: () => retrying("link_lost"),
+  // Rights or settings changed; what is left, the next ticket tells.
+  4001: () => retrying("connecting"),
+  4002: lostControl("superseded"),
+  4003: lostControl("robot_stopped"),
+  4009: lostControl("lease_held"),
+  4010: lostControl("lease_lost"),
+  4408: () => retrying("link_lost"),
+  4413: () => retrying("link_lost"),
+  4429: () => retrying("server_unreachable", reasons.crowded),
+  4503: (reason) => retrying("offline", reason),
+  4504: () => retrying("rosbridge_down"),
+  4505: () => retrying("link_lost"),
+  4510: () => retrying("lease_unavailable"),
+};
+
+export const CONNECTING = retrying("connecting");
+export const LIVE = retrying("live");
+export const LINK_LOST = retrying("link_lost");
+export const NOT_OPENED = retrying("server_unreachable");
+export const ROSBRIDGE_SILENT = retrying("rosbridge_down");
+
+// A code that is not listed is a cut by the network (1006) or by something in between.
+export function afterClose({ code, reason = "", wasLive = false }) {
+  const verdict = BY_CLOSE_CODE[code];
+  if (verdict) return verdict(reason);
+  return retrying(wasLive ? "link_lost" : "server_unreachable");
+}
+
+// `status` 0 stands for a server that gave no answer at all.
+export function afterTicketRefusal({ status, code }) {
+  if (status === 401) return final("not_allowed", reasons.login, true);
+  if (status === 404) return final("not_allowed", reasons.robot);
+  if (code === "grant_missing") return final("not_allowed", reasons.grant);
+  if (status === 400 || status === 403) return final("not_allowed", reasons.stale);
+  if (status === 429) return retrying("server_unreachable", reasons.busy);
+  return retrying("server_unreachable");
 }

@@ -2,12 +2,20 @@
 // It reads the stream itself: EventSource hides the comments that tell a quiet stream from a dead one,
 // gives up for good after an HTTP error, and does not tell an ended login from a server that is down.
 
-import { backoff } from "./backoff.js";
+import { backoff } from "./api.js";
 
 const SILENCE_MS = 25_000; // over two of the relay's comments
 
 export class Feed {
   // `onState("connecting"|"live"|"lost"|"login")`; the other handlers get what the events carry.
+  /**
+   * @param {{
+   *   onFleet?: (all: any[]) => void,
+   *   onRobot: (robot: any) => void,
+   *   onRemoved?: (robot: {name: string}) => void,
+   *   onState?: (state: "connecting" | "live" | "lost" | "login") => void,
+   * }} handlers
+   */
   constructor({ onFleet = () => {}, onRobot, onRemoved = () => {}, onState = () => {} }) {
     this.handlers = { fleet: onFleet, robot: onRobot, removed: onRemoved };
     this.onState = onState;
@@ -26,7 +34,7 @@ export class Feed {
     const abort = (this.abort = new AbortController());
     this.expectMore();
     const answer = await ask(abort.signal);
-    if (answer?.ok) await this.listen(answer.body.getReader());
+    if (answer?.body && answer.ok) await this.listen(answer.body.getReader());
     if (abort !== this.abort) return;
     if (answer?.status === 401) this.endLogin();
     else this.lose();
@@ -95,7 +103,7 @@ export class EventReader {
   // Gives the events {name, data} that these bytes complete; a comment completes none.
   push(bytes) {
     const blocks = (this.rest + this.decoder.decode(bytes, { stream: true })).split("\n\n");
-    this.rest = blocks.pop();
+    this.rest = blocks.pop() ?? "";
     return blocks.map(parseEvent).filter(({ data }) => data);
   }
 }

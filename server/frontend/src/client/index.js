@@ -2,11 +2,10 @@
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";
-import { framesUrl, rosUrl, streamUrl } from "./addresses.js";
-import { TicketRefused, requestTicket, Api } from "./api.js";
+import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { Driver } from "./driver.js";
 import { FrameStream } from "./frames.js";
-import { twistType } from "./messages.js";
+import { twistType } from "./rosbridge.js";
 import { RttProbe } from "./rtt.js";
 import { Session } from "./session.js";
 
@@ -26,7 +25,11 @@ export class Robot {
       ...options,
     };
     checkWheelbase(wheelbase);
-    Object.assign(this, { name: robot, server, getTicket, driveTopic, driveType });
+    this.name = robot;
+    this.server = server;
+    this.getTicket = getTicket;
+    this.driveTopic = driveTopic;
+    this.driveType = driveType;
     this.api = getTicket && !token ? null : new Api({ server, headers: credentials(token) });
     this.handlers = { state: new Set(), control: new Set() };
     this.mode = "drive";
@@ -81,7 +84,7 @@ export class Robot {
     this.begun = false;
   }
 
-  // "state" with {name, reason, driving} at each change of the connection, as src/client/states.js names them; "control" with
+  // "state" with {name, reason, driving} at each change of the connection, as src/client/connection.js names them; "control" with
   // who drives, who asks and whether the robot is stopped, as docs/protocols.md has it. Gives the function that ends it.
   on(event, handler) {
     this.handlers[event].add(handler);
@@ -146,7 +149,7 @@ export class Robot {
   }
 
   // Gives the function that ends the subscription. It outlives cuts.
-  subscribe(topic, handler, { type, throttleMs } = {}) {
+  subscribe(topic, handler, /** @type {{type?: string, throttleMs?: number}} */ { type, throttleMs } = {}) {
     return this.session.connection.subscribe({ name: topic, type, throttleMs }, handler);
   }
 
@@ -168,7 +171,10 @@ export class Robot {
 
   // Shows a camera in an <img> or <canvas>, always the newest picture. `want` as in docs/media.md. Gives the stream:
   // stop(), want(changes), ageMs of the newest picture.
-  showVideo(element, { topic = USUAL_CAMERA, onStatus, ...want } = {}) {
+  showVideo(
+    element,
+    /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...want } = {},
+  ) {
     const stream = new FrameStream({
       url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
       want,
@@ -194,7 +200,7 @@ export class Robot {
     if (!this.getTicket) return requestTicket(this.api, this.name, mode);
     try {
       return await this.getTicket({ robot: this.name, mode });
-    } catch (error) {
+    } catch (/** @type {any} */ error) {
       throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code);
     }
   }
@@ -232,7 +238,7 @@ function checkWheelbase(metres) {
 }
 
 function credentials(token) {
-  return () => (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
+  return () => /** @type {Record<string, string>} */ (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
 }
 
 export { FrameStream, TicketRefused };
@@ -256,6 +262,7 @@ async function draw(canvas, jpeg) {
 }
 
 function imageShower(img) {
+  /** @type {string | null} */
   let shown = null;
   return async ({ jpeg }) => {
     const before = shown;

@@ -8,7 +8,11 @@ const SAMPLES = 5;
 export class RttProbe {
   // `call(service, request)` as of connection.js; `onReading` gets {medianMs, ageMs} or null for unknown.
   constructor({ call, onReading, now = () => performance.now() }) {
-    Object.assign(this, { call, onReading, now });
+    this.call = call;
+    this.onReading = onReading;
+    this.now = now;
+    this.samples = /** @type {number[]} */ ([]);
+    this.lastAt = this.askedAt = /** @type {number | null} */ (null);
     this.forget();
   }
 

@@ -2,10 +2,15 @@
 // and drive commands, each with its moment. Used by the drive page and by index.js.
 // It must never believe what a robot says in the relay's name.
 
-import { ClockSync } from "./clockSync.js";
 import { Connection } from "./connection.js";
-import { openLink } from "./link.js";
-import { driveMessage } from "./messages.js";
+import { driveMessage, openLink } from "./rosbridge.js";
+import { median } from "./rtt.js";
+
+/**
+ * @typedef {import("../input/teleop.js").Twist} Twist
+ * @typedef {import("../control/driveMode.js").Control} Control
+ * @typedef {{t_ms: number}} Stamp the moment of a command in the relay's time
+ */
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
@@ -13,6 +18,17 @@ const SILENCE_MS = 2000; // the robot answers each second; what is sent into sil
 export class Session {
   // `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
   // who drives and whether the robot is stopped.
+  /**
+   * @param {{
+   *   driveTopic: string,
+   *   wheelbase: number | null,
+   *   requestUrl: () => Promise<string>,
+   *   prepare: (call: import("./rosbridge.js").Link["call"]) => Promise<void>,
+   *   onState: (state: import("./connection.js").State) => void,
+   *   onLeaving: () => void,
+   *   onControl: (control: Control) => void,
+   * }} options
+   */
   constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl }) {
     this.clockSync = new ClockSync();
     this.controlState = new ControlState({ onControl });
@@ -59,10 +75,22 @@ export class Session {
 // Publishes drive commands on the robot's drive topic, each with its moment. Pure.
 // It must advertise nothing on a connection that only watches: the server would refuse it.
 export class Commands {
-  // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of clockSync.js; `wheelbase` in m of a robot that steers.
+  // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of ClockSync; `wheelbase` in m of a robot that steers.
+  /**
+   * @param {{
+   *   topic: string,
+   *   advertise: import("./connection.js").Connection["advertise"],
+   *   stamp: (timestamp: number) => Stamp | undefined,
+   *   wheelbase?: number | null,
+   * }} options
+   */
   constructor({ topic, advertise, stamp, wheelbase = null }) {
-    Object.assign(this, { topic, advertise, stamp, wheelbase });
-    this.type = null;
+    this.topic = topic;
+    this.advertise = advertise;
+    this.stamp = stamp;
+    this.wheelbase = wheelbase;
+    this.type = "";
+    /** @type {ReturnType<typeof advertise> | null} */
     this.publisher = null;
     this.used = false;
   }
@@ -86,6 +114,7 @@ export class Commands {
     this.publisher = wanted ? this.advertise({ name: this.topic, type: this.type }) : null;
   }
 
+  /** @type {(twist: Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     const { type, wheelbase } = this;
     this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(timestamp));
@@ -96,6 +125,7 @@ export class Commands {
 // connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
 // connection tells it, it alone counts. Pure.
 export class ControlState {
+  /** @param {{onControl: (control: Control) => void}} options */
   constructor({ onControl }) {
     this.onControl = onControl;
     this.linked = false;
@@ -120,4 +150,83 @@ export class ControlState {
     this.pending = null;
     if (pending) this.onControl(pending);
   }
+}
+
+// This page's clock against the relay's, by beats over the rosbridge connection (docs/protocols.md, "Age").
+// An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
+// nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
+const SYNC_MS = 250;
+const MAX_AGE_MS = 10_000;
+const SAMPLES = 12; // three seconds of them
+
+const KEY_BYTES = 16;
+
+export class ClockSync {
+  // `now()` is the clock of event.timeStamp.
+  constructor({ now = () => performance.now() } = {}) {
+    this.now = now;
+    this.samples = /** @type {{at: number, ahead: number}[]} */ ([]);
+    this.roundTrips = /** @type {number[]} */ ([]);
+    this.forget();
+  }
+
+  // `send(message)` sends on the connection that has just opened. What another one told is forgotten: it may
+  // have been another relay, which has another clock.
+  start(send) {
+    this.stop();
+    this.send = send;
+    this.key = randomKey();
+    this.timer = setInterval(() => this.sendSync(), SYNC_MS);
+    this.sendSync();
+  }
+
+  stop() {
+    clearInterval(this.timer);
+    this.forget();
+  }
+
+  forget() {
+    this.key = undefined;
+    this.samples = [];
+    this.roundTrips = [];
+  }
+
+  sendSync() {
+    this.send({ op: "robotether.beat", t_ms: this.now(), key: this.key });
+  }
+
+  // Whether the relay said it. A robot can say the same, as the relay passes its messages on unread; but no robot
+  // sees the key, which goes to the relay in the beats and comes back with all that it says itself.
+  isRelays({ key }) {
+    return this.key !== undefined && key === this.key;
+  }
+
+  receive({ t_ms, relay_ms }) {
+    if (!Number.isFinite(relay_ms)) return;
+    const at = this.now();
+    if (Number.isFinite(t_ms)) this.roundTrips = [...this.roundTrips, at - t_ms].slice(-SAMPLES);
+    this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
+  }
+
+  // What {robotether} of a drive message is to say of the moment `t_ms`; undefined while nothing is known,
+  // and then the relay goes by its own pings.
+  /** @type {(t_ms: number) => Stamp | undefined} */
+  stamp(t_ms) {
+    const known = this.fresh(this.now()).map(({ ahead }) => ahead);
+    return known.length ? { t_ms: t_ms + Math.max(...known) } : undefined;
+  }
+
+  // Between this page and the relay and back; null while it is not known.
+  get roundTripMs() {
+    return this.roundTrips.length ? median(this.roundTrips) : null;
+  }
+
+  fresh(at) {
+    return this.samples.filter((sample) => at - sample.at <= MAX_AGE_MS);
+  }
+}
+
+function randomKey() {
+  const bytes = crypto.getRandomValues(new Uint8Array(KEY_BYTES));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

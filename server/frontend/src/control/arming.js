@@ -1,10 +1,19 @@
-// Decides whether input counts, from the drive mode and the video interlock. Pure.
+// Decides whether input counts: by the drive mode, and by the video interlock, which knows whether the person can see. Pure.
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
 export class Arming {
-  // `controls` as of controls.js; `interlock` as of videoInterlock.js; `send(twist, timestamp)` publishes a command.
+  // `controls()` gives those of controls.js; `interlock` is a VideoInterlock; `send(twist, timestamp)` publishes a command.
+  /**
+   * @param {{
+   *   controls: () => Pick<ReturnType<typeof import("../input/controls.js").setUpControls>, "arm" | "watch" | "disarm" | "letGo">,
+   *   interlock: VideoInterlock,
+   *   send: (twist: import("../input/teleop.js").Twist, timestamp: number) => void,
+   * }} options
+   */
   constructor({ controls, interlock, send }) {
-    Object.assign(this, { controls, interlock, send });
+    this.controls = controls;
+    this.interlock = interlock;
+    this.send = send;
     this.armed = false;
   }
 
@@ -46,9 +55,91 @@ export class Arming {
   }
 
   // Each command asks anew whether the person can see: a timer may be late.
+  /** @type {(twist: import("../input/teleop.js").Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;
     if (still || !this.interlock.held) this.send(twist, timestamp);
+  }
+}
+
+// Decides whether driving pauses because the person cannot see what the robot sees now.
+// It must never take a picture for newer than it was told to be, nor its own timer for what keeps it honest: what asks
+// whether a command may go asks check() at that moment.
+const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
+
+export class VideoInterlock {
+  // `afterMs`: the greatest age of the picture, null for any. `onChange()` comes when `kind` has become another.
+  // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
+  /** @param {{afterMs: number | null, onChange?: () => void, now?: () => number, wall?: () => number}} options */
+  constructor({ afterMs, onChange = () => {}, now = () => performance.now(), wall = () => Date.now() }) {
+    this.afterMs = afterMs;
+    this.onChange = onChange;
+    this.now = now;
+    this.wall = wall;
+    this.state = "none"; // before the first word: no picture yet
+    /** @type {number | null} */
+    this.at = null;
+    this.allowed = false;
+    this.sleptMs = wall() - now();
+    this.wokeAt = -Infinity;
+    this.kind = this.found;
+  }
+
+  // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
+  /** @param {{state: string, ageMs: number | null}} reading */
+  receive({ state, ageMs }) {
+    this.state = state;
+    this.at = ageMs !== null && Number.isFinite(ageMs) ? this.now() - ageMs : null;
+    this.check();
+  }
+
+  // A person wants to drive without seeing, until the picture is back.
+  allow() {
+    this.allowed = true;
+    this.check();
+  }
+
+  // What a person allowed was for the link on which they said it.
+  revoke() {
+    this.allowed = false;
+    this.check();
+  }
+
+  check() {
+    this.noteSleep();
+    const { found } = this;
+    if (found === "seen") this.allowed = false;
+    if (found === this.kind) return;
+    this.kind = found;
+    this.onChange();
+  }
+
+  // What was seen before a sleep is as old as that, whatever its clock says.
+  noteSleep() {
+    const sleptMs = this.wall() - this.now();
+    if (Math.abs(sleptMs - this.sleptMs) > STEP_MS) this.wokeAt = this.now();
+    this.sleptMs = sleptMs;
+  }
+
+  get ageMs() {
+    return this.at === null ? null : this.now() - this.at;
+  }
+
+  // "seen": drive; "off": there is nothing to see; "missing", "old": held; "blind": allowed all the same.
+  // `kind` is what was found at the last check, so that all who read it between two read the same, and hear of each change.
+  get found() {
+    if (this.afterMs === null || this.state === "off") return "off";
+    const why = this.lack;
+    return why && this.allowed ? "blind" : why || "seen";
+  }
+
+  get lack() {
+    if (this.state === "none" || this.at === null) return "missing";
+    return this.now() - this.at > (this.afterMs ?? Infinity) || this.at < this.wokeAt ? "old" : "";
+  }
+
+  get held() {
+    return this.kind === "missing" || this.kind === "old";
   }
 }

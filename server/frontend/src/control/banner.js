@@ -4,6 +4,8 @@ import { byTestId, part, setText } from "../pages/page.js";
 import { connection, logIn, states } from "../texts/common.js";
 import { Deafness } from "./question.js";
 
+/** @typedef {import("./driveMode.js").Control} Control */
+
 const texts = { ...connection, ...states };
 
 export class Banner {
@@ -12,12 +14,13 @@ export class Banner {
     this.element = byTestId(root, "state");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
-    Object.assign(this, { onRetry, onBlind });
+    this.onRetry = onRetry;
+    this.onBlind = onBlind;
     this.offered = undefined;
     this.deafness = new Deafness(now); // who presses sooner meant what the button was before
   }
 
-  // `state` as of states.js; `facts` are those of `selectStatus` and what the sentences need.
+  // `state` as of connection.js; `facts` are those of `selectStatus` and what the sentences need.
   show(state, facts) {
     this.state = state;
     this.shown = selectStatus(state, facts);
@@ -55,16 +58,16 @@ export class Banner {
 // comes first. Pure.
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
-// `state` is the connection's (states.js); `control` as in docs/protocols.md, `video` the kind of videoInterlock.js; `disabled` by an
+// `state` is the connection's (connection.js); `control` as in docs/protocols.md, `video` the kind of the VideoInterlock; `disabled` by an
 // administrator.
-export function selectStatus({ name }, { control = {}, driving, video, disabled = false }) {
+export function selectStatus({ name }, { control, driving, video, disabled = false }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;
-  return robotStatus(control) ?? (driving ? videoStatus(video) : null) ?? "live";
+  return robotStatus(control ?? {}) ?? (driving ? videoStatus(video) : null) ?? "live";
 }
 
 const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
 
-function robotStatus({ stopped, guard }) {
+function robotStatus(/** @type {Partial<Control>} */ { stopped, guard }) {
   if (stopped) return stopped.confirmed ? "stopped" : "stopping";
   return guard === "down" ? "guard_down" : null;
 }

@@ -39,6 +39,7 @@ export class ControlPanel {
     for (const [name, act] of Object.entries(acts)) this.button(name)?.addEventListener("click", act);
   }
 
+  /** @returns {HTMLButtonElement | null} */
   button(name) {
     return document.querySelector(`[data-deed="${name}"]`);
   }
@@ -99,7 +100,7 @@ export class ControlPanel {
     const changes = this.sure.shown !== sure;
     this.sure.show(sure);
     setText(part(this.sureElement, "text"), sure && driver ? texts.takeSure(driver.user) : "");
-    if (changes && sure) this.button("take-no").focus();
+    if (changes && sure) this.button("take-no")?.focus();
   }
 
   async take() {

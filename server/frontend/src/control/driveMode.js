@@ -3,23 +3,42 @@
 // somebody drives, in another window of this person's included, and never arm the controls when control comes at a
 // moment that the person does not choose.
 
-import { LocalStore } from "../pages/localStore.js";
+import { LocalStore } from "../pages/page.js";
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
+/**
+ * Who drives, and whether the robot is stopped (docs/protocols.md, "Control").
+ * @typedef {{
+ *   driver: {user: string, since: string, fence: number} | null,
+ *   waiting: {user: string, passes_at: string} | null,
+ *   reserved: {user: string, until: string} | null,
+ *   stopped: {by: string, at: string, confirmed: boolean} | null,
+ *   guard: string,
+ * }} Control
+ */
+
+/** @type {Control} */
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };
 
 export class DriveMode {
   // `me` is the user's name, `level` observe, drive or manage. `onMove()` asks for a connection of the mode
   // that counts from now on, `onChange()` tells of all else. `drove` is the drive mode's `saved` of before a reload, or null.
+  /** @param {{me: string, level: string, drove?: {armed: boolean} | null, onMove: () => void, onChange?: () => void}} options */
   constructor({ me, level, drove = null, onMove, onChange = () => {} }) {
-    Object.assign(this, { me, level, onMove, onChange });
+    this.me = me;
+    this.level = level;
+    this.onMove = onMove;
+    this.onChange = onChange;
     this.mayDrive = level !== "observe";
     this.mode = this.mayDrive && drove ? "drive" : "observe";
-    this.armed = Boolean(this.driving && drove.armed);
+    this.armed = Boolean(this.driving && drove?.armed);
     this.pressed = false; // a press took the control, which is on its way
     this.known = false; // whether the control object has come
-    this.asked = null; // "sent", "waiting"
-    this.note = null; // {why, by}: what last changed the drive mode; with `busy`, why a press did not
+    /** @type {"sent" | "waiting" | null} */
+    this.asked = null;
+    // What last changed the drive mode; with `busy`, why a press did not.
+    /** @type {{why: string, by?: string, reason?: string, busy?: boolean} | null} */
+    this.note = null;
     this.wasStopped = false; // whether a stop ended this page's drive, and still holds
     this.control = NOTHING;
   }
@@ -33,6 +52,7 @@ export class DriveMode {
     return this.driving ? { armed: this.armed } : null;
   }
 
+  /** @param {Partial<Control>} control */
   receive(control) {
     const before = this.control;
     this.control = { ...NOTHING, ...control };
@@ -47,10 +67,10 @@ export class DriveMode {
   outlives(before) {
     if (this.note?.busy) return this.note.why !== this.busy;
     const released = before.stopped && !this.control.stopped;
-    return released && OF_A_STOP.includes(this.note?.why);
+    return released && OF_A_STOP.includes(this.note?.why ?? "");
   }
 
-  // The server ended the connection or did not let it drive; `why` as `lost` in states.js.
+  // The server ended the connection or did not let it drive; `why` as `lost` in connection.js.
   lose(why, reason) {
     this.mode = "observe";
     this.armed = this.pressed = false;
@@ -92,6 +112,7 @@ export class DriveMode {
   }
 
   // A person took the control by the button, or by a press of what drives.
+  /** @param {string | null} why */
   drive(why = null) {
     this.pressed = why === "pressed";
     this.startDriving({ armed: true, why });
@@ -131,7 +152,7 @@ export class DriveMode {
   }
 
   // The question is over from this side: withdrawn, or not taken by the server.
-  forget(note = null) {
+  forget(note = /** @type {DriveMode["note"]} */ (null)) {
     this.asked = null;
     this.note = note;
     this.onChange();
@@ -162,6 +183,7 @@ export class DriveMode {
     this.note = note;
   }
 
+  /** @param {{armed: boolean, why?: string | null}} how */
   startDriving({ armed, why = null }) {
     this.mode = "drive";
     this.armed = armed;
@@ -207,7 +229,9 @@ const AGAIN = ["reload", "back_forward"];
 
 export class ReloadStore {
   constructor(robot, { store = new LocalStore(() => globalThis.sessionStorage), arrival = arrived, now = () => Date.now() } = {}) {
-    Object.assign(this, { store, arrival, now });
+    this.store = store;
+    this.arrival = arrival;
+    this.now = now;
     this.name = `drove ${robot}`;
   }
 
@@ -226,4 +250,4 @@ export class ReloadStore {
 }
 
 // How the browser came to this page.
-const arrived = () => performance.getEntriesByType("navigation")[0]?.type;
+const arrived = () => /** @type {PerformanceNavigationTiming} */ (performance.getEntriesByType("navigation")[0])?.type;

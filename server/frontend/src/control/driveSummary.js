@@ -11,7 +11,8 @@ const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 export class Summary {
   // `root` is the panel, a <details>.
   constructor(root, { robot }) {
-    Object.assign(this, { root, robot });
+    this.root = root;
+    this.robot = robot;
     this.driving = false;
     this.round = 0;
     part(root, "summary-save").addEventListener("click", () => this.save());
@@ -140,7 +141,8 @@ export async function recordOf({ robot, fence, fetchDrives, wait }) {
 export class OwnDrive {
   // `onEnded({fence})` comes once for each drive of this page.
   constructor({ me, onEnded }) {
-    Object.assign(this, { me, onEnded });
+    this.me = me;
+    this.onEnded = onEnded;
     this.fence = null;
   }
 

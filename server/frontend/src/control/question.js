@@ -24,7 +24,8 @@ export class Deafness {
 export class Question {
   // `busy()` says whether a key or stick is held.
   constructor(element, { busy = () => false, now = () => performance.now() } = {}) {
-    Object.assign(this, { element, busy });
+    this.element = element;
+    this.busy = busy;
     this.deafness = new Deafness(now);
     element.addEventListener("click", (event) => this.sift(event), { capture: true });
     setInterval(() => this.mark(), CHECK_MS);

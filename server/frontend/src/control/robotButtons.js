@@ -13,7 +13,9 @@ export class RobotButtons {
   // whose `state`, `words` or `open` (a question that can be answered by now) changed. States: idle, asking, pending,
   // sent, done, failed.
   constructor({ buttons, advertise, call, onChange }) {
-    Object.assign(this, { advertise, call, onChange });
+    this.advertise = advertise;
+    this.call = call;
+    this.onChange = onChange;
     this.usable = false;
     this.all = buttons.map((button) => ({ button, state: "idle", words: "", round: 0, open: false, publisher: null }));
   }

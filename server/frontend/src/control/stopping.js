@@ -11,10 +11,15 @@ export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;
 export class Stopping {
   // `send()` says it on the page's own connection, if that is open; `post()` asks the API and gives
   // {ok, status, detail}. `onChange()` tells that `shown` may be another.
+  /** @param {{send: () => void, post: () => Promise<{ok: boolean, status: number, detail: string}>, onChange: () => void}} options */
   constructor({ send, post, onChange }) {
-    Object.assign(this, { send, post, onChange });
-    this.stopped = null; // as in the control object
-    this.state = "idle"; // "asked": no answer yet; "heard": the server has it; "unheard", "failed", "refused"
+    this.send = send;
+    this.post = post;
+    this.onChange = onChange;
+    /** @type {import("./driveMode.js").Control["stopped"]} */
+    this.stopped = null;
+    /** @type {"idle" | "asked" | "heard" | "unheard" | "failed" | "refused"} */
+    this.state = "idle"; // "asked": no answer yet; "heard": the server has it
     this.detail = "";
     this.round = 0;
   }

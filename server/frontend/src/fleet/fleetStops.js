@@ -25,6 +25,7 @@ export class FleetStops {
     this.manages = manages;
     this.bar = part(root, "stops");
     this.result = part(root, "stop-result");
+    this.controls = new Map(); // of robots, by name
     this.results = [];
     this.shown = null;
     this.round = 0;

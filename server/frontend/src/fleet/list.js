@@ -1,12 +1,14 @@
 // The robots as elements, cards or rows of a table: one list, in order, with what is filtered out hidden.
-// The markup is the server's; cards.js fills it in.
+// The markup is the server's; cards.js fills it in. What changes is gathered, and nothing moves under a person's hand.
 
 import { fillCard, newCard } from "./cards.js";
 
 export class RobotList {
   // `container` holds the elements, `template` makes one for a robot that has none yet; `onNew(element, name)` for each.
   constructor({ container, template, onNew }) {
-    Object.assign(this, { container, template, onNew });
+    this.container = container;
+    this.template = template;
+    this.onNew = onNew;
     this.elements = new Map([...container.children].map((element) => [element.dataset.robot, element]));
     for (const [name, element] of this.elements) onNew(element, name);
   }
@@ -38,7 +40,7 @@ export class RobotList {
     for (const left of this.container.querySelectorAll("[data-left]")) left.remove();
     const present = [...this.container.children].map(({ dataset }) => dataset.robot);
     const moving = itemsToMove(present, names);
-    const focused = document.activeElement;
+    const focused = /** @type {HTMLElement | null} */ (document.activeElement);
     let next = null;
     for (const name of [...names].reverse()) {
       const element = this.elements.get(name);
@@ -47,7 +49,7 @@ export class RobotList {
       next = element;
     }
     // An element that moves loses the keyboard focus.
-    if (focused !== document.activeElement && this.container.contains(focused)) focused.focus({ preventScroll: true });
+    if (focused !== document.activeElement && this.container.contains(focused)) focused?.focus({ preventScroll: true });
   }
 }
 
@@ -91,4 +93,97 @@ function firstNotBelow(ends, values, value) {
     else high = middle;
   }
   return low;
+}
+
+// Gathers changes until the next frame, and calls for what is costly seldom. Pure but for its timers.
+export class Batch {
+  // `apply(names)` gets what changed since the last time, once a frame.
+  constructor({ apply, frame = (act) => requestAnimationFrame(act) }) {
+    this.apply = apply;
+    this.frame = frame;
+    this.names = new Set();
+  }
+
+  add(name) {
+    if (this.names.size === 0) this.frame(() => this.flush());
+    this.names.add(name);
+  }
+
+  flush() {
+    const { names } = this;
+    this.names = new Set();
+    if (names.size > 0) this.apply(names);
+  }
+}
+
+export class Seldom {
+  // Calls `act` at most once in so many ms: at once if it is long ago, else at the end of the time.
+  constructor({ act, everyMs, now = () => performance.now() }) {
+    this.act = act;
+    this.everyMs = everyMs;
+    this.now = now;
+    this.actedAt = -Infinity;
+    /** @type {number | undefined} */
+    this.timer = undefined;
+  }
+
+  ask() {
+    if (this.timer !== undefined) return;
+    const wait = this.actedAt + this.everyMs - this.now();
+    if (wait <= 0) this.run();
+    else this.timer = setTimeout(() => this.run(), wait);
+  }
+
+  run() {
+    clearTimeout(this.timer);
+    this.timer = undefined;
+    this.actedAt = this.now();
+    this.act();
+  }
+}
+
+// Whether a person is at the list with a pointer, a finger or the keyboard: then nothing moves in it, so that a press
+// meets the robot that it was meant for.
+const TOUCH_MS = 3000; // after a finger has left: the next one is on its way
+
+export class PointerPause {
+  // `onEnd()` when nobody is at the list any more.
+  constructor({ onEnd, now = () => performance.now() }) {
+    this.onEnd = onEnd;
+    this.now = now;
+    this.pointed = false;
+    this.touchedAt = -Infinity;
+    this.lists = [];
+  }
+
+  listen(list) {
+    this.lists.push(list);
+    list.addEventListener("pointerover", ({ pointerType }) => this.point(pointerType !== "touch"));
+    list.addEventListener("pointerleave", () => this.point(false));
+    list.addEventListener("pointerdown", ({ pointerType }) => pointerType === "touch" && this.touch());
+    list.addEventListener("focusout", () => setTimeout(() => this.check()));
+  }
+
+  point(pointed) {
+    this.pointed = pointed;
+    this.check();
+  }
+
+  touch() {
+    this.touchedAt = this.now();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.check(), TOUCH_MS);
+  }
+
+  check() {
+    if (!this.active) this.onEnd();
+  }
+
+  get active() {
+    return this.pointed || this.now() - this.touchedAt < TOUCH_MS || this.focused;
+  }
+
+  get focused() {
+    return this.lists.some((list) => list.querySelector(":focus-visible") !== null);
+  }
 }

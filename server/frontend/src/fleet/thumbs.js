@@ -1,7 +1,7 @@
 // A robot's small picture on the fleet page: comes when somebody presses, points at or focuses it, and is let go when it
 // leaves the screen.
 
-import { plainQuery } from "../client/addresses.js";
+import { plainQuery } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
 import { thumb as texts } from "../texts/fleet.js";
 
@@ -11,7 +11,9 @@ const FRESH_MS = 5000;
 export class Thumbs {
   // `queue` and `snapshots` are a Queue and Snapshots.
   constructor({ queue, snapshots, now = () => performance.now() }) {
-    Object.assign(this, { queue, snapshots, now });
+    this.queue = queue;
+    this.snapshots = snapshots;
+    this.now = now;
     this.byElement = new WeakMap();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));
   }
@@ -30,7 +32,10 @@ export class Thumbs {
 
 class Thumb {
   constructor(button, { robot, topic, thumbs }) {
-    Object.assign(this, { button, robot, topic, thumbs });
+    this.button = button;
+    this.robot = robot;
+    this.topic = topic;
+    this.thumbs = thumbs;
     this.image = part(button, "thumb-image");
     this.words = part(button, "thumb-words");
     this.takenAt = -Infinity;
@@ -147,7 +152,7 @@ export function firstTopic(page) {
 
 export class Snapshots {
   // `fetch` as the browser's.
-  constructor({ fetch = (...how) => globalThis.fetch(...how) } = {}) {
+  constructor({ fetch = (url, options) => globalThis.fetch(url, options) } = {}) {
     this.fetch = fetch;
     this.topics = new Map();
   }

@@ -1,7 +1,6 @@
 // Search, filters, order and the choice of cards or table. What is chosen stands in the page's address.
 
-import { LocalStore } from "../pages/localStore.js";
-import { part, setText } from "../pages/page.js";
+import { LocalStore, part, setText } from "../pages/page.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { fromQuery, isFiltered, sitesOf, toQuery } from "./filters.js";
 
@@ -11,7 +10,10 @@ const ANY_SITE = "any";
 export class Toolbar {
   // `onFilter()` and `onView(view)` when the person chose; `filter` and `view` say what.
   constructor(root, { onFilter, onView, store = new LocalStore() }) {
-    Object.assign(this, { root, onFilter, onView, store });
+    this.root = root;
+    this.onFilter = onFilter;
+    this.onView = onView;
+    this.store = store;
     this.filter = fromQuery(location.search);
     this.view = store.read(VIEW) === "table" ? "table" : "cards";
     this.search = part(root, "search");

@@ -1,17 +1,15 @@
-// Joins sticks, keyboard, gamepad and limits to teleop.js.
+// Joins sticks, keyboard, gamepad and limits to teleop.js, and lets go of all that is held when the page may be out of sight.
 
-import { isSteered } from "../client/messages.js";
-import { part, setText } from "../pages/page.js";
+import { isSteered } from "../client/rosbridge.js";
+import { TYPING, matches, part, setText } from "../pages/page.js";
 import { limits as texts } from "../texts/common.js";
 import { hints } from "../texts/inputs.js";
-import { FieldFocus } from "./fieldFocus.js";
-import { releaseOnFocusLoss } from "./focusLoss.js";
 import { GamepadPanel } from "./gamepadPanel.js";
-import { Keyboard } from "./keyboard.js";
+import { FieldFocus, Keyboard } from "./keyboard.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
 
-// `kind` as of mixing.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
+// `kind` as of teleop.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
 // teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
 // lets a press take the control, if that is free; `useType(type)` tells the
 // type of the drive commands, which makes a car of a robot that nobody has set up as one.
@@ -71,11 +69,12 @@ function showTaken(root, taken) {
 // How fast the inputs may ask for: the two sliders, and the higher limits of a gamepad's turbo button.
 const STEPS = 20;
 
-// In m/s and rad/s, as of mixing.js. `most` is the robot's own, beyond which nothing goes.
+// In m/s and rad/s, as of teleop.js. `most` is the robot's own, beyond which nothing goes.
 export class Limits {
   constructor({ maxLinear, maxAngular }) {
     this.most = { linear: maxLinear, angular: maxAngular };
-    Object.assign(this, this.most);
+    this.linear = maxLinear;
+    this.angular = maxAngular;
     this.share = 1; // of the robot's own, with turbo
   }
 
@@ -107,4 +106,30 @@ function setUpSlider(root, name, max, onValue) {
   };
   slider.addEventListener("input", apply);
   apply();
+}
+
+// Lets go of all that is held at every sign that nobody may be looking at the page, or that the browser
+// may keep the release of a key or pointer for itself.
+// What is let go must be pressed anew: none of these may ever start anything.
+const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange"];
+
+export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
+  const on = (target, names, /** @type {(event: any) => boolean} */ applies = () => true) => {
+    for (const name of names) target.addEventListener(name, (event) => applies(event) && letGo());
+  };
+  on(window, ALWAYS);
+  on(document, ["visibilitychange", "freeze", "resume"]);
+  on(window, ["pointerdown", "pointermove"], opensMenu);
+  on(window, ["contextmenu"], (event) => !event.defaultPrevented);
+  on(window, ["focusin"], ({ target }) => matches(target, TYPING));
+  on(window, ["dragstart"], refuse);
+}
+
+// Menus of the browser and lists of a <select> keep the keys until they close. A button that is pressed
+// while another one is down comes as a pointermove.
+const opensMenu = ({ button, target, type }) => button > 0 || (type === "pointerdown" && matches(target, "select"));
+
+function refuse(event) {
+  event.preventDefault();
+  return true;
 }

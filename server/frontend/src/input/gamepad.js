@@ -9,8 +9,21 @@ export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the moment of the look; `onStop()` comes
   // with each press of the stop button; `onState` tells "unknown" (no profile), "off" (nothing counts now),
   // "stuck" (enable must be released first), "ready", "driving" or "turbo".
+  /**
+   * @param {{
+   *   accepts: () => boolean,
+   *   onHold: (input: object, at: number) => void,
+   *   onRelease: () => void,
+   *   onStop: () => void,
+   *   onState?: (state: string) => void,
+   * }} options
+   */
   constructor({ accepts, onHold, onRelease, onStop, onState = () => {} }) {
-    Object.assign(this, { accepts, onHold, onRelease, onStop, onState });
+    this.accepts = accepts;
+    this.onHold = onHold;
+    this.onRelease = onRelease;
+    this.onStop = onStop;
+    this.onState = onState;
     this.profile = null;
     this.forget();
   }
@@ -133,7 +146,7 @@ const isBelow = (number, end) => Number.isInteger(number) && number >= 0 && numb
 
 const isDeadZone = (value) => value >= DEAD_ZONE.least && value <= DEAD_ZONE.most;
 
-// What the sticks ask for, as of mixing.js.
+// What the sticks ask for, as of teleop.js.
 export function asked(profile, { axes, buttons }) {
   const [forward, left, turn] = MOTIONS.map((name) => pushed(profile[name], axes, profile.deadZone));
   return { forward, left, turn, turbo: profile.turbo !== null && buttons[profile.turbo] };
@@ -147,3 +160,116 @@ function pushed(motion, axes, deadZone) {
   const strength = (reach - deadZone) / (1 - deadZone);
   return strength * Math.sign(value) * motion.sign * (motion.invert ? -1 : 1);
 }
+
+// Looks at the gamepad once in each frame that the browser draws, while there is one; a page that nobody sees draws
+// none. Browsers show a gamepad only after a button of it was pressed.
+const PRESSED = 0.5; // for triggers, which some browsers never call pressed
+
+export class GamepadLoop {
+  // `onFound({id, mapping, axes, buttons})` comes with the device that is looked at from now on (axes, buttons: how
+  // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
+  // with all that there are.
+  /**
+   * @param {{
+   *   onFound: (device: {id: string, mapping: string, axes: number, buttons: number}) => void,
+   *   onSeen: (sample: {axes: number[], buttons: boolean[]}, at: number) => void,
+   *   onLost: () => void,
+   *   onAll?: (all: {index: number, id: string, chosen: boolean}[]) => void,
+   *   pads?: () => (globalThis.Gamepad | null)[],
+   *   frame?: (act: () => void) => void,
+   *   now?: () => number,
+   * }} options
+   */
+  constructor({ onFound, onSeen, onLost, onAll = () => {}, ...options }) {
+    const { pads, frame, now } = { ...BROWSER, ...options };
+    this.onFound = onFound;
+    this.onSeen = onSeen;
+    this.onLost = onLost;
+    this.onAll = onAll;
+    this.pads = pads;
+    this.frame = frame;
+    this.now = now;
+    /** @type {{index: number, id: string} | null} */
+    this.chosen = null;
+    this.waiting = false;
+  }
+
+  listen(target) {
+    for (const name of ["gamepadconnected", "gamepaddisconnected"]) {
+      target.addEventListener(name, () => this.recount());
+    }
+    this.recount();
+  }
+
+  // Another device; what the last one held is lost.
+  choose(index) {
+    this.lose();
+    const pad = this.connected().find((one) => one.index === index);
+    if (pad) this.find(pad);
+    this.recount();
+  }
+
+  recount() {
+    const all = this.connected();
+    this.onAll(all.map(({ index, id }) => ({ index, id, chosen: index === this.chosen?.index })));
+    if (all.length > 0) this.wait();
+    else this.lose(); // also while no frame is drawn
+  }
+
+  wait() {
+    if (this.waiting) return;
+    this.waiting = true;
+    this.frame(() => this.poll());
+  }
+
+  poll() {
+    this.waiting = false;
+    const at = this.now();
+    const all = this.connected();
+    const pad = all.find(({ index, id }) => index === this.chosen?.index && id === this.chosen.id);
+    if (pad) this.onSeen(sampled(pad), at);
+    else this.change(all[0]);
+    if (all.length > 0) this.wait();
+  }
+
+  change(pad) {
+    this.lose();
+    if (pad) this.find(pad);
+    this.recount();
+  }
+
+  find({ index, id, mapping, axes, buttons }) {
+    this.chosen = { index, id };
+    this.onFound({ id, mapping, axes: axes.length, buttons: buttons.length });
+  }
+
+  lose() {
+    if (!this.chosen) return;
+    this.chosen = null;
+    this.onLost();
+  }
+
+  connected() {
+    return [...this.pads()].flatMap((pad) => (pad?.connected ? [pad] : []));
+  }
+}
+
+const sampled = ({ axes, buttons }) => ({
+  axes: [...axes],
+  buttons: buttons.map(({ pressed, value }) => pressed || value > PRESSED),
+});
+
+// A page inside another one may not be let look.
+function browserPads() {
+  try {
+    return navigator.getGamepads?.() ?? [];
+  } catch {
+    return [];
+  }
+}
+
+const BROWSER = {
+  pads: browserPads,
+  frame: (act) => requestAnimationFrame(act),
+  now: () => performance.now(),
+};

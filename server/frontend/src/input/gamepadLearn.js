@@ -20,7 +20,9 @@ export class Learner {
   // `onAsk(step, phase)` comes whenever the person has something else to do: "rest" (let go of everything), "move"
   // (the step's stick or button), "back" (let go of it). `onDone(learnt)` as of `madeOf`, with the least dead zone, `rest`.
   constructor({ steps, onAsk, onDone }) {
-    Object.assign(this, { onAsk, onDone, steps: [...steps] });
+    this.onAsk = onAsk;
+    this.onDone = onDone;
+    this.steps = [...steps];
     this.learnt = {};
     this.used = { axes: new Set(), buttons: new Set() };
     this.ask("rest");

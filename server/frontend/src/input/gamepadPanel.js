@@ -1,19 +1,20 @@
 // The gamepad on the page: which one drives, what its sticks and buttons do, and the settings of this device for it.
 
-import { LocalStore } from "../pages/localStore.js";
-import { byTestId, part, setText } from "../pages/page.js";
+import { LocalStore, byTestId, part, setText } from "../pages/page.js";
 import * as texts from "../texts/inputs.js";
-import { Gamepad, MAX_POLL_GAP_MS, DEAD_ZONE, MOTIONS, fits, madeOf, usualProfile } from "./gamepad.js";
+import { DEAD_ZONE, Gamepad, GamepadLoop, MAX_POLL_GAP_MS, MOTIONS, fits, madeOf, usualProfile } from "./gamepad.js";
 import { Learner, stepsOf } from "./gamepadLearn.js";
-import { GamepadLoop } from "./gamepadLoop.js";
 
 const INPUT = "gamepad";
 const storedAs = ({ id }) => `gamepad ${id}`;
 
 export class GamepadPanel {
-  // `kind` and `limits` as of mixing.js, `teleop` as of teleop.js; `onStop()` comes from the stop button.
+  // `kind`, `limits` and `teleop` as of teleop.js; `onStop()` comes from the stop button.
   constructor(root, { kind, teleop, limits, onStop, store = new LocalStore() }) {
-    Object.assign(this, { kind, teleop, limits, store });
+    this.kind = kind;
+    this.teleop = teleop;
+    this.limits = limits;
+    this.store = store;
     this.element = byTestId(root, "gamepad");
     this.free = false; // whether its enable button would take the control
     this.device = null;

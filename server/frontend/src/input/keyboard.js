@@ -1,8 +1,8 @@
 // W A S D and the arrow keys, and Q and E for robots that go sideways, as an input of teleop.js. Keys go by their place on the keyboard, so that
 // other layouts than QWERTY drive with the same fingers. Only a press that it sees while it counts
-// does, never the repeats of a key that is down already.
+// does, never the repeats of a key that is down already, nor a key that is meant for a field of the page.
 
-import { FieldFocus } from "./fieldFocus.js";
+import { TEXT, matches } from "../pages/page.js";
 
 const FORWARD = { forward: 1 };
 const BACK = { forward: -1 };
@@ -26,9 +26,13 @@ const FOCUS_MS = 300;
 
 export class Keyboard {
   // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its moment.
-  // `onLetGo()` asks to let go of everything. `fields` as of fieldFocus.js.
+  // `onLetGo()` asks to let go of everything. `fields` is a FieldFocus.
   constructor({ sideways = false, accepts, onHold, onRelease, onLetGo, fields = new FieldFocus() }) {
-    Object.assign(this, { accepts, onHold, onRelease, onLetGo, fields });
+    this.accepts = accepts;
+    this.onHold = onHold;
+    this.onRelease = onRelease;
+    this.onLetGo = onLetGo;
+    this.fields = fields;
     this.directions = sideways ? ALL : DIRECTIONS;
     this.pressed = new Set();
     this.focusedAt = -Infinity;
@@ -81,4 +85,66 @@ export function direction(codes) {
   const pressed = [...new Set([...codes].map((code) => ALL[code]))];
   const total = (name) => pressed.reduce((sum, key) => sum + (key[name] ?? 0), 0);
   return { forward: total("forward"), left: total("left"), turn: total("turn") };
+}
+
+// Which fields of the page keep keys from driving, and how a person gets them back. A menu or slider that a pointer used
+// keeps none: the hand goes back to the keys that drive. One that Tab reached keeps the arrow keys, as who points at nothing
+// moves it by them. A field for text keeps all keys, always.
+const SLIDER = "input[type=range]";
+const MENU = "select";
+const CHOICES = `${MENU}, ${SLIDER}`;
+
+export class FieldFocus {
+  // `onChange()` comes when `taken` may be another.
+  constructor({ onChange = () => {} } = {}) {
+    this.onChange = onChange;
+    this.focused = null;
+    this.pointed = null; // what a pointer used last
+  }
+
+  listen(window) {
+    const on = (name, act) => window.addEventListener(name, act);
+    on("pointerdown", ({ target }) => this.point(target));
+    on("pointerup", () => this.leaveSlider());
+    on("pointercancel", () => this.leaveSlider());
+    on("keydown", (event) => this.key(event));
+    on("focusin", ({ target }) => this.focus(target));
+    on("focusout", () => this.focus(null));
+  }
+
+  // Whether a key is for the field in which it was pressed.
+  keeps({ code, target }) {
+    if (matches(target, TEXT)) return true;
+    return code.startsWith("Arrow") && matches(target, CHOICES) && target !== this.pointed;
+  }
+
+  // What the field with the focus keeps: "text", "menu", "slider", or "" for nothing.
+  get taken() {
+    const { focused } = this;
+    if (matches(focused, TEXT)) return "text";
+    if (focused === this.pointed) return "";
+    if (matches(focused, MENU)) return "menu";
+    return matches(focused, SLIDER) ? "slider" : "";
+  }
+
+  // Who points at a label uses what it names.
+  point(target) {
+    this.pointed = target?.closest?.("label")?.control ?? target;
+    this.onChange();
+  }
+
+  // A menu's list is open now: it is left when something was chosen.
+  leaveSlider() {
+    if (matches(this.pointed, SLIDER)) this.pointed.blur();
+  }
+
+  key({ code, target }) {
+    if (code === "Tab") this.point(null);
+    if (code === "Escape" && matches(target, `${TEXT}, ${CHOICES}`)) target.blur();
+  }
+
+  focus(target) {
+    this.focused = target;
+    this.onChange();
+  }
 }

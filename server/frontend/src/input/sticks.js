@@ -1,8 +1,7 @@
 // The joysticks on the screen: one for everything, or a left one to drive and a right one to turn. Which of the two a
 // person likes is kept on the device; a robot that goes sideways starts with two, as one cannot tell it to.
 
-import { LocalStore } from "../pages/localStore.js";
-import { byTestId, part } from "../pages/page.js";
+import { LocalStore, byTestId, part } from "../pages/page.js";
 import { hints } from "../texts/inputs.js";
 
 const STORED_AS = "sticks";
@@ -13,9 +12,11 @@ const drive = ({ up, left }) => ({ forward: up, left, turn: 0 });
 const turn = ({ left }) => ({ forward: 0, left: 0, turn: left });
 
 export class Sticks {
-  // `kind` as of mixing.js, `teleop` as of teleop.js.
+  // `kind` and `teleop` as of teleop.js.
   constructor(root, { kind, teleop, store = new LocalStore() }) {
-    Object.assign(this, { kind, teleop, store });
+    this.kind = kind;
+    this.teleop = teleop;
+    this.store = store;
     this.asks = both;
     this.area = byTestId(root, "controls");
     this.main = this.joystick(byTestId(root, "joystick"), (at) => this.asks(at));
@@ -89,8 +90,13 @@ const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pe
 export class Joystick {
   // `accepts()` says whether a press counts now. `onHold` gets where the stick is, as of `stick`, and its moment.
   constructor({ element, knob, accepts, onHold, onRelease }) {
-    Object.assign(this, { element, knob, accepts, onHold, onRelease });
+    this.element = element;
+    this.knob = knob;
+    this.accepts = accepts;
+    this.onHold = onHold;
+    this.onRelease = onRelease;
     this.pointer = null;
+    this.pressed = { centreX: 0, centreY: 0, radius: 0 };
     this.ways = "both"; // or "upright", "level"
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));

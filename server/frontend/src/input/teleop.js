@@ -3,7 +3,10 @@
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
 // press took the control.
 
-import { STILL, mixed } from "./mixing.js";
+/** @typedef {{forward: number, left: number, turn: number}} Twist */
+
+/** @type {Twist} */
+export const STILL = { forward: 0, left: 0, turn: 0 };
 
 const PERIOD_MS = 50;
 const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
@@ -16,7 +19,20 @@ export class Teleop {
   // `timestamp()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
   // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
   // `now()` must go on while the
-  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of mixing.js.
+  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of `mixed`.
+  /**
+   * @param {{
+   *   publish: (twist: Twist, timestamp: number) => void,
+   *   limits: Limits | null,
+   *   kind?: string,
+   *   mayQueue?: () => boolean,
+   *   onDrop?: () => void,
+   *   onTake?: () => void,
+   *   onWanted?: (twist: Twist) => void,
+   *   now?: () => number,
+   *   timestamp?: () => number,
+   * }} options
+   */
   constructor({
     publish,
     limits,
@@ -28,11 +44,20 @@ export class Teleop {
     now = () => Date.now(),
     timestamp = () => performance.now(),
   }) {
-    Object.assign(this, { publish, limits, kind, mayQueue, onDrop, onTake, onWanted, now, timestamp });
+    this.publish = publish;
+    this.limits = limits;
+    this.kind = kind;
+    this.mayQueue = mayQueue;
+    this.onDrop = onDrop;
+    this.onTake = onTake;
+    this.onWanted = onWanted;
+    this.now = now;
+    this.timestamp = timestamp;
     this.armed = false;
     this.watching = false;
     this.held = new Map();
     this.zerosLeft = 0;
+    this.sentAt = this.tickedAt = this.seenAt = NaN; // before the first command
   }
 
   // Without a live connection nothing is accepted. What is held when one ends or begins must be let go
@@ -70,7 +95,7 @@ export class Teleop {
     this.armed = this.watching = false;
   }
 
-  // `input` names keyboard, joystick or the like; `value` as of mixing.js; `at` is the event's moment. One that is
+  // `input` names keyboard, joystick or the like; `value` as of `mixed`; `at` is the event's moment. One that is
   // polled says for how many ms its word is good: nobody tells when polling ends.
   hold(input, value, at = this.timestamp(), goodForMs = Infinity) {
     if (!this.accepts) return;
@@ -98,7 +123,7 @@ export class Teleop {
 
   get wanted() {
     const values = [...this.held.values()].map(({ value }) => value);
-    return mixed(values, this.limits, this.kind);
+    return mixed(values, /** @type {Limits} */ (this.limits), this.kind);
   }
 
   start(at) {
@@ -194,3 +219,34 @@ export class Teleop {
     this.publish(twist, at);
   }
 }
+
+// Mixes all inputs to a twist that this kind of robot can follow, within the limits. Pure.
+// `inputs` are {forward, left, turn} from -1 to 1, forward and left positive, `turbo` true for the higher limits.
+// `limits` are {linear, angular} in m/s and rad/s, with `turbo` of the same shape, and `most`: the robot's own.
+/**
+ * @typedef {{linear: number, angular: number}} Speeds
+ * @typedef {Speeds & {turbo?: Speeds, most?: Speeds}} Limits
+ */
+
+/** @type {(inputs: (Partial<Twist> & {turbo?: boolean})[], limits: Limits, kind: string) => Twist} */
+export function mixed(inputs, limits, kind) {
+  const { linear, angular } = inputs.some(({ turbo }) => turbo) ? (limits.turbo ?? limits) : limits;
+  const [forward, left, turn] = ["forward", "left", "turn"].map((name) => total(inputs, name));
+  if (kind === "holonomic") return { ...together(forward, left, linear), turn: turn * angular };
+  if (kind === "ackermann") return steered(forward * linear, turn * angular, limits.most?.linear ?? linear);
+  return { forward: forward * linear, left: 0, turn: turn * angular };
+}
+
+const total = (inputs, name) => clamp(inputs.reduce((sum, input) => sum + (input[name] ?? 0), 0));
+
+const clamp = (value) => Math.min(1, Math.max(-1, value)) + 0; // + 0 turns -0 into 0
+
+// The limit is that of the speed, whichever way it goes.
+function together(forward, left, linear) {
+  const scale = linear / Math.max(1, Math.hypot(forward, left));
+  return { forward: forward * scale, left: left * scale };
+}
+
+// A car turns as it goes, the other way when it backs: the stick says how far the wheels are turned, and
+// `turn` is what that makes at the robot's highest speed.
+const steered = (forward, turn, highest) => ({ forward, left: 0, turn: (turn * forward) / highest + 0 });

@@ -11,7 +11,8 @@ const STILL = 0.005;
 export class Hud {
   // `scale` {speed, turn}: what reaches the edge, in m/s and rad/s.
   constructor(canvas, { scale }) {
-    Object.assign(this, { canvas, scale });
+    this.canvas = canvas;
+    this.scale = scale;
     this.context = canvas.getContext("2d");
     this.twists = { wanted: null, measured: null };
     this.shown = true;

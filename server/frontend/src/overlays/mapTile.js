@@ -10,7 +10,9 @@ export class MapTile {
   // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
   // when that changes.
   constructor(element, { world, memory, onMemory }) {
-    Object.assign(this, { element, world, onMemory });
+    this.element = element;
+    this.world = world;
+    this.onMemory = onMemory;
     const left = memory() ?? {};
     this.canvas = part(element, "picture");
     this.canvas.setAttribute("aria-label", texts.label);

@@ -12,12 +12,14 @@ const DIAGNOSTICS = { throttleMs: 100, queueLength: 50 };
 export class Overlays {
   // `subscribe` as of connection.js.
   constructor(root, { subscribe, now }) {
-    Object.assign(this, { subscribe, now });
+    this.subscribe = subscribe;
+    this.now = now;
     this.battery = part(root, "battery");
     this.details = part(root, "diagnostics");
     this.diagnostics = new Diagnostics();
     this.reader = new BatteryReader();
     this.follows = {};
+    this.received = /** @type {{battery: any, at: number} | null} */ (null);
     this.details.addEventListener("toggle", () => this.show());
   }
 
@@ -46,8 +48,8 @@ export class Overlays {
   }
 
   showBattery() {
-    const fresh = this.received && this.now() - this.received.at < BATTERY_OLD_MS;
-    const battery = fresh ? this.received.battery : null;
+    const { received } = this;
+    const battery = received && this.now() - received.at < BATTERY_OLD_MS ? received.battery : null;
     this.battery.hidden = !battery;
     this.battery.dataset.low = String(Boolean(battery?.low));
     setText(this.battery, battery ? batteryTexts.level(battery) : "");
@@ -86,6 +88,10 @@ const CHARGING = 1;
 const FULL = 4;
 
 export class BatteryReader {
+  constructor() {
+    this.hundredths = false;
+  }
+
   // Gives {percent, volts, charging, low}, percent and volts null where the message does not tell, or null for no battery at all.
   read({ percentage, voltage, power_supply_status: status, present }) {
     if (present === false) return null;

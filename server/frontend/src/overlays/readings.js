@@ -1,5 +1,6 @@
 // The numbers of the drive page: measured and commanded speed, how old speed and picture are, round trip and its parts.
 
+import { poseReader, speedReader } from "../client/rosbridge.js";
 import { byTestId, part, setText } from "../pages/page.js";
 import { readings as texts, dataAge, latency } from "../texts/common.js";
 
@@ -9,7 +10,10 @@ const TICK_MS = 250;
 export class Readings {
   // `frameAge()` gives the age of the main picture in ms, null for none.
   constructor(root, { frameAge }) {
-    Object.assign(this, { root, frameAge, speedAt: null, wayMs: 0 });
+    this.root = root;
+    this.frameAge = frameAge;
+    this.speedAt = null;
+    this.wayMs = 0;
     setInterval(() => this.tick(), TICK_MS);
   }
 
@@ -73,4 +77,50 @@ function rounded(parts) {
 export function latencyBreakdown({ total, server, robot }) {
   const known = [total, server, robot].every((part) => Number.isFinite(part));
   return { server, robot, rosbridge: known ? Math.max(0, total - server - robot) : null };
+}
+
+// Reads speed and pose that the robot reports, and says nothing rather than something old.
+const THROTTLE_MS = 100;
+const SPEED_OLD_MS = 1000;
+
+export class Readback {
+  // `subscribe(spec, handler)` as of connection.js; `onSpeed` gets {forward, turn} or null for unknown,
+  // `onPose` {x, y, theta} in the odometry's frame, with each message.
+  /**
+   * @param {{
+   *   subscribe: (spec: object, handler: (message: any) => void) => () => void,
+   *   onSpeed: (speed: {forward: number, left: number, turn: number} | null) => void,
+   *   onPose?: (pose: {x: number, y: number, theta: number}) => void,
+   * }} options
+   */
+  constructor({ subscribe, onSpeed, onPose = () => {} }) {
+    this.subscribe = subscribe;
+    this.onSpeed = onSpeed;
+    this.onPose = onPose;
+    this.topic = null;
+  }
+
+  // `topic` is {name, type}. Following the same one again changes nothing.
+  follow(topic) {
+    if (topic.name === this.topic?.name && topic.type === this.topic?.type) return;
+    this.end?.();
+    this.topic = topic;
+    this.forget();
+    this.listen(topic);
+  }
+
+  listen({ name, type }) {
+    const [read, readPose] = [speedReader(type), poseReader(type)];
+    this.end = this.subscribe({ name, type, throttleMs: THROTTLE_MS }, (message) => {
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => this.forget(), SPEED_OLD_MS);
+      this.onSpeed(read(message));
+      if (readPose) this.onPose(readPose(message));
+    });
+  }
+
+  forget() {
+    clearTimeout(this.timer);
+    this.onSpeed(null);
+  }
 }

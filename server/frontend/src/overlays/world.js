@@ -1,7 +1,6 @@
 // What the map is drawn from: its subscriptions, which last only while it is seen, and what they say.
 
-import { gridPixels } from "./grid.js";
-import { compose, inverse, poseReader } from "./poses.js";
+import { planar, poseReader } from "../client/rosbridge.js";
 
 // A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
 const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
@@ -11,7 +10,10 @@ const ORIGIN = { x: 0, y: 0, theta: 0 };
 export class World {
   // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes.
   constructor({ subscribe, onChange, makeBitmap = bitmapOf, now = () => performance.now() }) {
-    Object.assign(this, { subscribe, onChange, makeBitmap, now });
+    this.subscribe = subscribe;
+    this.onChange = onChange;
+    this.makeBitmap = makeBitmap;
+    this.now = now;
     this.path = new Path();
     this.topics = {};
     this.shown = null;
@@ -163,3 +165,52 @@ export function scanPoints({ angle_min, angle_increment, range_min, range_max, r
 }
 
 const within = (least, most) => (range) => Number.isFinite(range) && range >= least && range <= most;
+
+// A nav_msgs/OccupancyGrid as pixels. Pure.
+const MOST_CELLS = 16_000_000;
+const FREE = [58, 70, 86];
+const OCCUPIED = [236, 240, 246];
+
+// One colour for each value of a signed byte, as it lies in memory: 0 free to 100 occupied, anything else unknown.
+const COLOURS = new Uint32Array(256);
+const bytes = new Uint8Array(COLOURS.buffer);
+for (let value = 0; value <= 100; value++) {
+  const mix = (channel) => FREE[channel] + ((OCCUPIED[channel] - FREE[channel]) * value) / 100;
+  bytes.set([mix(0), mix(1), mix(2), 255], value * 4);
+}
+
+// Gives {width, height, pixels (RGBA, the first row is the map's lowest), resolution, origin {x, y, theta}}, or null for
+// what is no map. `data` is a list of numbers, or base64 as some bridges write bytes.
+export function gridPixels({ info, data }) {
+  const { width, height, resolution, origin } = info ?? {};
+  const cells = typeof data === "string" ? signedBytes(data) : data;
+  if (!fits(width, height, resolution) || cells?.length !== width * height) return null;
+  const pixels = new Uint32Array(cells.length);
+  for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[cells[i] & 255];
+  return {
+    width,
+    height,
+    resolution,
+    pixels: new Uint8ClampedArray(pixels.buffer),
+    origin: planar(origin),
+  };
+}
+
+const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MOST_CELLS && resolution > 0;
+
+const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
+
+// Where `pose`, which is told in the frame of `frame`, is in the frame that `frame` is told in.
+export function compose(frame, { x, y, theta }) {
+  const [cos, sin] = [Math.cos(frame.theta), Math.sin(frame.theta)];
+  return {
+    x: frame.x + x * cos - y * sin,
+    y: frame.y + x * sin + y * cos,
+    theta: frame.theta + theta,
+  };
+}
+
+export function inverse({ x, y, theta }) {
+  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  return { x: -x * cos - y * sin, y: x * sin - y * cos, theta: -theta };
+}

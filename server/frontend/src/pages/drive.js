@@ -1,39 +1,35 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
-import { framesUrl, rosUrl } from "../client/addresses.js";
-import { requestTicket } from "../client/api.js";
+import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
-import { openLink } from "../client/link.js";
+import { openLink } from "../client/rosbridge.js";
 import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
-import { Arming } from "../control/arming.js";
+import { Arming, VideoInterlock } from "../control/arming.js";
 import { Banner } from "../control/banner.js";
 import { ControlPanel } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
 import { Summary, OwnDrive } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
-import { VideoInterlock } from "../control/videoInterlock.js";
 import { setUpControls } from "../input/controls.js";
-import { Readback } from "../overlays/readback.js";
-import { Readings } from "../overlays/readings.js";
+import { Readback, Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { ObserverConnection } from "../topics/observerConnection.js";
 import { Topics } from "../topics/topicList.js";
 import { View } from "../video/view.js";
-import { api } from "./calls.js";
-import { LoginUse } from "./loginUse.js";
+import { LoginUse, api } from "./calls.js";
 import { byTestId, localTime, setText, part } from "./page.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
 const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
 
-const root = document.querySelector("main.drive");
-const { robot, level, user } = root.dataset;
-const settings = JSON.parse(root.dataset.settings);
+const root = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
+const { robot = "", level = "observe", user = "" } = root.dataset;
+const settings = JSON.parse(root.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };

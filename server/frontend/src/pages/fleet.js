@@ -2,20 +2,18 @@
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
 import { Feed } from "../client/feed.js";
-import { Batch, Seldom } from "../fleet/batch.js";
 import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
-import { RobotList } from "../fleet/list.js";
-import { PointerPause } from "../fleet/pointerPause.js";
+import { Batch, PointerPause, RobotList, Seldom } from "../fleet/list.js";
 import { Snapshots, Queue, Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
-import { LoginUse } from "./loginUse.js";
+import { LoginUse } from "./calls.js";
 import { byTestId, part, setText } from "./page.js";
 
 const ARRANGE_EVERY_MS = 1000;
 
-const main = document.querySelector("main");
+const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(document, "fleet-feed");
 const fleetStops = new FleetStops(main, { manages: main.dataset.manages === "yes" });
 const stops = new Map();
@@ -31,6 +29,7 @@ const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
 const batch = new Batch({ apply: update });
 const arranging = new Seldom({ act: arrangeUnlessPaused, everyMs: ARRANGE_EVERY_MS });
 const pause = new PointerPause({ onEnd: () => arrangeLater && arranging.ask() });
+/** @type {string[] | null} */
 let inOrderOfNames = inNameOrder(robots.keys());
 let arrangeLater = false;
 for (const listed of [...Object.values(containers), part(main, "stops")]) pause.listen(listed);
@@ -118,7 +117,7 @@ function arrangeUnlessPaused() {
 function arrange() {
   arrangeLater = false;
   inOrderOfNames ??= inNameOrder(robots.keys());
-  const listed = inOrderOfNames.map((name) => robots.get(name));
+  const listed = inOrderOfNames.map((name) => /** @type {any} */ (robots.get(name)));
   const fits = filterOf(toolbar.filter);
   const shown = new Set(listed.filter(fits).map(({ name }) => name));
   shownList().arrange(

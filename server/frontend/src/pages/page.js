@@ -1,6 +1,7 @@
-// Small helpers around the document that both pages share.
+// What all pages share: small helpers around the document, and what the browser keeps for the next visit.
 
-export const csrfToken = () => document.querySelector('meta[name="csrf-token"]').content;
+/** @returns {string} */
+export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
 
 export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
 
@@ -32,4 +33,38 @@ export function make(tag, attributes = {}, ...children) {
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
   made.append(...children);
   return made;
+}
+
+// What a person chose on this device, kept for the next visit. A browser that keeps nothing is no error.
+const PREFIX = "robotether.";
+
+export class LocalStore {
+  constructor(storage = () => globalThis.localStorage) {
+    this.storage = storage; // even asking for it throws where it is blocked
+  }
+
+  // What was kept under this name, or null.
+  read(name) {
+    try {
+      return JSON.parse(this.storage().getItem(PREFIX + name) ?? "null");
+    } catch {
+      return null;
+    }
+  }
+
+  write(name, value) {
+    this.attempt((storage) => storage.setItem(PREFIX + name, JSON.stringify(value)));
+  }
+
+  forget(name) {
+    this.attempt((storage) => storage.removeItem(PREFIX + name));
+  }
+
+  attempt(act) {
+    try {
+      act(this.storage());
+    } catch {
+      // Full or blocked: the choice then lasts as long as the page.
+    }
+  }
 }

@@ -1,14 +1,16 @@
-// Asks the robot which topics it has, through rosapi, and asks again until it has told what the page needs.
+// Asks the robot which topics it has, through rosapi, and asks again until it has told what the page needs: which of them
+// are cameras, and which ones map and readouts are made of.
 
-import { speedReader, speedTopic, twistType } from "../client/messages.js";
-import { cameraTopics, topicOf } from "../video/sources.js";
+import { plainType, speedReader, speedTopic, twistType } from "../client/rosbridge.js";
 
 const AGAIN_MS = 5000;
 
 export class Discovery {
   // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `odometryTopic` is the setting's, or null.
   constructor({ driveTopic, odometryTopic = null, onFound }) {
-    Object.assign(this, { driveTopic, odometryTopic, onFound });
+    this.driveTopic = driveTopic;
+    this.odometryTopic = odometryTopic;
+    this.onFound = onFound;
     this.round = 0;
     this.knownType = "";
   }
@@ -70,3 +72,57 @@ async function ask(call, service, request) {
   const { ok, values } = await call(service, request);
   return (ok && values) || {};
 }
+
+// What the drive page can show, from the robot's settings or else from its topics. Pure.
+const USUAL_CAMERA = "/camera/image_raw";
+const COMPRESSED = "/compressed";
+
+// Of each kind: the type, and the usual names, the best first.
+const KINDS = {
+  odometry: { type: "nav_msgs/Odometry", usual: ["/odom"] },
+  scan: { type: "sensor_msgs/LaserScan", usual: ["/scan"] },
+  map: { type: "nav_msgs/OccupancyGrid", usual: ["/map"] },
+  located: { type: "geometry_msgs/PoseWithCovarianceStamped", usual: ["/amcl_pose", "/pose"] },
+  battery: { type: "sensor_msgs/BatteryState", usual: ["/battery_state", "/battery"] },
+  // The aggregator's topic has all in one message, each of the other's only a part.
+  diagnostics: { type: "diagnostic_msgs/DiagnosticArray", usual: ["/diagnostics_agg", "/diagnostics"] },
+};
+
+// The topic {name, type} of a kind: the one that the settings name, else the usual, else any of the type, else undefined.
+export function topicOf(kind, topics, named = null) {
+  const { type, usual } = KINDS[kind];
+  if (named) return topics.find(({ name }) => name === named) ?? { name: named, type };
+  const rank = ({ name }) => (usual.includes(name) ? usual.indexOf(name) : usual.length);
+  const fit = topics.filter((topic) => plainType(topic.type) === type);
+  return fit.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name))[0];
+}
+
+// The names of the topics that are cameras; a compressed twin is no camera of its own.
+export function cameraTopics(topics) {
+  return [...new Set(topics.flatMap(cameraName))].sort();
+}
+
+function cameraName({ name, type }) {
+  const plain = plainType(type);
+  if (plain === "sensor_msgs/Image") return [name];
+  if (plain !== "sensor_msgs/CompressedImage" || name.endsWith("/compressedDepth")) return [];
+  return [name.endsWith(COMPRESSED) ? name.slice(0, -COMPRESSED.length) : name];
+}
+
+/** @typedef {{topic: string, name: string, turned_deg: number}} Camera */
+
+// The cameras to offer: the configured ones, else the `known` topics, else the usual one.
+/** @type {(cameras: {configured?: Camera[], known?: string[]}) => Camera[]} */
+export function offeredCameras({ configured = [], known = [] }) {
+  if (configured.length) return configured;
+  const topics = known.length ? known : [USUAL_CAMERA];
+  return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
+}
+
+// What tells a camera from others, without what all of them end in: "front" of /front/image_raw.
+function nameOf(topic, topics) {
+  const name = shortened(topic);
+  return topics.some((other) => other !== topic && shortened(other) === name) ? topic : name;
+}
+
+const shortened = (topic) => topic.replace(/\/image(?:_[a-z]+)*$/, "").replace(/^\//, "") || topic;

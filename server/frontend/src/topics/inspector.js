@@ -84,7 +84,7 @@ export class Inspector {
   // What is selected, to be copied, stays.
   isBeingRead() {
     const selection = document.getSelection();
-    return !selection.isCollapsed && this.content.contains(selection.anchorNode);
+    return selection !== null && !selection.isCollapsed && this.content.contains(selection.anchorNode);
   }
 
   offerFields() {

@@ -1,14 +1,15 @@
 // A connection of its own that only watches, for probes of topics: a message that is too large for the server ends
 // the connection it comes on, and that must not be the one that drives. Open only while something is looked at.
 
-import { backoff } from "../client/backoff.js";
+import { backoff } from "../client/api.js";
 
 const TOO_BIG = 1009;
 
 export class ObserverConnection {
-  // `requestUrl()` gives a URL, `openLink(url, handlers)` a link as in link.js.
+  // `requestUrl()` gives a URL, `openLink(url, handlers)` a link as in rosbridge.js.
   constructor({ requestUrl, openLink }) {
-    Object.assign(this, { requestUrl, openLink });
+    this.requestUrl = requestUrl;
+    this.openLink = openLink;
     this.watchers = new Set();
     this.link = null;
     this.wanted = false;
@@ -24,7 +25,7 @@ export class ObserverConnection {
     this.renew();
   }
 
-  // `spec` as of link.js; `onState("lost"|"open"|"too_big")`. Gives the function that ends it.
+  // `spec` as of rosbridge.js; `onState("lost"|"open"|"too_big")`. Gives the function that ends it.
   watch(spec, onMessage, onState = () => {}) {
     const watcher = { spec, onMessage, onState, channel: null };
     this.watchers.add(watcher);

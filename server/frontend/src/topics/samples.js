@@ -61,6 +61,7 @@ export function shortNumber(value) {
   return size >= 1000 ? String(Math.round(value)) : String(Number(value.toPrecision(3)));
 }
 
+/** @type {[string, number][]} */
 const UNITS = [
   ["GB", 1e9],
   ["MB", 1e6],

@@ -18,7 +18,9 @@ export function matching(topics, query) {
 export class Topics {
   // `root` is the panel, a <details>; `observerConnection` as of observerConnection.js; `ask()` has the robot asked for its topics again.
   constructor(root, { observerConnection, ask }) {
-    Object.assign(this, { root, observerConnection, ask });
+    this.root = root;
+    this.observerConnection = observerConnection;
+    this.ask = ask;
     this.topics = [];
     this.probes = new Map();
     this.live = false;

@@ -1,7 +1,7 @@
 // A probe of one topic: what was heard of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { plainType } from "../client/messages.js";
+import { plainType } from "../client/rosbridge.js";
 import { numberAt, numbersIn } from "./fields.js";
 import { LastMinute, Rate } from "./samples.js";
 
@@ -11,7 +11,10 @@ export const MEASURE_MS = 3000;
 export class TopicProbe {
   // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of observerConnection.js.
   constructor({ topic, watch, onChange = () => {}, now = () => performance.now() }) {
-    Object.assign(this, { topic, watch, onChange, now });
+    this.topic = topic;
+    this.watch = watch;
+    this.onChange = onChange;
+    this.now = now;
     this.large = isLargeType(topic.type);
     this.message = null;
     this.size = 0;
@@ -108,7 +111,7 @@ export class TopicProbe {
     const now = this.now();
     const silence = this.rate.silenceMs(now);
     const perSecond = this.rate.perSecond(now);
-    if (silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
+    if (silence !== null && silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
     if (this.large || perSecond === null) return { kind: "none" };
     return { kind: perSecond > 850 / THROTTLE_MS ? "least" : "rate", perSecond };
   }

@@ -7,7 +7,15 @@ export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
   // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a picture is grey.
   constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now, painter = new Painter(part(element, "picture")) }) {
-    Object.assign(this, { element, camera, openFrames, wanted, set, oldMs, onPainted, now, painter });
+    this.element = element;
+    this.camera = camera;
+    this.openFrames = openFrames;
+    this.wanted = wanted;
+    this.set = set;
+    this.oldMs = oldMs;
+    this.onPainted = onPainted;
+    this.now = now;
+    this.painter = painter;
     this.rate = new FrameRate();
     this.at = null; // of the picture that is seen
     this.full = null; // the greatest size that the camera has shown

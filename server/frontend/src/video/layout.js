@@ -1,7 +1,8 @@
 // How the tiles are arranged: one, one with another inset, or a grid, and which of them is the main one. Pure.
 // Sources are named by ids: topics of cameras, and MAP.
 
-import { MAP } from "./sources.js";
+// No topic has this name.
+export const MAP = "map:";
 
 const KINDS = ["one", "inset", "grid"];
 

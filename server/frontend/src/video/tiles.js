@@ -4,13 +4,14 @@
 import { part, setText } from "../pages/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
-import { MAP } from "./sources.js";
 import { CameraTile } from "./cameraTile.js";
+import { MAP } from "./layout.js";
 
 export class Tiles {
   // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small picture that is to be the main one.
   constructor(stage, options) {
-    Object.assign(this, { stage, options });
+    this.stage = stage;
+    this.options = options;
     this.tiles = new Map();
   }
 

@@ -1,18 +1,17 @@
 // The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
 // It must never say that a picture is fresher than it is: driving is held by what it tells.
 
-import { plainQuery } from "../client/addresses.js";
+import { plainQuery } from "../client/api.js";
 import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { LocalStore } from "../pages/localStore.js";
-import { byTestId, part, setText, TEXT, matches } from "../pages/page.js";
+import { LocalStore, TEXT, byTestId, matches, part, setText } from "../pages/page.js";
 import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
+import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
-import { Layout } from "./layout.js";
-import { MAP, cameraTopics, offeredCameras, topicOf } from "./sources.js";
+import { Layout, MAP } from "./layout.js";
 import { Tiles } from "./tiles.js";
 
 const USUAL_HOLD_MS = 1000;
@@ -24,8 +23,11 @@ const SETTLE_MS = 300;
 export class View {
   // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
   // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` tells of the main picture, at each change and ten times a second at most.
-  constructor(root, { robot, settings, openFrames, subscribe, onFreshness = () => {}, now = () => performance.now() }) {
-    Object.assign(this, { root, robot, settings, now });
+  constructor(root, { robot, settings, openFrames, subscribe, onFreshness, now = () => performance.now() }) {
+    this.root = root;
+    this.robot = robot;
+    this.settings = settings;
+    this.now = now;
     this.page = settings.page ?? {};
     this.element = byTestId(root, "view");
     this.store = new LocalStore();
@@ -37,6 +39,11 @@ export class View {
     this.freshness = new FreshnessReporter(onFreshness);
     this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
     this.refused = null;
+    /** @type {import("../topics/discovery.js").Camera[]} */
+    this.cameras = [];
+    this.hasMap = false;
+    this.ticks = 0;
+    this.tools = this.findTools();
     this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
     this.overlays = new Overlays(part(this.element, "vitals"), { subscribe, now });
     this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
@@ -62,7 +69,6 @@ export class View {
 
   start() {
     this.offer();
-    this.ticks = 0;
     setInterval(() => this.tick(), CHECK_MS);
   }
 
@@ -129,9 +135,12 @@ export class View {
     this.tools.camera.disabled = this.tools.layout.disabled = named.length < 2;
   }
 
-  setUpTools() {
+  findTools() {
     const names = ["camera", "layout", "quality", "turn", "still", "full", "figure"];
-    this.tools = Object.fromEntries(names.map((name) => [name, part(this.element, name)]));
+    return Object.fromEntries(names.map((name) => [name, part(this.element, name)]));
+  }
+
+  setUpTools() {
     const { layout, quality, full, figure } = this.tools;
     layout.value = this.layout.kind;
     if ([...quality.options].some(({ value }) => value === this.memory.quality)) quality.value = this.memory.quality;
@@ -268,10 +277,12 @@ function scaleOf(settings) {
   return { speed: maxLinear, turn: maxAngular };
 }
 
-// The whole drive page in fullscreen: the picture alone would leave stick and Stop behind.
+// The whole drive page in fullscreen: the picture alone would leave stick and Stop behind. Older Safari has names of its own.
+const safari = () => /** @type {any} */ (document);
+
 const mayBeFull = (root) => Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
 
-const isFull = () => Boolean(document.fullscreenElement ?? document.webkitFullscreenElement);
+const isFull = () => Boolean(document.fullscreenElement ?? safari().webkitFullscreenElement);
 
 // Tells the style sheets, which have no one name for it in all browsers.
 function markFull(root) {
@@ -283,7 +294,7 @@ function markFull(root) {
 // Refused when no key or click is behind it; then the page stays as it is.
 async function toggleFull(root) {
   const act = isFull()
-    ? (document.exitFullscreen ?? document.webkitExitFullscreen).bind(document)
+    ? (document.exitFullscreen ?? safari().webkitExitFullscreen).bind(document)
     : (root.requestFullscreen ?? root.webkitRequestFullscreen)?.bind(root);
   try {
     await act?.();

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { ClockSync } from "../../src/client/clockSync.js";
+import { ClockSync } from "../../src/client/session.js";
 
 const AHEAD_MS = 5000; // of the relay's clock before this page's
 

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { FrameStream } from "../../src/client/frames.js";
-import { FakeWebSocket } from "./fakes.js";
+import { FrameStream, readFrame } from "../../src/client/frames.js";
+import { FakeWebSocket, framed } from "./fakes.js";
 
 const AHEAD = 50_000;
 
@@ -270,4 +270,21 @@ test("another wish is told on the open link and on the next ones", async () => {
   await pass(500);
   sockets[1].open();
   assert.deepEqual(sockets[1].sent[0], { op: "want", quality_max: 70, fps: 5 });
+});
+
+test("a picture is taken out with its number, quality and moment, without a copy", () => {
+  const data = framed({ number: 4_000_000_000, quality: 70, flags: 1, timestampMs: 5123456.75, jpeg: [1, 2, 3] });
+  const frame = readFrame(data);
+  assert.deepEqual(
+    { ...frame, jpeg: [...frame.jpeg] },
+    { number: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75, jpeg: [1, 2, 3] },
+  );
+  assert.equal(frame.jpeg.buffer, data);
+});
+
+test("other codecs, moments that are no number and too short messages are none", () => {
+  assert.equal(readFrame(framed({ codec: 2 })), null);
+  assert.equal(readFrame(framed({ timestampMs: NaN })), null);
+  assert.equal(readFrame(framed({ jpeg: [] })), null);
+  assert.equal(readFrame(new ArrayBuffer(3)), null);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
-import { openLink } from "../../src/client/link.js";
+import { openLink } from "../../src/client/rosbridge.js";
 
 let socket, told, link;
 const original = globalThis.WebSocket;

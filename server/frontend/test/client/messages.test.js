@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driveMessage, isSteered, speedReader, speedTopic, twistType } from "../../src/client/messages.js";
+import { driveMessage, isSteered, speedReader, speedTopic, twistType } from "../../src/client/rosbridge.js";
 
 test("what the robot says of cmd_vel decides the type", () => {
   assert.equal(twistType("geometry_msgs/Twist", ["std_msgs/msg/String"]), "geometry_msgs/Twist");

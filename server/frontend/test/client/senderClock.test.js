@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { SenderClock } from "../../src/client/framesLink.js";
+import { SenderClock } from "../../src/client/frames.js";
 
 let clock, wall, senderClock;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { afterClose, afterTicketRefusal } from "../../src/client/states.js";
+import { afterClose, afterTicketRefusal } from "../../src/client/connection.js";
 import { connection as texts, driveMode as notes } from "../../src/texts/common.js";
 
 const shown = (code, wasLive = false) => {

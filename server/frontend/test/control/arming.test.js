@@ -2,8 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { Teleop } from "../../src/input/teleop.js";
-import { Arming } from "../../src/control/arming.js";
-import { VideoInterlock } from "../../src/control/videoInterlock.js";
+import { Arming, VideoInterlock } from "../../src/control/arming.js";
 
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };

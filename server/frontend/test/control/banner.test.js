@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
 import { Banner } from "../../src/control/banner.js";
-import { LINK_LOST, LIVE } from "../../src/client/states.js";
+import { LINK_LOST, LIVE } from "../../src/client/connection.js";
 
 let before, clock, deeds, parts, banner;
 

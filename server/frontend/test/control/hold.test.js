@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Hold } from "../../src/control/hold.js";
+import { Hold } from "../../src/control/stopBar.js";
 
 let button, clock, done, hold, states;
 

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { ReloadStore } from "../../src/control/driveMode.js";
-import { LocalStore } from "../../src/pages/localStore.js";
+import { LocalStore } from "../../src/pages/page.js";
 
 let store, clock, arrival;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { VideoInterlock } from "../../src/control/videoInterlock.js";
+import { VideoInterlock } from "../../src/control/arming.js";
 
 let clock, wall, changes, hold;
 

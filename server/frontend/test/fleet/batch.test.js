@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Batch, Seldom } from "../../src/fleet/batch.js";
+import { Batch, Seldom } from "../../src/fleet/list.js";
 
 let clock;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { PointerPause } from "../../src/fleet/pointerPause.js";
+import { PointerPause } from "../../src/fleet/list.js";
 
 let clock, rests, list, focused, pause;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { FieldFocus } from "../../src/input/fieldFocus.js";
+import { FieldFocus } from "../../src/input/keyboard.js";
 
 let window, fields, told;
 

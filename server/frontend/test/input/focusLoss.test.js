@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { releaseOnFocusLoss } from "../../src/input/focusLoss.js";
+import { releaseOnFocusLoss } from "../../src/input/controls.js";
 
 let window, document, count;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { GamepadLoop } from "../../src/input/gamepadLoop.js";
+import { GamepadLoop } from "../../src/input/gamepad.js";
 
 let pads, frames, told, at, window, loop;
 

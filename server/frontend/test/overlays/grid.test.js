@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { gridPixels, planar } from "../../src/overlays/grid.js";
+import { planar } from "../../src/client/rosbridge.js";
+import { gridPixels } from "../../src/overlays/world.js";
 
 const info = { width: 2, height: 2, resolution: 0.5, origin: { position: { x: -1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: 1, w: 0 } } };
 

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { compose, inverse, poseReader } from "../../src/overlays/poses.js";
+import { poseReader } from "../../src/client/rosbridge.js";
+import { compose, inverse } from "../../src/overlays/world.js";
 
 const near = (a, b) => ["x", "y", "theta"].forEach((key) => assert.ok(Math.abs(a[key] - b[key]) < 1e-9, `${key}: ${a[key]}`));
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { beforeEach, mock, test } from "node:test";
 
-import { latencyBreakdown } from "../../src/overlays/readings.js";
+import { latencyBreakdown, Readback } from "../../src/overlays/readings.js";
 
 test("what is left of the round trip is the robot's rosbridge", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: 12, robot: 40 }), { server: 12, robot: 40, rosbridge: 8 });
@@ -13,4 +13,55 @@ test("nothing takes less than no time, though the parts are measured apart", () 
 
 test("what is not known leaves the rest unknown", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: null, robot: 40 }), { server: null, robot: 40, rosbridge: null });
+});
+
+const ODOM = { name: "/odom", type: "nav_msgs/Odometry" };
+const POSE = { name: "/pose", type: "turtlesim/msg/Pose" };
+
+let subscriptions, speed, pose, readback;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+  subscriptions = [];
+  readback = new Readback({
+    subscribe: (spec, handler) => {
+      const subscription = { spec, handler, ended: false };
+      subscriptions.push(subscription);
+      return () => (subscription.ended = true);
+    },
+    onSpeed: (value) => (speed = value),
+    onPose: (value) => (pose = value),
+  });
+});
+
+test("the speed is subscribed to ten times a second at most", () => {
+  readback.follow(POSE);
+  assert.deepEqual(subscriptions[0].spec, { ...POSE, throttleMs: 100 });
+  subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0.1 });
+  assert.deepEqual(speed, { forward: 0.5, left: 0, turn: 0.1 });
+});
+
+test("the pose of the same messages is told, too", () => {
+  readback.follow(POSE);
+  subscriptions[0].handler({ x: 1, y: 2, theta: 3, linear_velocity: 0, angular_velocity: 0 });
+  assert.deepEqual(pose, { x: 1, y: 2, theta: 3 });
+});
+
+test("a speed that is a second old is shown no more", () => {
+  readback.follow(POSE);
+  subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0 });
+  mock.timers.tick(999);
+  assert.notEqual(speed, null);
+  mock.timers.tick(1);
+  assert.equal(speed, null);
+});
+
+test("another topic replaces the first, the same one changes nothing", () => {
+  readback.follow(POSE);
+  readback.follow({ ...POSE });
+  assert.equal(subscriptions.length, 1);
+  readback.follow(ODOM);
+  assert.equal(subscriptions[0].ended, true);
+  assert.equal(subscriptions[1].spec.name, "/odom");
 });

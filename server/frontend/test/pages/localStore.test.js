@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { LocalStore } from "../../src/pages/localStore.js";
+import { LocalStore } from "../../src/pages/page.js";
 
 // As the browser's, in memory.
 function storage() {

@@ -1,8 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Layout } from "../../src/video/layout.js";
-import { MAP } from "../../src/video/sources.js";
+import { Layout, MAP } from "../../src/video/layout.js";
 
 let layout;
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { framesUrl, rosUrl, streamUrl } from "../../src/client/addresses.js";
+import { backoff, framesUrl, rosUrl, streamUrl } from "../../src/client/api.js";
 
 const SERVER = "https://robots.example:8443";
 
@@ -22,4 +22,23 @@ test("of a page's own address only the host counts", () => {
 
 test("a stream has what it is asked for", () => {
   assert.equal(streamUrl(SERVER, "sim1", "/c", "t", { quality: 50 }), `${SERVER}/robots/sim1/video/stream?topic=/c&quality=50&ticket=t`);
+});
+
+const first = (count, random) => {
+  const delays = backoff(random);
+  return Array.from({ length: count }, () => delays.next().value);
+};
+
+test("delays double from half a second and stay at five seconds", () => {
+  assert.deepEqual(
+    first(6, () => 1),
+    [500, 1000, 2000, 4000, 5000, 5000],
+  );
+});
+
+test("jitter takes off at most half and never goes below half a second", () => {
+  assert.deepEqual(
+    first(6, () => 0),
+    [500, 500, 1000, 2000, 2500, 2500],
+  );
 });
