@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
+from robotether_common.globs import Globs
 
 from robotether_server import buttons as button_settings
 from robotether_server import page_settings, schemas, setting_values
 from robotether_server.buttons import Button, GivenButtons
-from robotether_server.globs import Globs
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
 from robotether_server.setting_values import GLOBS_SCHEMA, GivenGlobs

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from msgspec import Meta
+from robotether_common.globs import GLOB_PATTERN, MAX_GLOB_LENGTH, Globs, is_glob
 
-from robotether_server.globs import GLOB_PATTERN, MAX_GLOB_LENGTH, Globs, is_glob
 from robotether_server.problems import FieldInvalid
 
 MAX_GLOBS = 64

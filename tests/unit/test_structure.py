@@ -15,13 +15,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = ROOT / "tests" / "unit"
 PACKAGES = {
+    "common": ROOT / "common" / "robotether_common",
     "server": ROOT / "server" / "robotether_server",
     "agent": ROOT / "agent" / "robotether_agent",
     "sim_robot": ROOT / "images" / "sim_robot" / "sim_robot",
 }
 # The agent's test files are named after what a user relies on, in folders as the package has them.
 # The simulated robot is a double, tested by its use.
-BY_MODULE = ("server",)
+BY_MODULE = ("common", "server")
 # A layer may import from itself and from those before it. Names that no layer claims are `base`.
 LAYERS = ("base", "db", "services", "api", "web", "relay", "cli")
 MAY_IMPORT = {

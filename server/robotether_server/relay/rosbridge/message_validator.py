@@ -18,7 +18,8 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
-from robotether_server.globs import Globs
+from robotether_common.globs import Globs
+
 from robotether_server.relay.http.rate_limiter import Excess, RateLimiter
 from robotether_server.relay.rosbridge import fields, json_text
 from robotether_server.relay.rosbridge.drive_commands import DriveCommand, speeds

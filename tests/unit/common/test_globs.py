@@ -7,7 +7,7 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_server.globs import MAX_GLOB_LENGTH, Globs, is_glob
+from robotether_common.globs import MAX_GLOB_LENGTH, Globs, is_glob
 
 
 @pytest.mark.parametrize(
