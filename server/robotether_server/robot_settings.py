@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
-from robotether_common.globs import Globs
+from robotether_common.ros import Globs
 
 from robotether_server import buttons as button_settings
 from robotether_server import page_settings, schemas, setting_values

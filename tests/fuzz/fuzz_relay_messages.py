@@ -17,7 +17,7 @@ import atheris
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("common", "server")]
 with atheris.instrument_imports(include=["robotether_common", "robotether_server", "json"]):
-    from robotether_common.globs import Globs
+    from robotether_common.ros import Globs
     from robotether_server.relay.rosbridge.drive_commands import stamped
     from robotether_server.relay.rosbridge.message_validator import (
         MessageRefusedError,

@@ -12,13 +12,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from robotether_common.ros import (
+    ACKERMANN,
+    ACKERMANN_RATES,
+    ACKERMANN_STAMPED,
+    AXES,
+    TWIST,
+    TWIST_STAMPED,
+)
+
 from robotether_agent.guard.refused import Refused
 
 Vector = tuple[float, float, float]
 Shape = Literal["twist", "twist_stamped", "ackermann"]
 
 STANDSTILL: Vector = (0.0, 0.0, 0.0)
-AXES = ("x", "y", "z")
 # No robot's; and beyond 3e38 a float32 of ROS is infinite.
 MAX_NUMBER = 1e9
 MAX_FRAME_ID_LENGTH = 255
@@ -31,11 +39,10 @@ SHAPES: Mapping[str, Shape] = {
     "ackermann_msgs/msg/AckermannDriveStamped": "ackermann",
 }
 _MEMBERS: Mapping[Shape, frozenset[str]] = {
-    "twist": frozenset({"linear", "angular"}),
-    "twist_stamped": frozenset({"header", "twist"}),
-    "ackermann": frozenset({"header", "drive"}),
+    "twist": TWIST,
+    "twist_stamped": TWIST_STAMPED,
+    "ackermann": ACKERMANN_STAMPED,
 }
-_RATES = ("steering_angle_velocity", "acceleration", "jerk")
 _STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
 MAX_WHOLE = 2**63 - 1
 # After a pause the robot may not make up for it at once.
@@ -88,7 +95,7 @@ def write(command: CheckedCommand) -> dict[str, Any]:
     """Return the `msg` that says what `command` says."""
     if command.shape == "ackermann":
         drive = {"steering_angle": command.steering, "speed": command.linear[0]}
-        drive |= dict(zip(_RATES, command.rates, strict=True))
+        drive |= dict(zip(ACKERMANN_RATES, command.rates, strict=True))
         return _stamped(command, {"drive": drive})
     twist = {"linear": _written(command.linear), "angular": _written(command.angular)}
     return twist if command.shape == "twist" else _stamped(command, {"twist": twist})
@@ -111,8 +118,8 @@ def _twist(
 
 
 def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> CheckedCommand:
-    _only(members, frozenset({"steering_angle", "speed", *_RATES}), "drive")
-    first, second, third = (_number(members, name) for name in _RATES)
+    _only(members, ACKERMANN, "drive")
+    first, second, third = (_number(members, name) for name in ACKERMANN_RATES)
     return CheckedCommand(
         "ackermann",
         (_number(members, "speed"), 0.0, 0.0),

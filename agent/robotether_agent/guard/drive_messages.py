@@ -12,16 +12,14 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase, translate
 from typing import Any, Literal, NoReturn, cast
+
+from robotether_common.ros import MAX_GLOB_LENGTH, Globs, full_name
 
 from robotether_agent.fields import printable
 from robotether_agent.guard.refused import Refused
 
-MAX_NAME_LENGTH = 255
-MAX_PATTERN_LENGTH = 256
-NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*", re.ASCII)
-PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_PATTERN_LENGTH}}}", re.ASCII)
+PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_GLOB_LENGTH}}}")
 Operation = Literal["publish", "advertise", "unadvertise"]
 MessageId = str | int | None
 
@@ -33,32 +31,24 @@ GUARDED = frozenset((*ON_TOPICS, *WRAPPERS))
 MAX_ID_LENGTH = 256
 
 
-def full_name(name: object) -> str | None:
-    """Return the name with its first slash, or None if it is spelled in any other way."""
-    if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or not NAME.fullmatch(name):
-        return None
-    return name if name.startswith("/") else "/" + name
-
-
 class DriveTopics:
-    """The robot's drive topics: full names in which `*` stands for any text, slashes included."""
+    """The robot's drive topics: patterns for their full names."""
 
     def __init__(self, patterns: Sequence[str]) -> None:
         for pattern in patterns:
             if not PATTERN.fullmatch(pattern):
                 raise ValueError(f"{pattern[:80]!r} is no name of a topic, with * for any text")
         self.patterns = tuple(patterns)
-        # translate() makes an expression that cannot run for long, however many * there are.
-        self._match = re.compile("|".join(map(translate, patterns)) or r"(?!)").match
+        self._globs = Globs(patterns)
+        self._last_parts = Globs(pattern.rpartition("/")[2] for pattern in patterns)
 
     def match(self, full: str) -> bool:
         """Tell whether a full name is a drive topic's."""
-        return self._match(full) is not None
+        return self._globs.match(full)
 
     def might_be(self, relative: str) -> bool:
         """Tell whether a name without a first slash could be a drive topic's in some namespace of the robot."""
-        last = relative.rpartition("/")[2]
-        return any(fnmatchcase(last, pattern.rpartition("/")[2]) for pattern in self.patterns)
+        return self._last_parts.match(relative.rpartition("/")[2])
 
     def plain(self) -> list[str]:
         """Return those that are names and no patterns."""

@@ -13,6 +13,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import cast
 
+from robotether_common.ros import NAME, full_name
+
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -23,7 +25,6 @@ from robotether_agent.fields import (
 )
 from robotether_agent.files import read_text
 from robotether_agent.guard.commands import MAX_FRAME_ID_LENGTH, SHAPES, Shape
-from robotether_agent.guard.drive_messages import NAME, full_name
 from robotether_agent.problems import StateUnusable
 
 MOTION_FILE = "motion.json"

@@ -12,15 +12,11 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from robotether_common.ros import ACKERMANN, ACKERMANN_STAMPED, AXES, TWIST, TWIST_STAMPED
+
 from robotether_server.relay.rosbridge.fields import FieldRefusedError
 
-_AXES = frozenset(("x", "y", "z"))
-_TWIST = frozenset(("linear", "angular"))
-_TWIST_STAMPED = frozenset(("header", "twist"))
-_ACKERMANN_STAMPED = frozenset(("header", "drive"))
-_ACKERMANN = frozenset(
-    ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk")
-)
+_AXES = frozenset(AXES)
 
 
 class DriveCommand(NamedTuple):
@@ -44,12 +40,12 @@ def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
 def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
     """Return the speed in m/s and the turn in rad/s; raise FieldRefusedError when it is no command."""
     members = msg.keys()
-    if members <= _TWIST:
+    if members <= TWIST:
         return _of_twist(msg)
-    if members <= _TWIST_STAMPED:
-        return _of_twist(_object(msg.get("twist", {}), _TWIST))
-    if members <= _ACKERMANN_STAMPED:
-        drive = _object(msg.get("drive", {}), _ACKERMANN)
+    if members <= TWIST_STAMPED:
+        return _of_twist(_object(msg.get("twist", {}), TWIST))
+    if members <= ACKERMANN_STAMPED:
+        drive = _object(msg.get("drive", {}), ACKERMANN)
         for value in drive.values():
             _finite(value)
         return abs(_finite(drive.get("speed", 0.0))), None

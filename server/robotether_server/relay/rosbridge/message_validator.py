@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
-from robotether_common.globs import Globs
+from robotether_common.ros import Globs
 
 from robotether_server.relay.http.rate_limiter import Excess, RateLimiter
 from robotether_server.relay.rosbridge import fields, json_text

@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from robotether_common.globs import Globs
+from robotether_common.ros import Globs
 from robotether_server.relay.rosbridge.drive_commands import stamped
 from robotether_server.relay.rosbridge.message_validator import (
     ANSWERS_PER_S,

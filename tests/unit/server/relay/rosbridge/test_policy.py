@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robotether_common.globs import Globs
+from robotether_common.ros import Globs
 from robotether_server.relay.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,
