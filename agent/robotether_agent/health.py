@@ -14,10 +14,10 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from http import HTTPStatus
-from typing import Literal
 from urllib.parse import urlsplit
 
 import aiohttp
+from robotether_common.session import ServiceState
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
@@ -27,7 +27,6 @@ from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
 
-ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
 # The list of all topics of a large robot.

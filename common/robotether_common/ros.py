@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 MAX_NAME_LENGTH = 255
 # A name of ROS without anything that stands for something else.
 NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
+MAX_GLOBS = 64
 MAX_GLOB_LENGTH = 256
 # What a name is made of, and `*`. Anything else could never match.
 GLOB_PATTERN = "^[/*][a-zA-Z0-9_/*]*$"

@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Annotated
 
 from msgspec import Meta
-from robotether_common.ros import GLOB_PATTERN, MAX_GLOB_LENGTH, MAX_NAME_LENGTH, Globs, is_glob
+from robotether_common.ros import (
+    GLOB_PATTERN,
+    MAX_GLOB_LENGTH,
+    MAX_GLOBS,
+    MAX_NAME_LENGTH,
+    Globs,
+    is_glob,
+)
 
 from robotether_server.problems import FieldInvalid
-
-MAX_GLOBS = 64
 
 
 def globs(given: object, path: str) -> Globs:

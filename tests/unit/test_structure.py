@@ -192,7 +192,7 @@ def test_every_folder_of_tests_has_its_package(name: str) -> None:
 
 
 # What agent and server each have for the same thing on the wire between them.
-BOTH_ENDS = {"Battery", "JoinRequest", "PreviousKey", "VideoDown"}
+BOTH_ENDS = {"JoinRequest", "PreviousKey", "VideoDown"}
 # Words of our own, and the field's words for them. None is a word of an identifier, in singular or plural.
 BANNED_WORDS = {
     "helm joint keeper bench": "drive_controller, client_proxy, guard_supervisor, spare",

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NoReturn, cast
 
+from robotether_common.guard import STAMP
 from robotether_common.ros import MAX_GLOB_LENGTH, Globs, full_name
 
 from robotether_agent.fields import printable
@@ -26,7 +27,6 @@ MessageId = str | int | None
 ON_TOPICS = ("publish", "advertise", "unadvertise")
 # They hide other operations.
 WRAPPERS = ("fragment", "png")
-STAMP = "robotether"
 GUARDED = frozenset((*ON_TOPICS, *WRAPPERS))
 MAX_ID_LENGTH = 256
 

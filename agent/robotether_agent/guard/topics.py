@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from robotether_common.guard import RefusedKind
+
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.commands import SHAPES, CheckedCommand, Shape
 from robotether_agent.guard.drive_messages import MessageId
-from robotether_agent.guard.refused import Kind, Refused
+from robotether_agent.guard.refused import Refused
 
 MAX_TOPICS = 16
 # A client advertises a topic once, so the type outlives the place. Without one, rosbridge takes what its graph says of
@@ -25,7 +27,7 @@ class CommandSource(Protocol):
     def authorization(self) -> Authorization:
         """What it may do."""
 
-    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
         """Answer a message that goes no further."""
 
     def notify(self, data: bytes) -> None:

@@ -12,11 +12,13 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from robotether_common.guard import STAMP
 from robotether_common.ros import ACKERMANN, ACKERMANN_STAMPED, AXES, TWIST, TWIST_STAMPED
 
 from robotether_server.relay.rosbridge.fields import FieldRefusedError
 
 _AXES = frozenset(AXES)
+_STAMPED = b'%%b,"%b":{"t_ms":%%.3f,"fence":%%d}}' % STAMP.encode()
 
 
 class DriveCommand(NamedTuple):
@@ -34,7 +36,7 @@ class DriveCommand(NamedTuple):
 
 def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
     """Write a command for the guard, with its moment on the robot's clock and the lease's number."""
-    return b'%b,"robotether":{"t_ms":%.3f,"fence":%d}}' % (command.data[:-1], t_ms, fence)
+    return _STAMPED % (command.data[:-1], t_ms, fence)
 
 
 def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:

@@ -18,6 +18,7 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
+from robotether_common.guard import STAMP
 from robotether_common.ros import Globs
 
 from robotether_server.relay.http.rate_limiter import Excess, RateLimiter
@@ -199,7 +200,7 @@ class MessageValidator:
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
-        stamp_ms = written.pop("robotether", None)
+        stamp_ms = written.pop(STAMP, None)
         topic = written["topic"]
         if not self._is_drive_topic(topic):
             return ValidatedMessage(_write(written), "publish")

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from robotether_common.guard import STAMP
+
 from robotether_server.relay.rosbridge import fields
 from robotether_server.relay.rosbridge.fields import Check
 
@@ -112,7 +114,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "unadvertise": Operation("unadvertise", {**_TOPIC, **_PUBLISHED}, "publish", "topic"),
     "publish": Operation(
         "publish to",
-        {**_TOPIC, "msg": fields.members, **_PUBLISHED, "robotether": fields.stamp},
+        {**_TOPIC, "msg": fields.members, **_PUBLISHED, STAMP: fields.stamp},
         "publish",
         "topic",
     ),

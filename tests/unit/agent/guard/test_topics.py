@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.commands import CheckedCommand
 from robotether_agent.guard.drive_messages import MessageId
-from robotether_agent.guard.refused import Kind, Refused
+from robotether_agent.guard.refused import Refused
 from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, PendingCommand, Topic, Topics
+from robotether_common.guard import RefusedKind
 
 
 class Nobody:
@@ -20,7 +21,7 @@ class Nobody:
 
     authorization = Authorization("observe")
 
-    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
         """Drop it."""
 
     def notify(self, data: bytes) -> None:
