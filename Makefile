@@ -88,15 +88,15 @@ test-server: venv images ## server.yml on a machine of its own with a Docker eng
 
 enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
 	@tools/ensure_robot_host_image
-	@PYTHONPATH=$(SUPPORT):server $(VENV)/bin/python benchmarks/enrol_times.py
+	@PYTHONPATH=$(SUPPORT):common:server $(VENV)/bin/python benchmarks/enrol_times.py
 
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
-	@PYTHONPATH=$(SUPPORT):agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
+	@PYTHONPATH=$(SUPPORT):common:agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
 experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):benchmarks:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
+	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):benchmarks:common:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only) $(if $(ONLY),--only $(ONLY))
 
 screenshots: venv ## pictures of all pages and states into docs/screenshots; needs make demo

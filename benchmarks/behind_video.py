@@ -31,7 +31,7 @@ from sections import Section, percentile
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
 HERE = Path(__file__).resolve().parent
-AGENT = HERE.parent / "agent"
+AGENT = os.pathsep.join(str(HERE.parent / name) for name in ("common", "agent"))
 UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
 UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
@@ -145,7 +145,7 @@ class Site:
 def running(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
     """Run a program, which ends when its stdin does, or else by a signal."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    environ = {**os.environ, "PYTHONPATH": str(AGENT)}
+    environ = {**os.environ, "PYTHONPATH": AGENT}
     with subprocess.Popen(command, env=environ, **pipes) as process:
         try:
             yield process

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from sections import Section
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "server"))
 
 from robotether_server.relay.rosbridge.drive_path import stamped

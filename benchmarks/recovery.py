@@ -44,7 +44,9 @@ from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
 from sections import Section, percentile
 
-AGENT = Path(__file__).resolve().parents[1] / "agent"
+AGENT = os.pathsep.join(
+    str(Path(__file__).resolve().parents[1] / name) for name in ("common", "agent")
+)
 REPEAT = 50
 AIM_S = 2.0
 # Nobody waits longer: it counts as a failure.
@@ -154,7 +156,7 @@ class Subject:
             **self._settings,
         }
         given = {f"ROBOTETHER_{name.upper()}": str(value) for name, value in settings.items()}
-        environ = {**os.environ, "PYTHONPATH": str(AGENT), **given}
+        environ = {**os.environ, "PYTHONPATH": AGENT, **given}
         self._agent = subprocess.Popen(
             command, env=environ, stdout=self._log, stderr=subprocess.STDOUT
         )

@@ -16,9 +16,10 @@ import sys
 from pathlib import Path
 
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.tunnel.openssh import Forward, Kind, SshFiles
+from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 from robotether_agent.video.video_proxy import VideoProxy
+from robotether_common.session import Kind
 from video_robot import ROS_PORT, VIDEO_PORT
 
 

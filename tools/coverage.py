@@ -16,7 +16,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "tests" / "artifacts" / "coverage"
-PACKAGES = ("agent/robotether_agent", "server/robotether_server", "images/sim_robot/sim_robot")
+PACKAGES = (
+    "common/robotether_common",
+    "agent/robotether_agent",
+    "server/robotether_server",
+    "images/sim_robot/sim_robot",
+)
 SCRIPTS = "server/frontend"
 PYTEST = ("pytest", "-q", "-n", "2", "--timeout", "300", "-m", "not alone", "tests/unit")
 

@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "tests" / "artifacts" / "mutants"
 # In the copy they lie at the top: mutmut names a module after its path.
 PACKAGES = {
+    "robotether_common": "common/robotether_common",
     "robotether_agent": "agent/robotether_agent",
     "robotether_server": "server/robotether_server",
     "sim_robot": "images/sim_robot/sim_robot",
@@ -57,9 +58,9 @@ SUBJECTS = {
         (
             f"{RELAY}rosbridge/message_validator.py",
             f"{RELAY}rosbridge/fields.py",
-            "robotether_server/globs.py",
+            "robotether_common/ros.py",
         ),
-        (*RELAY_TESTS, "tests/unit/server/test_globs.py"),
+        (*RELAY_TESTS, "tests/unit/common/test_ros.py"),
     ),
     "stops": Subject((f"{RELAY}control/stops.py",), RELAY_TESTS),
     "tickets": Subject(("robotether_server/tickets.py",), ("tests/unit/server/test_tickets.py",)),

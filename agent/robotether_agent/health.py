@@ -14,20 +14,19 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from http import HTTPStatus
-from typing import Literal
 from urllib.parse import urlsplit
 
 import aiohttp
+from robotether_common.session import ServiceState
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import FieldError, parse_object
-from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoDown
+from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoSourceDown
 from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
 
-ServiceState = Literal["ok", "down", "unknown"]
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
 # The list of all topics of a large robot.
@@ -158,12 +157,12 @@ class Health:
         return asked.result() if asked.done() else None
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
-        """Raise VideoDown unless there is somewhere where pictures come from."""
+        """Raise VideoSourceDown unless there is somewhere where pictures come from."""
         try:
             if self._source_settings.source == "rosbridge":
                 raise self._no_images("rosbridge has no topic of sensor_msgs/CompressedImage")
             await self._ask_server(http)
-        except VideoDown:
+        except VideoSourceDown:
             if not await self._is_elsewhere():
                 raise
         await self._video_is(None)
@@ -212,12 +211,12 @@ class Health:
         return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
 
     def _video_down(self, reason: str) -> AgentProblem:
-        return VideoDown(f"web_video_server at {self._video_url} does not answer: {reason}")
+        return VideoSourceDown(f"web_video_server at {self._video_url} does not answer: {reason}")
 
     def _no_images(self, reason: str) -> AgentProblem:
         if self._rosbridge is None:
             reason = "rosbridge, the source of its video, does not answer"
-        return VideoDown(f"there is no video: {reason}")
+        return VideoSourceDown(f"there is no video: {reason}")
 
     async def _ros_is(self, problem: AgentProblem | None) -> None:
         state, detail = _state_of(problem)

@@ -32,7 +32,7 @@ can help, and says in one sentence what was impossible and why, and in another w
     |  `- SessionEnded       the server's code    soon or slowly
     |- GuardDown             guard_down           told, another one is started
     |- RosbridgeDown         rosbridge_down       told, the tunnel stays
-    `- VideoDown             video_down           told, the tunnel stays
+    `- VideoSourceDown       video_down           told, the tunnel stays
 """
 
 from __future__ import annotations
@@ -275,7 +275,7 @@ class RosbridgeDown(AgentProblem):
     default_code = "rosbridge_down"
 
 
-class VideoDown(AgentProblem):
+class VideoSourceDown(AgentProblem):
     """web_video_server on the robot does not answer; never ends a connection."""
 
     default_code = "video_down"

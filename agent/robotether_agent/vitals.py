@@ -12,9 +12,10 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import aiohttp
+from robotether_common.session import Battery
 
 from robotether_agent.fields import JsonObject
 from robotether_agent.rosbridge import Rosbridge, connected
@@ -33,14 +34,6 @@ CHARGING = 1
 Send = Callable[[Mapping[str, object]], None]
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Battery:
-    """How full the battery is, in percent, and whether it is being charged."""
-
-    percent: int
-    charging: bool
 
 
 class Vitals:

@@ -39,7 +39,8 @@ ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
 # Where processes of the benchmarks find their modules.
 SUPPORT = tuple(f"tests/support/{name}" for name in ("fakes", "networks", "stack", "browser"))
 FOLDERS = [
-    ROOT / folder for folder in ("agent", "server", "images/sim_robot", "benchmarks", *SUPPORT)
+    ROOT / folder
+    for folder in ("common", "agent", "server", "images/sim_robot", "benchmarks", *SUPPORT)
 ]
 # It publishes zeros for half a second when it was moving, and closes its tunnels.
 ENDS_WITHIN_S = 5.0

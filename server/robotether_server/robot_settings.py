@@ -13,11 +13,12 @@ from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
+from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS
+from robotether_common.ros import Globs
 
 from robotether_server import buttons as button_settings
 from robotether_server import page_settings, schemas, setting_values
 from robotether_server.buttons import Button, GivenButtons
-from robotether_server.globs import Globs
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
 from robotether_server.setting_values import GLOBS_SCHEMA, GivenGlobs
@@ -55,8 +56,7 @@ DriveTopics = Annotated[
     Globs,
     Meta(extra_json_schema=GLOBS_SCHEMA | {"minItems": 1}, extra={"read": _drive_topics}),
 ]
-# Times in which a robot can stop before it matters, and over which it would not.
-GuardTime = Annotated[int, Meta(ge=200, le=2000)]
+GuardTime = Annotated[int, Meta(ge=TIMES_MS[0], le=TIMES_MS[1])]
 # No robot needs more; so small a limit as the lowest stands still.
 Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Acceleration = Annotated[float, Meta(ge=0.001, le=1000)]
@@ -66,9 +66,9 @@ Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
 class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
     """What the guard on the robot holds drive commands to; null: no limit."""
 
-    drive_topics: DriveTopics = field(default_factory=lambda: Globs(["/cmd_vel", "*/cmd_vel"]))
-    deadman_ms: GuardTime = 500
-    max_age_ms: GuardTime = 500
+    drive_topics: DriveTopics = field(default_factory=lambda: Globs(DEFAULT_TOPICS))
+    deadman_ms: GuardTime = DEFAULT_MS
+    max_age_ms: GuardTime = DEFAULT_MS
     max_speed_m_s: Speed | None = None
     max_turn_rad_s: Speed | None = None
     max_acceleration_m_s2: Acceleration | None = None

@@ -5,12 +5,16 @@ from __future__ import annotations
 from typing import Annotated
 
 from msgspec import Meta
+from robotether_common.ros import (
+    GLOB_PATTERN,
+    MAX_GLOB_LENGTH,
+    MAX_GLOBS,
+    MAX_NAME_LENGTH,
+    Globs,
+    is_glob,
+)
 
-from robotether_server.globs import GLOB_PATTERN, MAX_GLOB_LENGTH, Globs, is_glob
 from robotether_server.problems import FieldInvalid
-
-MAX_GLOBS = 64
-MAX_ROS_NAME_LENGTH = 255
 
 
 def globs(given: object, path: str) -> Globs:
@@ -37,12 +41,12 @@ GivenGlobs = Annotated[Globs, Meta(extra_json_schema=GLOBS_SCHEMA, extra={"read"
 RosName = Annotated[
     str,
     Meta(
-        max_length=MAX_ROS_NAME_LENGTH,
+        max_length=MAX_NAME_LENGTH,
         pattern="^(/[A-Za-z0-9_]+)+$",
         extra={
             "exact": True,
             "must": "a full name such as /arm/move_1, of a-z, A-Z, 0-9, _ and /, and at most "
-            f"{MAX_ROS_NAME_LENGTH} characters",
+            f"{MAX_NAME_LENGTH} characters",
         },
     ),
 ]

@@ -38,7 +38,8 @@ class Person:
     @property
     def environment(self) -> dict[str, str]:
         """No agent and no keys of whoever runs the tests."""
-        own = {"HOME": str(self.folder), "PYTHONPATH": str(ROOT / "server")}
+        packages = os.pathsep.join(str(ROOT / name) for name in ("common", "server"))
+        own = {"HOME": str(self.folder), "PYTHONPATH": packages}
         return {**os.environ, **own, "SSH_AUTH_SOCK": ""}
 
     def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> object:

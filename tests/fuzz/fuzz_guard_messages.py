@@ -12,9 +12,9 @@ from typing import Any
 
 import atheris
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agent"))
+sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("common", "agent")]
 
-with atheris.instrument_imports(include=["robotether_agent.guard"]):
+with atheris.instrument_imports(include=["robotether_common", "robotether_agent.guard"]):
     from robotether_agent.guard import drive_messages
     from robotether_agent.guard.drive_messages import DriveTopics, Refused
 

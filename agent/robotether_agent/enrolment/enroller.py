@@ -15,12 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
+from robotether_common.join import PreviousKey, rotation_message
+
 from robotether_agent import __version__
 from robotether_agent.backoff import Repeats
 from robotether_agent.enrolment import enrolment_store, identity_store, keys, known_hosts
 from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.identity_store import Identity, IdentityStore
-from robotether_agent.enrolment.join import Joined, JoinRequest, PreviousKey, join
+from robotether_agent.enrolment.join import Joined, JoinRequest, join
 from robotether_agent.enrolment.keys import KeyPair
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
@@ -209,7 +211,7 @@ class Enroller:
 
     async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:
         """Join with the key that is to replace `key`; also after a power cut between any two of these steps."""
-        signature = await keys.sign(key, f"{request.mac} {coming.public}\n")
+        signature = await keys.sign(key, rotation_message(request.mac, coming.public))
         proof = PreviousKey(key.fingerprint, signature)
         try:
             answer = await join(

@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from http import HTTPStatus
 
 import aiohttp
+from robotether_common.join import PreviousKey
 
 from robotether_agent.enrolment.enrolment_store import SshAccess, parse_host_keys, parse_ssh
 from robotether_agent.enrolment.known_hosts import HostKey
@@ -74,14 +75,6 @@ PENDING_ADVICE = {
     "mac_in_use": "if this robot got a new disk or a new key, an admin approves it after comparing the key; else "
     "give this robot another address with interface or mac in agent.toml",
 }
-
-
-@dataclass(frozen=True)
-class PreviousKey:
-    """What proves that the robot which asks with a new key had the old one."""
-
-    fingerprint: str
-    signature: str
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from robotether_common.join import ROTATION_NAMESPACE
+
 from robotether_agent.enrolment.known_hosts import fingerprint_of
 from robotether_agent.files import read_text
 from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
@@ -24,7 +26,6 @@ KEYGEN_TIMEOUT_S = 30.0
 NAME = "id_ed25519"
 # The key that takes the place of the other one as soon as the server knows it.
 NEXT = "id_ed25519.next"
-ROTATION = "robotether-rotation"
 # The type, in words and again inside the base64, and the 36 bytes of length and point.
 PUBLIC = re.compile(r"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5[A-Za-z0-9+/]{48}(?![A-Za-z0-9+/=])")
 
@@ -103,7 +104,7 @@ def discard_next(state_dir: Path) -> None:
 
 async def sign(key: KeyPair, text: str) -> str:
     """Return the signature that proves to the server that this robot has `key`, as one text."""
-    words = ("-Y", "sign", "-n", ROTATION, "-f", str(key.path))
+    words = ("-Y", "sign", "-n", ROTATION_NAMESPACE, "-f", str(key.path))
     return await _keygen(*words, given=text.encode())
 
 

@@ -13,6 +13,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS, RefusedKind
+from robotether_common.ros import MAX_GLOBS
+from robotether_common.session import MAX_FENCE
+
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -26,14 +30,9 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
-from robotether_agent.guard.authorization import MAX_FENCE
-from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics, Kind
+from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
 
-DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
-DEFAULT_MS = 500
-TIMES_MS = (200, 2000)
 MAX_LIMIT = 1e6
-MAX_TOPICS = 64
 ROSBRIDGE_URL = re.compile(r"wss?://\S{1,500}")
 MAX_KEY_LENGTH = 500
 MAX_BY_LENGTH = 100
@@ -155,7 +154,7 @@ def _topics(guard: JsonObject) -> DriveTopics:
         return DriveTopics(DEFAULT_TOPICS)
     if guard["drive_topics"] == []:
         return DriveTopics(())
-    patterns = get_texts(guard, "drive_topics", limit=MAX_TOPICS)
+    patterns = get_texts(guard, "drive_topics", limit=MAX_GLOBS)
     try:
         return DriveTopics(patterns)
     except ValueError as error:
@@ -188,7 +187,7 @@ class GuardReporter:
         self._pipe = pipe
         self._clock = clock
         self._sent: State | None = None
-        self._sent_refused: Mapping[Kind, int] = {}
+        self._sent_refused: Mapping[RefusedKind, int] = {}
         self._sent_at = 0.0
 
     def ready(self, port: int) -> None:
@@ -200,7 +199,7 @@ class GuardReporter:
         self._line({"type": "tick"})
 
     def state(
-        self, state: State, refused: Mapping[Kind, int], *, answers: str | None = None
+        self, state: State, refused: Mapping[RefusedKind, int], *, answers: str | None = None
     ) -> None:
         """Tell the state if it or `refused` is another than was sent last, or if it `answers` a stop or a release.
 
@@ -220,7 +219,7 @@ class GuardReporter:
             self._sent, self._sent_at = state, self._clock()
             self._sent_refused = dict(refused)
 
-    def _can_wait(self, state: State, refused: Mapping[Kind, int]) -> bool:
+    def _can_wait(self, state: State, refused: Mapping[RefusedKind, int]) -> bool:
         sent, since_s = self._sent, self._clock() - self._sent_at
         if state == sent:
             return refused == self._sent_refused or since_s < COUNTS_EVERY_S

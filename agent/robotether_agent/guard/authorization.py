@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
+from robotether_common.session import MAX_FENCE
+
 from robotether_agent.guard.drive_messages import Refused
 
 AGENT_SILENT_S = 1.0
-MAX_FENCE = 2**63 - 1
-
-KEY_HEADER = "Robotether-Key"
-MODE_HEADER = "Robotether-Mode"
-FENCE_HEADER = "Robotether-Fence"
 
 Mode = Literal["observe", "drive", "direct"]
 
@@ -129,13 +127,15 @@ class Authorizer:
 
     def _authorize_driver(self, fence: int) -> Authorization:
         if self.stopped:
-            raise NotAuthorized(409, "cannot drive: the robot is stopped")
+            raise NotAuthorized(FENCE_REFUSED, "cannot drive: the robot is stopped")
         if not self._session or self.exiting:
-            raise NotAuthorized(409, "cannot drive: the robot's session with the server is down")
+            raise NotAuthorized(
+                FENCE_REFUSED, "cannot drive: the robot's session with the server is down"
+            )
         if fence > self._fence:
             self._fence, self._held, self._first_word = fence, True, False
         if fence != self._fence or not self._held:
-            raise NotAuthorized(409, f"cannot drive: lease {fence} is over")
+            raise NotAuthorized(FENCE_REFUSED, f"cannot drive: lease {fence} is over")
         return Authorization("drive", fence)
 
 

@@ -17,6 +17,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+import robotether_common
+
+import robotether_agent
 from robotether_agent.fields import FieldError, JsonObject, line_of, parse_object
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of, within
@@ -29,7 +32,13 @@ START_S = 20.0
 EXIT_S = 1.5
 MAX_LINE_BYTES = 64 * 1024
 MAX_UNREAD_BYTES = 64 * 1024
-PACKAGE_PARENT = Path(__file__).resolve().parents[2]
+# Where the guard's packages lie: one folder once they are installed, two in a checkout.
+PACKAGE_PARENTS = tuple(
+    dict.fromkeys(
+        str(Path(package.__path__[0]).resolve().parent)
+        for package in (robotether_agent, robotether_common)
+    )
+)
 # What only the agent itself may say to systemd.
 NOT_INHERITED = frozenset({"NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"})
 TICK = {"type": "tick"}
@@ -54,7 +63,7 @@ def guard_environment(environ: Mapping[str, str]) -> dict[str, str]:
         for name, value in environ.items()
         if not name.startswith("ROBOTETHER_") and name not in NOT_INHERITED
     }
-    paths = [str(PACKAGE_PARENT), *filter(None, [environ.get("PYTHONPATH")])]
+    paths = [*PACKAGE_PARENTS, *filter(None, [environ.get("PYTHONPATH")])]
     return {**inherited, "PYTHONPATH": os.pathsep.join(paths)}
 
 

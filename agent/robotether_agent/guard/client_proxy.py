@@ -15,12 +15,12 @@ from contextlib import suppress
 from typing import Literal
 
 from aiohttp import WSMsgType, web
+from robotether_common.guard import RefusedKind
 
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.drive_messages import (
     DriveTopics,
-    Kind,
     MessageId,
     Unclear,
     drive_message,
@@ -94,7 +94,7 @@ class ClientProxy:
         self._controller = controller
         self._topics = topics
         self._clock = asyncio.get_running_loop().time
-        self._answered_at: dict[Kind, float] = {}
+        self._answered_at: dict[RefusedKind, float] = {}
         self._answers: set[asyncio.Task[None]] = set()
         self._over = asyncio.Event()
 
@@ -102,7 +102,7 @@ class ClientProxy:
         """End the connection: its right is over."""
         self._over.set()
 
-    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
         """Answer as rosbridge does, at most once a second for each kind."""
         now = self._clock()
         if now - self._answered_at.get(kind, -ANSWER_EVERY_S) < ANSWER_EVERY_S:

@@ -13,14 +13,14 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
+from robotether_common.guard import REFUSED_KINDS, STAMP, RefusedKind
+
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorizer
 from robotether_agent.guard.drive_messages import (
-    KINDS,
     SHAPES,
     CheckedCommand,
     DriveMessage,
-    Kind,
     MessageId,
     Refused,
     Shape,
@@ -78,7 +78,7 @@ class DriveController:
         clock: Callable[[], float],
         changed: Callable[[], None],
     ) -> None:
-        self.refusals: dict[Kind, int] = dict.fromkeys(KINDS, 0)
+        self.refusals: dict[RefusedKind, int] = dict.fromkeys(REFUSED_KINDS, 0)
         self._authorizer = authorizer
         self._motion = MotionTracker(motion_file)
         self._clock = clock
@@ -193,7 +193,9 @@ class DriveController:
             text = f"cannot {doing} {message.topic}: {refused.why}"
             self.refuse(source, refused.kind, text, message_id(message.fields))
 
-    def refuse(self, source: CommandSource, kind: Kind, text: str, identity: MessageId) -> None:
+    def refuse(
+        self, source: CommandSource, kind: RefusedKind, text: str, identity: MessageId
+    ) -> None:
         """Count a refusal and answer it."""
         self.refusals[kind] += 1
         source.refuse(kind, text, identity)
@@ -243,7 +245,7 @@ class DriveController:
         await self._announce(topic)
 
     async def _publish(self, source: CommandSource, message: DriveMessage) -> None:
-        now, given = self._clock(), message.fields.get("robotether")
+        now, given = self._clock(), message.fields.get(STAMP)
         stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
         if not self.publisher.up or self._deadman.owes:

@@ -17,8 +17,20 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase, translate
-from typing import Any, Literal, NoReturn, cast, get_args
+from typing import Any, Literal, NoReturn, cast
+
+from robotether_common.guard import STAMP, RefusedKind
+from robotether_common.ros import (
+    ACKERMANN,
+    ACKERMANN_RATES,
+    ACKERMANN_STAMPED,
+    AXES,
+    MAX_GLOB_LENGTH,
+    TWIST,
+    TWIST_STAMPED,
+    Globs,
+    full_name,
+)
 
 from robotether_agent.fields import printable
 
@@ -26,25 +38,16 @@ Operation = Literal["publish", "advertise", "unadvertise"]
 MessageId = str | int | None
 Shape = Literal["twist", "twist_stamped", "ackermann"]
 Vector = tuple[float, float, float]
-# Why a message is refused. old: its age; fence: another one's lease; stopped: the latch; shape: what it says; held:
-# nobody may drive now.
-Kind = Literal["old", "fence", "stopped", "shape", "held"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 
-MAX_NAME_LENGTH = 255
-MAX_PATTERN_LENGTH = 256
-NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*", re.ASCII)
-PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_PATTERN_LENGTH}}}", re.ASCII)
+PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_GLOB_LENGTH}}}")
 MAX_ID_LENGTH = 256
 
 ON_TOPICS = ("publish", "advertise", "unadvertise")
 # They hide other operations.
 WRAPPERS = ("fragment", "png")
-STAMP = "robotether"
 GUARDED = frozenset((*ON_TOPICS, *WRAPPERS))
 
 STANDSTILL: Vector = (0.0, 0.0, 0.0)
-AXES = ("x", "y", "z")
 # No robot's; and beyond 3e38 a float32 of ROS is infinite.
 MAX_NUMBER = 1e9
 MAX_FRAME_ID_LENGTH = 255
@@ -57,11 +60,10 @@ SHAPES: Mapping[str, Shape] = {
     "ackermann_msgs/msg/AckermannDriveStamped": "ackermann",
 }
 _MEMBERS: Mapping[Shape, frozenset[str]] = {
-    "twist": frozenset({"linear", "angular"}),
-    "twist_stamped": frozenset({"header", "twist"}),
-    "ackermann": frozenset({"header", "drive"}),
+    "twist": TWIST,
+    "twist_stamped": TWIST_STAMPED,
+    "ackermann": ACKERMANN_STAMPED,
 }
-_RATES = ("steering_angle_velocity", "acceleration", "jerk")
 _STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
 MAX_WHOLE = 2**63 - 1
 # After a pause the robot may not make up for it at once.
@@ -71,7 +73,7 @@ MAX_STEP_S = 0.1
 class Refused(Exception):  # noqa: N818 - the word of the protocol
     """Raised by every check, counted and answered; `why` goes on where "cannot DO WHAT: " ends."""
 
-    def __init__(self, kind: Kind, why: str) -> None:
+    def __init__(self, kind: RefusedKind, why: str) -> None:
         super().__init__(why)
         self.kind = kind
         self.why = why
@@ -85,32 +87,24 @@ class Unclear(Refused):
         self.message_id = message_id
 
 
-def full_name(name: object) -> str | None:
-    """Return the name with its first slash, or None if it is spelled in any other way."""
-    if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or not NAME.fullmatch(name):
-        return None
-    return name if name.startswith("/") else "/" + name
-
-
 class DriveTopics:
-    """The robot's drive topics: full names in which `*` stands for any text, slashes included."""
+    """The robot's drive topics: patterns for their full names."""
 
     def __init__(self, patterns: Sequence[str]) -> None:
         for pattern in patterns:
             if not PATTERN.fullmatch(pattern):
                 raise ValueError(f"{pattern[:80]!r} is no name of a topic, with * for any text")
         self.patterns = tuple(patterns)
-        # translate() makes an expression that cannot run for long, however many * there are.
-        self._match = re.compile("|".join(map(translate, patterns)) or r"(?!)").match
+        self._globs = Globs(patterns)
+        self._last_parts = Globs(pattern.rpartition("/")[2] for pattern in patterns)
 
     def match(self, full: str) -> bool:
         """Tell whether a full name is a drive topic's."""
-        return self._match(full) is not None
+        return self._globs.match(full)
 
     def might_be(self, relative: str) -> bool:
         """Tell whether a name without a first slash could be a drive topic's in some namespace of the robot."""
-        last = relative.rpartition("/")[2]
-        return any(fnmatchcase(last, pattern.rpartition("/")[2]) for pattern in self.patterns)
+        return self._last_parts.match(relative.rpartition("/")[2])
 
     def plain(self) -> list[str]:
         """Return those that are names and no patterns."""
@@ -260,7 +254,7 @@ def write_command(command: CheckedCommand) -> dict[str, Any]:
     """Return the `msg` that says what `command` says."""
     if command.shape == "ackermann":
         drive = {"steering_angle": command.steering, "speed": command.linear[0]}
-        drive |= dict(zip(_RATES, command.rates, strict=True))
+        drive |= dict(zip(ACKERMANN_RATES, command.rates, strict=True))
         return _stamped(command, {"drive": drive})
     twist = {"linear": _written(command.linear), "angular": _written(command.angular)}
     return twist if command.shape == "twist" else _stamped(command, {"twist": twist})
@@ -283,8 +277,8 @@ def _twist(
 
 
 def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> CheckedCommand:
-    _only(members, frozenset({"steering_angle", "speed", *_RATES}), "drive")
-    first, second, third = (_number(members, name) for name in _RATES)
+    _only(members, ACKERMANN, "drive")
+    first, second, third = (_number(members, name) for name in ACKERMANN_RATES)
     return CheckedCommand(
         "ackermann",
         (_number(members, "speed"), 0.0, 0.0),

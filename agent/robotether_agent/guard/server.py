@@ -13,11 +13,11 @@ from http import HTTPStatus
 
 import aiohttp
 from aiohttp import web
+from robotether_common.guard import KEY_HEADER
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import (
-    KEY_HEADER,
     Authorization,
     Authorizer,
     NotAuthorized,

@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NoReturn
 
+from robotether_common.guard import REFUSED_KINDS
+
 from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
 from robotether_agent.guard import agent_messages
 from robotether_agent.guard.child_process import START_S, GuardHandle
-from robotether_agent.guard.drive_messages import KINDS
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of
 
@@ -37,7 +38,7 @@ MAX_UNSENT_LINES = 64
 # The message that tells a guard of a stop that the one before it had confirmed.
 KEPT = "kept"
 STATE = re.compile("ready|down")
-NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(KINDS, 0)})
+NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(REFUSED_KINDS, 0)})
 
 log = logging.getLogger(__name__)
 

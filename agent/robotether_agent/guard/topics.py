@@ -16,6 +16,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, Protocol, cast
 
+from robotether_common.guard import RefusedKind
+from robotether_common.ros import NAME, full_name
+
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
@@ -28,14 +31,11 @@ from robotether_agent.files import read_text
 from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_messages import (
     MAX_FRAME_ID_LENGTH,
-    NAME,
     SHAPES,
     CheckedCommand,
-    Kind,
     MessageId,
     Refused,
     Shape,
-    full_name,
 )
 from robotether_agent.problems import StateUnusable
 
@@ -62,7 +62,7 @@ class CommandSource(Protocol):
     def authorization(self) -> Authorization:
         """What it may do."""
 
-    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
         """Answer a message that goes no further."""
 
     def notify(self, data: bytes) -> None:

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Any, NoReturn, Protocol
 
+from robotether_common.session import Kind
+
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.enrolment.enrolment_store import Enrolment
 from robotether_agent.enrolment.keys import KeyPair
@@ -26,7 +28,7 @@ from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
-from robotether_agent.tunnel.openssh import Forward, Kind, SshFiles
+from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.session import DriveMessageHandler, Session, SessionConfig
 from robotether_agent.tunnel.tunnel import Tunnel
 

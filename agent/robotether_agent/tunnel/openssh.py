@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import urlsplit
 
+from robotether_common.session import Kind
+
 from robotether_agent.enrolment.known_hosts import ALIAS
 from robotether_agent.enrolment.known_hosts import advice as host_key_advice
 from robotether_agent.fields import printable
@@ -33,7 +35,6 @@ from robotether_agent.problems import (
     SshIncompatible,
 )
 
-Kind = Literal["session", "media", "shell"]
 CONNECT_TIMEOUT_S = 10
 # What the network may know of each kind: heartbeats and control go first, a file copy gives way.
 # OpenSSH's own choice for a client without a terminal is the lowest class for all of them.

@@ -12,7 +12,9 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NoReturn, Protocol
+from typing import NoReturn, Protocol, get_args
+
+from robotether_common.session import MAX_FENCE, ServiceState
 
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
@@ -32,7 +34,6 @@ from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, Sessi
 from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of
 
-MAX_FENCE = 2**63 - 1
 MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 SOMEBODY = "somebody"
 # Until the server has told its own times: logging in, key look-up, and the end of an older session.
@@ -41,7 +42,7 @@ FIRST_TIMEOUT_S = 30.0
 CHECK_EVERY_S = 1.0
 MAX_UNSENT_BYTES = 64 * 1024
 MAX_PINGS = 16
-SERVICE = re.compile("ok|down|unknown")
+SERVICE = re.compile("|".join(get_args(ServiceState)))
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
 BYE_ADVICE = {

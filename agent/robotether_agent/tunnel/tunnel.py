@@ -16,6 +16,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Literal
 
+from robotether_common.session import MAX_LINE_BYTES, Kind
+
 from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import prepare_for_video
@@ -23,7 +25,6 @@ from robotether_agent.problems import AgentProblem, ForwardFailed, SshMissing
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     Forward,
-    Kind,
     SshFiles,
     child_environment,
     connect_command,
@@ -33,7 +34,6 @@ from robotether_agent.tunnel.openssh import (
     why_not_connected,
 )
 
-MAX_LINE_BYTES = 64 * 1024
 MAX_STDERR_BYTES = 8 * 1024
 CONTROL_TIMEOUT_S = 10.0
 # A server that is gone must not hold up a stop: systemd waits, and so does the next connection.

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Literal
 
-MAX_FRAME_BYTES = 10 * 1024 * 1024
 JPEG_START = b"\xff\xd8"
 # The markers that begin a frame's own header: start of frame, without the tables that share their range (C4, C8, CC).
 FRAME_MARKERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 MARKER = 0xFF
 _SEGMENT = struct.Struct("!H")
 _FRAME = struct.Struct("!HBHH")
-
-Kind = Literal["web_video_server", "mjpeg", "rosbridge"]
 
 
 @dataclass(frozen=True)

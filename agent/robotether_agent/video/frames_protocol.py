@@ -5,10 +5,22 @@ A broken text names its field; an unknown `op` is nothing, so that the other sid
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+from robotether_common.frames import (
+    FPS,
+    HEADER,
+    JPEG,
+    LATENCIES_MS,
+    MAX_CREDITS,
+    QUALITIES,
+    SEQUENCES,
+    SIDES,
+    STAMPED,
+    StreamRequest,
+)
 
 from robotether_agent.fields import (
     FieldError,
@@ -19,15 +31,6 @@ from robotether_agent.fields import (
     parse_object,
 )
 
-JPEG = 1
-# The moment is the camera's own stamp.
-STAMPED = 1
-SEQUENCES = 2**32
-_HEADER = struct.Struct("!BBHId")
-SIZE = _HEADER.size
-MAX_TEXT_BYTES = 4096
-MAX_SIZE = 4096
-MAX_CREDITS = 2
 # A browser's clock in ms; far beyond any, so that a sum never loses its fractions.
 MAX_CLOCK_MS = 1e13
 
@@ -47,21 +50,9 @@ class Header:
     def packed(self) -> bytes:
         """Return the header as it stands on the wire."""
         flags = STAMPED if self.is_stamped else 0
-        return _HEADER.pack(
+        return HEADER.pack(
             self.codec, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
         )
-
-
-@dataclass(frozen=True)
-class StreamRequest:
-    """What is wanted from now on."""
-
-    quality_min: int = 20
-    quality_max: int = 80
-    fps: float = 15.0
-    latency_ms: float = 300.0
-    width: int | None = None
-    height: int | None = None
 
 
 @dataclass(frozen=True)
@@ -91,12 +82,14 @@ def parse(text: bytes | str) -> Request | None:
 
 def _stream_request(message: JsonObject) -> StreamRequest:
     found = StreamRequest(
-        quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=(1, 100)),
-        quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=(1, 100)),
-        fps=_or(message, "fps", StreamRequest.fps, get_number, of=(0.1, 60)),
-        latency_ms=_or(message, "latency_ms", StreamRequest.latency_ms, get_number, of=(50, 5000)),
-        width=_or(message, "width", None, get_int, of=(1, MAX_SIZE)),
-        height=_or(message, "height", None, get_int, of=(1, MAX_SIZE)),
+        quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=QUALITIES),
+        quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=QUALITIES),
+        fps=_or(message, "fps", StreamRequest.fps, get_number, of=FPS),
+        latency_ms=_or(
+            message, "latency_ms", StreamRequest.latency_ms, get_number, of=LATENCIES_MS
+        ),
+        width=_or(message, "width", None, get_int, of=SIDES),
+        height=_or(message, "height", None, get_int, of=SIDES),
     )
     if found.quality_min > found.quality_max:
         raise FieldError("field quality_min must not be over quality_max")

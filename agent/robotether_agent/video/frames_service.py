@@ -19,11 +19,11 @@ from contextlib import suppress
 
 import aiohttp
 from aiohttp import web
+from robotether_common.frames import MAX_TEXT_BYTES, PATH, StreamRequest
 
 from robotether_agent.fields import FieldError
 from robotether_agent.tasks import within
 from robotether_agent.video.frame import CameraFrame, SourceRequest
-from robotether_agent.video.frames_protocol import MAX_TEXT_BYTES, StreamRequest
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
 from robotether_agent.video.sources import Sources, SourceSettings
@@ -61,7 +61,7 @@ class FramesService:
         self._sources = Sources(self._http, self._source_settings)
         self._shared_sources = SharedSources(self._sources.run)
         app = web.Application(middlewares=[_one_answer])
-        app.router.add_get("/robotether/frames", self._frames)
+        app.router.add_get(PATH, self._frames)
         for path in ("/snapshot", "/robotether/snapshot"):
             app.router.add_get(path, self._snapshot, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)

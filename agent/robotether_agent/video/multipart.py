@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
 
-from robotether_agent.video.frame import MAX_FRAME_BYTES
+from robotether_common.frames import MAX_FRAME_BYTES
 
 MAX_HEAD_BYTES = 8 * 1024
 BLANK = b"\r\n"

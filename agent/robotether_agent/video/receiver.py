@@ -13,19 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from aiohttp import WSMsgType, web
+from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
 
 from robotether_agent.clock import robot_time
 from robotether_agent.tasks import first_of
 from robotether_agent.video.frame import CameraFrame, SourceRequest, jpeg_size
-from robotether_agent.video.frames_protocol import (
-    MAX_CREDITS,
-    SEQUENCES,
-    ClockSync,
-    Credit,
-    Header,
-    StreamRequest,
-    parse,
-)
+from robotether_agent.video.frames_protocol import ClockSync, Credit, Header, parse
 from robotether_agent.video.quality import Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
 

@@ -11,14 +11,15 @@ import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from random import Random
-from typing import Literal, Protocol
+from typing import Protocol
+
+from robotether_common.frames import Source, State
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
-from robotether_agent.video.frame import CameraFrame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
 from robotether_agent.video.sources import OnFrame, OnKind
 
-State = Literal["live", "waiting", "down"]
 # A source that is open and gave no frame for so long is waited for.
 WAITS_AFTER_S = 2.0
 MAX_PAUSE_S = 5.0
@@ -46,7 +47,7 @@ class Condition:
 
     state: State = "waiting"
     detail: str = ""
-    source: Kind = "web_video_server"
+    source: Source = "web_video_server"
 
 
 class SharedSource:
@@ -59,7 +60,7 @@ class SharedSource:
         self.followers: dict[object, OnFrame] = {}
         self._run = run
         self._clock = clock
-        self._kind: Kind = "web_video_server"
+        self._kind: Source = "web_video_server"
         self._down = ""
         self._last_s: float | None = None
         # Seeded by chance: the pauses of several cameras need not fall together.
@@ -94,7 +95,7 @@ class SharedSource:
             log.info("no frames of %s: %s", self.source_request.topic, detail)
         self._down = detail
 
-    def _on_kind(self, kind: Kind) -> None:
+    def _on_kind(self, kind: Source) -> None:
         self._kind = kind
 
     def _on_frame(self, frame: CameraFrame) -> None:

@@ -20,6 +20,7 @@ from typing import NoReturn
 from urllib.parse import quote
 
 import aiohttp
+from robotether_common.frames import MAX_FRAME_BYTES, Source
 from yarl import URL
 
 from robotether_agent.clock import robot_time
@@ -29,9 +30,7 @@ from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.frame import (
     JPEG_START,
-    MAX_FRAME_BYTES,
     CameraFrame,
-    Kind,
     SourceDownError,
     SourceRequest,
 )
@@ -57,7 +56,7 @@ MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 THROTTLE = 0.75
 
 OnFrame = Callable[[CameraFrame], None]
-OnKind = Callable[[Kind], None]
+OnKind = Callable[[Source], None]
 
 
 @dataclass(frozen=True)

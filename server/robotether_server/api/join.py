@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from flask import request
 from msgspec import UNSET, Meta, Struct, UnsetType
+from robotether_common.join import PreviousKey
 
 from robotether_server import macs, ssh_keys
 from robotether_server.api.context import context
@@ -83,9 +84,9 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
     return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
 
 
-def _asked(body: RobotJoin) -> joining.JoinRequest:
+def _asked(body: RobotJoin) -> joining.JoinAttempt:
     previous = body.previous_key or None
-    return joining.JoinRequest(
+    return joining.JoinAttempt(
         presented=PresentedKey(
             mac=macs.normalise(body.mac),
             key=ssh_keys.parse(body.public_key),
@@ -94,5 +95,5 @@ def _asked(body: RobotJoin) -> joining.JoinRequest:
         token=body.token or None,
         name=body.name or None,
         mac_present=body.mac_present is not False,
-        previous=previous and joining.PreviousKey(previous.fingerprint, previous.signature),
+        previous=previous and PreviousKey(previous.fingerprint, previous.signature),
     )

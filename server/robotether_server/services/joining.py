@@ -10,6 +10,8 @@ import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
+
 from robotether_server import macs, ssh_keys
 from robotether_server.db import Transaction, audit, claims, locks, robots, sessions
 from robotether_server.db.audit import Event, Source
@@ -35,19 +37,8 @@ UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
 
 
-NAMESPACE = "robotether-rotation"
-
-
 @dataclass(frozen=True)
-class PreviousKey:
-    """The key that a robot had until now, and its signature over MAC and new key."""
-
-    fingerprint: str
-    signature: str
-
-
-@dataclass(frozen=True)
-class JoinRequest:
+class JoinAttempt:
     """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has."""
 
     presented: PresentedKey
@@ -66,7 +57,7 @@ class Answer:
     detail: str = ""
 
 
-def is_in(tx: Transaction, request: JoinRequest) -> Answer | None:
+def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
     """Answer a robot that is active with this key; every robot asks so at every start, all at once.
 
     Takes no lock and changes nothing; None: `join` decides. The token is not looked at.
@@ -77,7 +68,7 @@ def is_in(tx: Transaction, request: JoinRequest) -> Answer | None:
     return _active(robot) if robot.fingerprint == request.presented.key.fingerprint else None
 
 
-def join(tx: Transaction, request: JoinRequest, rules: JoinSettings) -> Answer:
+def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
     """Answer a robot after writing down what is new; must be the first action in its transaction.
 
     Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
@@ -108,7 +99,7 @@ class _Joining:
 
     tx: Transaction
     source: Source
-    request: JoinRequest
+    request: JoinAttempt
     rules: JoinSettings
     credential: EnrolmentCredential | None
 
@@ -211,13 +202,13 @@ def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool
     )
 
 
-def _still_active(tx: Transaction, request: JoinRequest, robot: Robot) -> Answer:
+def _still_active(tx: Transaction, request: JoinAttempt, robot: Robot) -> Answer:
     if not request.mac_present:
         _check_moved(tx, request, robot)
     return _active(robot)
 
 
-def _check_moved(tx: Transaction, request: JoinRequest, robot: Robot) -> None:
+def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
     if sessions.is_online(tx, robot.id):
         raise MacElsewhere(
@@ -232,7 +223,7 @@ def _check_moved(tx: Transaction, request: JoinRequest, robot: Robot) -> None:
 
 
 def _credential(
-    tx: Transaction, request: JoinRequest, rules: JoinSettings
+    tx: Transaction, request: JoinAttempt, rules: JoinSettings
 ) -> EnrolmentCredential | None:
     """Return the credential of a robot that is not in yet; None: it has none, so it may only wait."""
     credential = enrolment_credentials.find(tx, request.token) if request.token else None
@@ -271,9 +262,8 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
     old = robot.key
     if old is None or robot.state != "active" or previous.fingerprint != old.fingerprint:
         return False
-    if not ssh_keys.signature_holds(
-        old, NAMESPACE, _rotation_message(presented), previous.signature
-    ):
+    message = rotation_message(presented.mac, presented.key.line)
+    if not ssh_keys.signature_holds(old, ROTATION_NAMESPACE, message, previous.signature):
         raise FieldInvalid(
             f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"
@@ -287,8 +277,3 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
     details: dict[str, object] = {"was": old.fingerprint, "fingerprint": presented.key.fingerprint}
     audit.record(tx, source, Event("key_rotated", robot.name, details))
     return True
-
-
-def _rotation_message(presented: PresentedKey) -> str:
-    """Return what the old key signs."""
-    return f"{presented.mac} {presented.key.line}\n"

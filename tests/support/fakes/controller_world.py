@@ -9,8 +9,9 @@ from typing import Any
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorization import Authorization, Authorizer
 from robotether_agent.guard.drive_controller import DriveController
-from robotether_agent.guard.drive_messages import Kind, drive_message
+from robotether_agent.guard.drive_messages import drive_message
 from robotether_agent.guard.topics import Driven, MotionFile
+from robotether_common.guard import RefusedKind
 
 CONFIG = GuardConfig("ws://127.0.0.1:9090", "k1")
 DRIVER = Authorization("drive", 13)
@@ -49,10 +50,10 @@ class FakeSource:
 
     def __init__(self, authorization: Authorization = DRIVER) -> None:
         self.authorization = authorization
-        self.refused: list[tuple[Kind, str]] = []
+        self.refused: list[tuple[RefusedKind, str]] = []
         self.notified: list[bytes] = []
 
-    def refuse(self, kind: Kind, text: str, message_id: str | int | None) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: str | int | None) -> None:
         """Keep why a message did not go on."""
         self.refused.append((kind, text))
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import struct
+from robotether_agent.video.frames_protocol import Header
+from robotether_common.frames import HEADER, STAMPED
 
-from robotether_agent.video.frames_protocol import STAMPED, Header
-
-HEADER = struct.Struct("!BBHId")
 SIZE = HEADER.size
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -14,7 +15,8 @@ from typing import Any, Self
 import aiohttp
 from robotether_agent.clock import robot_time
 
-AGENT = Path(__file__).resolve().parents[3] / "agent"
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 KEY = "the key of this test"
 TICK_EVERY_S = 0.2
 WAIT_S = 5.0
@@ -47,7 +49,7 @@ class GuardProcess:
             "robotether_agent.guard",
             f"--state-dir={self.place}",
             f"--run-dir={self.place}",
-            cwd=AGENT,
+            env={**os.environ, "PYTHONPATH": PACKAGES},
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
         )

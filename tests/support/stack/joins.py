@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from robotether_common.join import PreviousKey
 from robotether_server.db import Database, Transaction, robots, tokens, users
 from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer, PreviousKey
+from robotether_server.services.joining import Answer
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
 
@@ -41,7 +42,7 @@ class Site:
         previous: PreviousKey | None = None,
     ) -> Answer:
         """One join, from its first look to its commit."""
-        request = joining.JoinRequest(
+        request = joining.JoinAttempt(
             PresentedKey(mac, key, report), token, name, mac_present, previous
         )
         with self.database.transaction() as tx:

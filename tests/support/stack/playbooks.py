@@ -45,9 +45,9 @@ def pip_environment() -> dict[str, str]:
 def build_wheel(agent: Path, folder: Path) -> Path:
     """Build a wheel of an agent's sources, with its requirements beside it, as robotether_wheel_file wants it."""
     sources = folder / "agent"
-    shutil.copytree(
-        agent, sources, ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
-    )
+    left_out = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+    shutil.copytree(agent, sources, ignore=left_out)
+    shutil.copytree(ROOT / "common", folder / "common", ignore=left_out)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
     command += ["--wheel-dir", str(folder), str(sources)]
     subprocess.run(command, check=True, timeout=120, env=pip_environment())

@@ -8,10 +8,9 @@ import pytest
 from drive_settings import DOCK, LIGHTS
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_server.globs import Globs
+from robotether_common.ros import MAX_GLOBS, Globs
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
-from robotether_server.setting_values import MAX_GLOBS
 
 # As docs/protocols.md shows them.
 DOCUMENTED_POLICY = """

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from robotether_common.ros import MAX_NAME_LENGTH
 from robotether_server import schemas
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_values import MAX_ROS_NAME_LENGTH, RosName, globs
+from robotether_server.setting_values import RosName, globs
 
 
 def test_patterns_are_kept_once():
@@ -27,7 +28,7 @@ def test_full_name_passes():
 
 @pytest.mark.parametrize(
     "value",
-    ["a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", " /a", None, "/" + "a" * MAX_ROS_NAME_LENGTH],
+    ["a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", " /a", None, "/" + "a" * MAX_NAME_LENGTH],
 )
 def test_other_names_are_refused(value):
     """Also one with white space around it."""

@@ -42,7 +42,7 @@ def run(program: str, *environs: dict[str, str]) -> Transcript:
     for environ in environs:
         done = subprocess.run(
             [sys.executable, "-m", PROGRAMS[program], "show-settings"],
-            env=environ | {"PYTHONPATH": str(ROOT / program)},
+            env=environ | {"PYTHONPATH": f"{ROOT / program}:{ROOT / 'common'}"},
             check=False,
             capture_output=True,
             text=True,

@@ -7,9 +7,10 @@ away from a robot ends every connection that may still hold it.
 
 from __future__ import annotations
 
+from robotether_common.session import ByeCode, Kind
+
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.session_messages import Preface
-from robotether_server.relay.robots.sessions import ByeCode, Kind
 
 
 class NotAuthorizedError(Exception):

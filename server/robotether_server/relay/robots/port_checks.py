@@ -13,13 +13,14 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_common.session import ServiceState
+
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.robots.sessions import Health
 
 log = logging.getLogger(__name__)
 
 Service = Literal["ros", "video", "shell"]
-Note = Callable[[Service, Health], None]
+Note = Callable[[Service, ServiceState], None]
 
 # A robot at the far end of a busy uplink answers within this, or operators would not wait either.
 ANSWER_WITHIN_S = 3.0
@@ -40,9 +41,9 @@ RELEASE_POLL_S = 0.02
 class PortHealth:
     """What stood behind each port: the robot's service, nothing, or no forward at all."""
 
-    ros: Health
-    video: Health
-    shell: Health
+    ros: ServiceState
+    video: ServiceState
+    shell: ServiceState
 
 
 class PortChecker:
@@ -69,14 +70,14 @@ class PortChecker:
 
     async def _try(
         self, service: Service, port: int | None, request: bytes, beginning: re.Pattern[bytes]
-    ) -> Health:
-        health: Health = "unknown"
+    ) -> ServiceState:
+        health: ServiceState = "unknown"
         if port is not None:
             health = await self._ask(port, request, beginning)
         self._note(service, health)
         return health
 
-    async def _ask(self, port: int, request: bytes, beginning: re.Pattern[bytes]) -> Health:
+    async def _ask(self, port: int, request: bytes, beginning: re.Pattern[bytes]) -> ServiceState:
         try:
             async with asyncio.timeout(CONNECT_WITHIN_S):
                 reader, writer = await asyncio.open_connection(self._host, port, limit=1024)

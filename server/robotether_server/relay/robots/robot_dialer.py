@@ -16,6 +16,7 @@ from aiohttp import (
     ClientWSTimeout,
     WSServerHandshakeError,
 )
+from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
@@ -32,7 +33,6 @@ MAX_CONNECT_TIMEOUT_S = 5.0
 # another channel than of the connection that has it.
 FORWARD_WITHIN_S = 0.6
 RETRY_S = 0.03
-FENCE_REFUSED = 409
 
 
 class RobotDialer:
@@ -78,10 +78,10 @@ class RobotDialer:
 
     def _headers(self, robot: RelayRobot, fence: int | None) -> dict[str, str]:
         link = self._registry.session_of(robot.id)
-        key = {} if link is None else {"Robotether-Key": link.guard_key}
+        key = {} if link is None else {KEY_HEADER: link.guard_key}
         if fence is None:
-            return {**key, "Robotether-Mode": "observe"}
-        return {**key, "Robotether-Mode": "drive", "Robotether-Fence": str(fence)}
+            return {**key, MODE_HEADER: "observe"}
+        return {**key, MODE_HEADER: "drive", FENCE_HEADER: str(fence)}
 
     async def _open(self, robot: RelayRobot, headers: dict[str, str]) -> RobotSocket | str:
         """Open a WebSocket to the robot; say why there is none, when there may be one soon."""
@@ -110,7 +110,7 @@ class RobotDialer:
                 timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
             ),
         )
-        if "Robotether-Fence" in headers:
+        if FENCE_HEADER in headers:
             socket.keep_little()
         return socket
 

@@ -11,26 +11,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
+from robotether_common.guard import REFUSED_KINDS
+from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
+
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.robots.sessions import (
-    Battery,
-    ByeCode,
-    GuardMode,
-    GuardReport,
-    GuardState,
-    Health,
-    Kind,
-)
+from robotether_server.relay.robots.sessions import GuardMode, GuardReport
 
-MAX_LINE_BYTES = 64 * 1024
 MAX_ID = 64
 # Some 30 years; a machine's CLOCK_BOOTTIME begins when it starts.
 MAX_UPTIME_MS = 1e12
 # What a browser, too, reads as the number that it is.
 MAX_COUNT = 2**53 - 1
 FULL_PERCENT = 100
-REFUSED_KINDS = ("old", "fence", "stopped", "shape", "held")
 
 
 class BrokenLineError(ValueError):
@@ -131,12 +124,12 @@ def kind_field(message: Mapping[str, Any], name: str) -> Kind:
     raise BrokenLineError(f"cannot read field {name}: it is not session, media or shell")
 
 
-def health_field(message: Mapping[str, Any], name: str) -> Health:
+def health_field(message: Mapping[str, Any], name: str) -> ServiceState:
     """Read `ok`, `down` or `unknown`."""
     value = message.get(name)
-    for allowed in get_args(Health):
+    for allowed in get_args(ServiceState):
         if value == allowed:
-            health: Health = allowed
+            health: ServiceState = allowed
             return health
     raise BrokenLineError(f"cannot read field {name}: it is not ok, down or unknown")
 
@@ -249,7 +242,7 @@ def release_line(message_id: str, by: str) -> bytes:
     return _line("release", id=message_id, by=by)
 
 
-def checked_line(*, ros: Health, video: Health, shell: Health) -> bytes:
+def checked_line(*, ros: ServiceState, video: ServiceState, shell: ServiceState) -> bytes:
     """Build the answer to `check`."""
     return _line("checked", ros=ros, video=video, shell=shell)
 

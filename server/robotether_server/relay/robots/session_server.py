@@ -10,6 +10,8 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from robotether_common.session import MAX_LINE_BYTES, ByeCode
+
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.robots import session_messages as lines
@@ -17,7 +19,7 @@ from robotether_server.relay.robots.authorization import NotAuthorizedError, aut
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.robots.session_messages import Preface, WrongKeyError
-from robotether_server.relay.robots.sessions import ByeCode, SessionRegistry
+from robotether_server.relay.robots.sessions import SessionRegistry
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +57,7 @@ class SessionServer:
     async def start(self, host: str, port: int) -> None:
         """Listen."""
         self._server = await asyncio.start_server(
-            self._accept, host, port, limit=lines.MAX_LINE_BYTES, backlog=BACKLOG
+            self._accept, host, port, limit=MAX_LINE_BYTES, backlog=BACKLOG
         )
         self.port = self._server.sockets[0].getsockname()[1]
 

@@ -11,28 +11,12 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Literal, Protocol
 
+from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
+
 from robotether_server.relay.robots.robot_clock import RobotClock
 
-Kind = Literal["session", "media", "shell"]
-Health = Literal["ok", "down", "unknown"]
 # What the agent does in front of rosbridge; unknown until it has said so.
 GuardMode = Literal["on", "off", "unknown"]
-GuardState = Literal["ready", "down"]
-# Why a link ended, as the agent reads it in `bye`; `link_lost` is a connection that just ended.
-ByeCode = Literal[
-    "superseded",
-    "robot_disabled",
-    "robot_unknown",
-    "ports_changed",
-    "port_taken",
-    "key_changed",
-    "shell_off",
-    "not_ready",
-    "relay_stopping",
-    "protocol_error",
-    "timeout",
-    "link_lost",
-]
 
 
 class Link(Protocol):
@@ -80,14 +64,6 @@ NO_REPORT = GuardReport()
 
 
 @dataclass(frozen=True)
-class Battery:
-    """How full a robot's battery is."""
-
-    percent: int
-    charging: bool
-
-
-@dataclass(frozen=True)
 class Presence:
     """What is known of one robot now; `since` is the last change of `online`."""
 
@@ -95,8 +71,8 @@ class Presence:
     since: datetime | None = None
     address: str | None = None
     rtt_ms: float | None = None
-    ros: Health = "unknown"
-    video: Health = "unknown"
+    ros: ServiceState = "unknown"
+    video: ServiceState = "unknown"
     # Everybody in the robot's own network reaches its rosbridge, past the guard.
     ros_exposed: bool = False
     agent_version: str | None = None
@@ -214,7 +190,9 @@ class SessionRegistry:
             after = replace(self.presence(link.robot_id), report=report)
             self._notify(Change("guard_status", link.robot_id, after, answers=answers))
 
-    def on_health(self, link: Link, ros: Health, video: Health, *, ros_exposed: bool) -> None:
+    def on_health(
+        self, link: Link, ros: ServiceState, video: ServiceState, *, ros_exposed: bool
+    ) -> None:
         """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
         if self._is_online(link):
             before = self.presence(link.robot_id)

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, NoReturn
 
 from aiohttp import WSMsgType
+from robotether_common.guard import STAMP
+from robotether_common.ros import ACKERMANN, ACKERMANN_STAMPED, AXES, TWIST, TWIST_STAMPED
 
 from robotether_server.relay.drives.drive_log import DriveLog
 from robotether_server.relay.http.rate_limiter import RateLimiter
@@ -34,13 +36,8 @@ _SEQUENCE = struct.Struct("!Q")
 MAX_WAITING = 8
 POLL_EVERY_S = 0.005
 
-_AXES = frozenset(("x", "y", "z"))
-_TWIST = frozenset(("linear", "angular"))
-_TWIST_STAMPED = frozenset(("header", "twist"))
-_ACKERMANN_STAMPED = frozenset(("header", "drive"))
-_ACKERMANN = frozenset(
-    ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk")
-)
+_AXES = frozenset(AXES)
+_STAMPED = b'%%b,"%b":{"t_ms":%%.3f,"fence":%%d}}' % STAMP.encode()
 
 
 class DriveCommand(NamedTuple):
@@ -58,7 +55,7 @@ class DriveCommand(NamedTuple):
 
 def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
     """Write a command for the guard, with its moment on the robot's clock and the lease's number."""
-    return b'%b,"robotether":{"t_ms":%.3f,"fence":%d}}' % (command.data[:-1], t_ms, fence)
+    return _STAMPED % (command.data[:-1], t_ms, fence)
 
 
 def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
@@ -68,12 +65,12 @@ def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
     that is missing is zero, as it is to rosbridge.
     """
     members = msg.keys()
-    if members <= _TWIST:
+    if members <= TWIST:
         return _of_twist(msg)
-    if members <= _TWIST_STAMPED:
-        return _of_twist(_object(msg.get("twist", {}), _TWIST))
-    if members <= _ACKERMANN_STAMPED:
-        drive = _object(msg.get("drive", {}), _ACKERMANN)
+    if members <= TWIST_STAMPED:
+        return _of_twist(_object(msg.get("twist", {}), TWIST))
+    if members <= ACKERMANN_STAMPED:
+        drive = _object(msg.get("drive", {}), ACKERMANN)
         for value in drive.values():
             _finite(value)
         return abs(_finite(drive.get("speed", 0.0))), None

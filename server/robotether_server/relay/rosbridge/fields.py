@@ -12,18 +12,17 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from robotether_common.ros import MAX_NAME_LENGTH, NAME
+
 Check = Callable[[Any], object]
 
 MAX_TEXT_LENGTH = 1024
-MAX_NAME_LENGTH = 255
 # Parsers written in C refuse what is longer, or make a float of it.
 WHOLE_64_BIT = (-(2**63), 2**63 - 1)
 # Whole numbers that are the same as floats.
 WHOLE_53_BIT = (-(2.0**53), 2.0**53)
 # A field of a ROS message; `op` would make an operation of the object that it stands in.
 FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
-# A name of ROS without anything that stands for something else.
-ROS_NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
 
 
 class FieldRefusedError(ValueError):
@@ -43,7 +42,7 @@ def text(value: Any) -> str:
 
 def ros_name(value: Any) -> str:
     """Pass the name of a topic, service or action, with the first slash that it may lack."""
-    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH or not ROS_NAME.fullmatch(value):
+    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH or not NAME.fullmatch(value):
         raise FieldRefusedError(
             f"is no full name such as /a/b_1, of up to {MAX_NAME_LENGTH} characters"
         )

@@ -23,7 +23,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
-from robotether_server.globs import Globs
+from robotether_common.guard import STAMP
+from robotether_common.ros import Globs
+
 from robotether_server.relay.http.rate_limiter import Excess, RateLimiter
 from robotether_server.relay.rosbridge import fields, json_text
 from robotether_server.relay.rosbridge.drive_path import DriveCommand, speeds
@@ -147,7 +149,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "unadvertise": Operation("unadvertise", {**_TOPIC, **_PUBLISHED}, "publish", "topic"),
     "publish": Operation(
         "publish to",
-        {**_TOPIC, "msg": fields.members, **_PUBLISHED, "robotether": fields.stamp},
+        {**_TOPIC, "msg": fields.members, **_PUBLISHED, STAMP: fields.stamp},
         "publish",
         "topic",
     ),
@@ -343,7 +345,7 @@ class MessageValidator:
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
-        stamp_ms = written.pop("robotether", None)
+        stamp_ms = written.pop(STAMP, None)
         topic = written["topic"]
         if not self._is_drive_topic(topic):
             return ValidatedMessage(_write(written), "publish")

@@ -20,6 +20,7 @@ from aiohttp import (
     WSMsgType,
     WSServerHandshakeError,
 )
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest
 from yarl import URL
 
 from robotether_server.relay.http import close_reasons
@@ -31,11 +32,8 @@ from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from robotether_server.relay.video.feeds import Feed
 from robotether_server.relay.video.frame_protocol import (
-    HEADER,
-    MAX_FRAME_BYTES,
     BrokenFramesError,
     SenderClock,
-    StreamRequest,
     clock_sync_text,
     credit_text,
     parse_clock_sync_answer,
@@ -229,7 +227,7 @@ class FeedLink:
             scheme="ws",
             host=self._connector.tunnel_host,
             port=port,
-            path="/robotether/frames",
+            path=PATH,
             query={"topic": self._feed.topic},
         )
         return cast(

@@ -15,18 +15,17 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
 
+from robotether_common.frames import JPEG, MAX_CREDITS, SEQUENCES, StreamRequest
+
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change
 from robotether_server.relay.video.frame_protocol import (
-    JPEG,
-    MAX_CREDITS,
-    SEQUENCES,
     BrokenFramesError,
     Frame,
     SenderClock,
-    StreamRequest,
+    combined,
     parse_frame,
 )
 
@@ -133,7 +132,7 @@ class Feed:
         requests = [
             viewer.stream_request for viewer in self._viewers if viewer.stream_request is not None
         ]
-        return reduce(StreamRequest.and_also, requests) if requests else None
+        return reduce(combined, requests) if requests else None
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""

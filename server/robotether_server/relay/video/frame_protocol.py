@@ -9,59 +9,36 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, TypeGuard
+from dataclasses import asdict
+from typing import Any, TypeGuard, get_args
+
+from robotether_common.frames import (
+    FPS,
+    HEADER,
+    LATENCIES_MS,
+    MAX_FRAME_BYTES,
+    MAX_SIDE,
+    MAX_TEXT_BYTES,
+    QUALITIES,
+    SEQUENCES,
+    SIDES,
+    Source,
+    State,
+    StreamRequest,
+)
 
 from robotether_server.relay.robots.robot_clock import WindowedMaximum
 
-HEADER = struct.Struct("!BBHId")
-JPEG = 1
-MAX_TEXT_BYTES = 4096
-MAX_FRAME_BYTES = 10 * 1024 * 1024
-SEQUENCES = 2**32
-# More than these never wait unanswered on one hop.
-MAX_CREDITS = 2
 CLOCK_SYNCS_KEPT_S = 30.0
 MAX_DETAIL = 200
-MAX_SIDE = 4096
 # A clock in ms, of a machine that has run for up to 30 years.
 MAX_UPTIME_MS = 1e12
 WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
-STATES = ("live", "waiting", "down")
-SOURCES = ("web_video_server", "mjpeg", "rosbridge")
+STATES, SOURCES = get_args(State), get_args(Source)
 
 
 class BrokenFramesError(ValueError):
     """The other side broke the frames protocol; the text says how."""
-
-
-@dataclass(frozen=True)
-class StreamRequest:
-    """What a receiver wants to see; width and height are both None for the camera's own size."""
-
-    quality_min: int = 20
-    quality_max: int = 80
-    fps: float = 15
-    latency_ms: float = 300
-    width: int | None = None
-    height: int | None = None
-
-    def and_also(self, other: StreamRequest) -> StreamRequest:
-        """Return what serves both: the best that either wants, and as quickly as either wants it."""
-        larger = max(self, other, key=lambda request: request.pixels)
-        return StreamRequest(
-            quality_min=min(self.quality_min, other.quality_min),
-            quality_max=max(self.quality_max, other.quality_max),
-            fps=max(self.fps, other.fps),
-            latency_ms=min(self.latency_ms, other.latency_ms),
-            width=larger.width,
-            height=larger.height,
-        )
-
-    @property
-    def pixels(self) -> int:
-        """How large; nothing is larger than the camera's own size."""
-        return MAX_SIDE**2 + 1 if self.width is None else self.width * (self.height or 0)
 
 
 class Frame:
@@ -152,10 +129,10 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
     """Read a stream request; what is not said has its default."""
     default = StreamRequest()
     request = StreamRequest(
-        quality_min=_whole(message, "quality_min", default.quality_min, 1, 100),
-        quality_max=_whole(message, "quality_max", default.quality_max, 1, 100),
-        fps=_number(message, "fps", default.fps, 0.1, 60),
-        latency_ms=_number(message, "latency_ms", default.latency_ms, 50, 5000),
+        quality_min=_whole(message, "quality_min", default.quality_min, *QUALITIES),
+        quality_max=_whole(message, "quality_max", default.quality_max, *QUALITIES),
+        fps=_number(message, "fps", default.fps, *FPS),
+        latency_ms=_number(message, "latency_ms", default.latency_ms, *LATENCIES_MS),
         width=_side(message, "width"),
         height=_side(message, "height"),
     )
@@ -164,6 +141,24 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
     if (request.width is None) != (request.height is None):
         raise BrokenFramesError("width and height go together")
     return request
+
+
+def combined(one: StreamRequest, other: StreamRequest) -> StreamRequest:
+    """Return what serves both: the best that either wants, and as quickly as either wants it."""
+    larger = max(one, other, key=pixels)
+    return StreamRequest(
+        quality_min=min(one.quality_min, other.quality_min),
+        quality_max=max(one.quality_max, other.quality_max),
+        fps=max(one.fps, other.fps),
+        latency_ms=min(one.latency_ms, other.latency_ms),
+        width=larger.width,
+        height=larger.height,
+    )
+
+
+def pixels(request: StreamRequest) -> int:
+    """Return how large it is; nothing is larger than the camera's own size."""
+    return MAX_SIDE**2 + 1 if request.width is None else request.width * (request.height or 0)
 
 
 def parse_credit(message: Mapping[str, Any]) -> tuple[int, int | None]:
@@ -258,7 +253,7 @@ def _whole(message: Mapping[str, Any], name: str, default: int, low: int, high: 
 
 
 def _side(message: Mapping[str, Any], name: str) -> int | None:
-    return None if message.get(name) is None else _whole(message, name, 1, 1, MAX_SIDE)
+    return None if message.get(name) is None else _whole(message, name, 1, *SIDES)
 
 
 def _optional(message: Mapping[str, Any], name: str) -> float | None:

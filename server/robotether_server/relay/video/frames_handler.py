@@ -15,6 +15,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from aiohttp import WSMsgType, web
+from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest
 
 from robotether_server.problems import HttpProblem
 from robotether_server.relay.auth.access import Permit, request_of
@@ -26,10 +27,7 @@ from robotether_server.relay.http.sockets import ViewerSocket
 from robotether_server.relay.robots.sessions import utc_now
 from robotether_server.relay.video.feeds import Feed
 from robotether_server.relay.video.frame_protocol import (
-    MAX_CREDITS,
-    MAX_TEXT_BYTES,
     BrokenFramesError,
-    StreamRequest,
     parse_clock_sync,
     parse_credit,
     parse_stream_request,

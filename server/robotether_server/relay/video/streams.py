@@ -12,6 +12,7 @@ import secrets
 import time
 
 from aiohttp import web
+from robotether_common.frames import StreamRequest
 
 from robotether_server.problems import FieldInvalid, Problem, RobotOffline, VideoDown
 from robotether_server.relay.auth.access import Permit
@@ -22,7 +23,6 @@ from robotether_server.relay.video.feeds import Feed
 from robotether_server.relay.video.frame_protocol import (
     BrokenFramesError,
     Frame,
-    StreamRequest,
     parse_stream_request,
 )
 from robotether_server.relay.video.headers import headers_of_stream

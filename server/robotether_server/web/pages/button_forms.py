@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 
 from flask import Blueprint, redirect, render_template, request
+from robotether_common import ros
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import buttons, robot_settings
@@ -13,7 +14,6 @@ from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
 from robotether_server.services import drive_pages
-from robotether_server.setting_values import MAX_ROS_NAME_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 from robotether_server.web.pages.drive_page_form import path_of
@@ -149,7 +149,7 @@ def _sent() -> Button:
         {
             "name": forms.text("name", "Name", MAX_NAME_LENGTH),
             "kind": kind,
-            target: forms.text("target", "Topic or service", MAX_ROS_NAME_LENGTH),
+            target: forms.text("target", "Topic or service", ros.MAX_NAME_LENGTH),
             "type": forms.optional_text("type", "Type", MAX_TYPE_LENGTH) or "",
             sent: drive_pages.read(request.form.get("sends", "").strip()),
             "confirm": forms.is_ticked("confirm"),

@@ -12,7 +12,7 @@ from dated_certificate import fingerprint_of, make_certificate
 from fake_cloud import FakeCloud, certificate, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
-from robotether_agent.enrolment.join import JoinRequest, PreviousKey, join, read_answer
+from robotether_agent.enrolment.join import JoinRequest, join, read_answer
 from robotether_agent.problems import (
     AnswerInvalid,
     JoinRefused,
@@ -23,6 +23,7 @@ from robotether_agent.problems import (
     TlsUntrusted,
 )
 from robotether_agent.settings import Settings
+from robotether_common.join import PreviousKey
 
 REQUEST = JoinRequest(
     mac="00:1b:44:11:3a:b7",

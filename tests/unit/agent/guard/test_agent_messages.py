@@ -24,11 +24,11 @@ from robotether_agent.guard.agent_messages import (
     Tick,
     parse,
 )
-from robotether_agent.guard.drive_messages import KINDS
+from robotether_common.guard import REFUSED_KINDS
 
 URL = "ws://127.0.0.1:9090"
 STANDS = State(stopped=False, by="", moving=False)
-COUNTS = dict.fromkeys(KINDS, 0)
+COUNTS = dict.fromkeys(REFUSED_KINDS, 0)
 
 
 def read(**line: Any) -> AgentMessage | None:

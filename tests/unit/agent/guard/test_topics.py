@@ -9,8 +9,9 @@ from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.authorization import Authorization
-from robotether_agent.guard.drive_messages import CheckedCommand, Kind, MessageId, Refused
+from robotether_agent.guard.drive_messages import CheckedCommand, MessageId, Refused
 from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, PendingCommand, Topic, Topics
+from robotether_common.guard import RefusedKind
 
 
 class Nobody:
@@ -18,7 +19,7 @@ class Nobody:
 
     authorization = Authorization("observe")
 
-    def refuse(self, kind: Kind, text: str, message_id: MessageId) -> None:
+    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
         """Drop it."""
 
     def notify(self, data: bytes) -> None:

@@ -7,13 +7,21 @@ import json
 import socket
 import time
 from collections.abc import AsyncIterator
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from fake_cloud import eventually
 from robotether_agent.fields import FieldError
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
-from robotether_agent.tunnel.session import Checked, Session, SessionConfig, message_handlers
+from robotether_agent.tunnel.session import (
+    BYE_ADVICE,
+    SLOW_BYES,
+    Checked,
+    Session,
+    SessionConfig,
+    message_handlers,
+)
+from robotether_common.session import ByeCode
 
 CONFIG = {
     "type": "config",
@@ -317,3 +325,8 @@ async def test_what_the_server_found_is_kept(ends):
     peer.send({"type": "checked", "ros": "splendid", "video": "down", "shell": "unknown"})
     with pytest.raises(ProtocolBroken, match="ros must be ok, down or unknown"):
         await asyncio.wait_for(serving, 5)
+
+
+def test_every_bye_with_advice_is_one_that_the_server_says():
+    """A misspelled code would leave its robot without advice, and let it knock too often."""
+    assert {*BYE_ADVICE, *SLOW_BYES} <= set(get_args(ByeCode))

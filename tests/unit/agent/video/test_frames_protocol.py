@@ -5,20 +5,19 @@ from __future__ import annotations
 import pytest
 from robotether_agent.fields import FieldError
 from robotether_agent.video.frames_protocol import (
-    SIZE,
     ClockSync,
     Credit,
     Header,
-    StreamRequest,
     parse,
 )
+from robotether_common.frames import HEADER, StreamRequest
 
 
 def test_the_bytes_are_as_documented():
     """Codec, flags, quality, number and moment, big-endian."""
     header = Header(sequence=7, timestamp_ms=1.5, quality=70, is_stamped=True)
     assert header.packed() == bytes.fromhex("01 01 0046 00000007 3ff8000000000000")
-    assert len(header.packed()) == SIZE
+    assert len(header.packed()) == HEADER.size
 
 
 def test_each_request_with_its_defaults():

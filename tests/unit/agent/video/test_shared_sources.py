@@ -9,8 +9,9 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
-from robotether_agent.video.frame import CameraFrame, Kind, SourceDownError, SourceRequest
+from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
 from robotether_agent.video.shared_sources import Condition, SharedSources
+from robotether_common.frames import Source
 
 WISH = SourceRequest("/camera", 70, None, None, 15.0)
 
@@ -28,7 +29,7 @@ class FakeSource:
         self,
         source_request: SourceRequest,
         take: Callable[[CameraFrame], None],
-        tell: Callable[[Kind], None],
+        tell: Callable[[Source], None],
     ) -> None:
         self.opened += 1
         tell("mjpeg")

@@ -8,6 +8,7 @@ import datetime as dt
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
 from robot_signer import RobotSigner
+from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
 from robotether_server.db import Database, claims, join_tokens, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Report
@@ -26,9 +27,7 @@ from robotether_server.problems import (
 from robotether_server.services import robots as robot_service
 from robotether_server.services.joining import (
     MAX_UNKNOWN_PER_NETWORK,
-    NAMESPACE,
     Answer,
-    PreviousKey,
 )
 
 ADMIN = Source("root")
@@ -380,7 +379,9 @@ def rotating_site(database: Database, old: RobotSigner) -> Site:
 
 
 def signed(old: RobotSigner, mac: str = MAC, line: str = KEY.line) -> PreviousKey:
-    return PreviousKey(old.key.fingerprint, old.sign(NAMESPACE, f"{mac} {line}\n"))
+    return PreviousKey(
+        old.key.fingerprint, old.sign(ROTATION_NAMESPACE, rotation_message(mac, line))
+    )
 
 
 def test_signed_key_takes_the_place_of_the_one_that_signed(

@@ -10,12 +10,12 @@ from typing import get_args
 
 import pytest
 import robotether_server
+from robotether_common.guard import REFUSED_KINDS
+from robotether_common.session import ByeCode
 from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Robot
 from robotether_server.relay.drives.drive_log import GUARD
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.robots.session_messages import REFUSED_KINDS
-from robotether_server.relay.robots.sessions import ByeCode
 from robotether_server.relay.rosbridge.message_validator import Kind
 from robotether_server.web.page_texts import (
     DRIVES,

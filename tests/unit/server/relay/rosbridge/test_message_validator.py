@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robotether_server.globs import Globs
+from robotether_common.ros import Globs
 from robotether_server.relay.rosbridge.drive_path import stamped
 from robotether_server.relay.rosbridge.message_validator import (
     ANSWERS_PER_S,

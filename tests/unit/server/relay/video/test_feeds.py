@@ -8,6 +8,7 @@ import time
 
 import pytest
 from relay_server import until
+from robotether_common.frames import StreamRequest
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change, Presence
@@ -16,7 +17,6 @@ from robotether_server.relay.video.feeds import Feed, Feeds, FeedTraffic
 from robotether_server.relay.video.frame_protocol import (
     BrokenFramesError,
     SenderClock,
-    StreamRequest,
 )
 
 JPEG = b"\xff\xd8\xff\xd9"

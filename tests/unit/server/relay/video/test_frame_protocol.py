@@ -9,13 +9,12 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest
 from robotether_server.relay.video.frame_protocol import (
-    HEADER,
-    MAX_FRAME_BYTES,
     BrokenFramesError,
     Frame,
     SenderClock,
-    StreamRequest,
+    combined,
     parse_clock_sync,
     parse_clock_sync_answer,
     parse_credit,
@@ -23,6 +22,7 @@ from robotether_server.relay.video.frame_protocol import (
     parse_status,
     parse_stream_request,
     parse_text,
+    pixels,
     text_message,
 )
 
@@ -145,19 +145,19 @@ WANTS = st.builds(
 @given(WANTS, WANTS)
 def test_what_two_want_together_serves_both(one, other):
     """The best and the quickest that either wants, whoever comes first."""
-    both = one.and_also(other)
-    assert both == other.and_also(one)
+    both = combined(one, other)
+    assert both == combined(other, one)
     assert both.quality_max == max(one.quality_max, other.quality_max)
     assert both.quality_min == min(one.quality_min, other.quality_min)
     assert both.fps == max(one.fps, other.fps)
     assert both.latency_ms == min(one.latency_ms, other.latency_ms)
-    assert both.pixels == max(one.pixels, other.pixels)
+    assert pixels(both) == max(pixels(one), pixels(other))
     assert (both.width, both.height) in {(one.width, one.height), (other.width, other.height)}
 
 
 def test_the_cameras_own_size_is_the_largest():
     """Who wants no size of their own gets no smaller frame because of who does."""
-    assert StreamRequest().and_also(StreamRequest(width=4096, height=4096)).width is None
+    assert combined(StreamRequest(), StreamRequest(width=4096, height=4096)).width is None
 
 
 @pytest.mark.parametrize(

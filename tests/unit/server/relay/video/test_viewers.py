@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from robotether_common.frames import HEADER
 from robotether_server.relay.video.feeds import Feed, FeedTraffic
-from robotether_server.relay.video.frame_protocol import HEADER, Frame
+from robotether_server.relay.video.frame_protocol import Frame
 from robotether_server.relay.video.viewers import Cursor
 
 

@@ -1,7 +1,8 @@
-"""Patterns for names of topics and services, in which `*` stands for any text, `/` included.
+"""Names of ROS, patterns for them, and the members of the messages that drive a robot.
 
-A robot's policy is made of them. The time that a look takes grows with the lengths of name and
-pattern and no faster, whoever chose either; so no regular expressions here. Pure.
+In a pattern `*` stands for any text, `/` included; a robot's policy and its drive topics are made of them. The time
+that a look takes grows with the lengths of name and pattern and no faster, whoever chose either; so no regular
+expressions there. Pure.
 """
 
 from __future__ import annotations
@@ -9,10 +10,29 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
+MAX_NAME_LENGTH = 255
+# A name of ROS without anything that stands for something else.
+NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
+MAX_GLOBS = 64
 MAX_GLOB_LENGTH = 256
 # What a name is made of, and `*`. Anything else could never match.
 GLOB_PATTERN = "^[/*][a-zA-Z0-9_/*]*$"
 _GLOB = re.compile(GLOB_PATTERN.removesuffix("$") + r"\Z")
+
+# Members of geometry_msgs/Twist and TwistStamped, and of ackermann_msgs/AckermannDriveStamped.
+AXES = ("x", "y", "z")
+TWIST = frozenset(("linear", "angular"))
+TWIST_STAMPED = frozenset(("header", "twist"))
+ACKERMANN_STAMPED = frozenset(("header", "drive"))
+ACKERMANN_RATES = ("steering_angle_velocity", "acceleration", "jerk")
+ACKERMANN = frozenset(("steering_angle", "speed", *ACKERMANN_RATES))
+
+
+def full_name(name: object) -> str | None:
+    """Return the name with its first slash, or None if it is spelled in any other way."""
+    if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or not NAME.fullmatch(name):
+        return None
+    return name if name[0] == "/" else "/" + name
 
 
 def is_glob(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Which names match a pattern, and that a look never takes long."""
+"""Which texts are names of ROS, which of them match a pattern, and that a look never takes long."""
 
 from __future__ import annotations
 
@@ -7,7 +7,24 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_server.globs import MAX_GLOB_LENGTH, Globs, is_glob
+from robotether_common.ros import MAX_GLOB_LENGTH, Globs, full_name, is_glob
+
+
+@pytest.mark.parametrize("name", ["/cmd_vel", "cmd_vel", "/a/b_1/cmd_vel", "/1/x"])
+def test_names_are_given_their_first_slash(name: str) -> None:
+    """A relative name is read as rosbridge in the root namespace reads it."""
+    full = full_name(name)
+    assert full is not None
+    assert full == "/" + name.lstrip("/")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "/", "~cmd_vel", "//cmd_vel", "/cmd_vel/", "/a//b", "/cmd-vel", "/cmd_vel\n", "/\u0441md", " /a", "/a.b",
+     None, 3, ["/cmd_vel"], "/" + "a" * 255, "/cmd_vel\u0000", "/\u0663"],
+)  # fmt: skip
+def test_any_other_spelling_is_no_name(name: object) -> None:
+    assert full_name(name) is None
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,44 @@
+"""The frames protocol (docs/media.md) as agent and relay know it: a frame's header, a stream request, and the bounds.
+
+Both speak it with each other, and the relay with viewers, too. How each reads the other's texts is its own. Data only.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+PATH = "/robotether/frames"
+# Codec, flags, quality, sequence, and the timestamp in ms.
+HEADER = struct.Struct("!BBHId")
+JPEG = 1
+# A flag: the timestamp is the camera's own.
+STAMPED = 1
+SEQUENCES = 2**32
+MAX_FRAME_BYTES = 10 * 1024 * 1024
+MAX_TEXT_BYTES = 4096
+# More frames than these never wait unanswered on one hop.
+MAX_CREDITS = 2
+
+# Bounds of a stream request.
+MAX_SIDE = 4096
+QUALITIES = (1, 100)
+FPS = (0.1, 60)
+LATENCIES_MS = (50, 5000)
+SIDES = (1, MAX_SIDE)
+
+State = Literal["live", "waiting", "down"]
+Source = Literal["web_video_server", "mjpeg", "rosbridge"]
+
+
+@dataclass(frozen=True)
+class StreamRequest:
+    """What a receiver wants to see; width and height are both None for the camera's own size."""
+
+    quality_min: int = 20
+    quality_max: int = 80
+    fps: float = 15
+    latency_ms: float = 300
+    width: int | None = None
+    height: int | None = None

@@ -1,0 +1,25 @@
+"""What the relay and a robot's guard agree on: the handshake, the stamp of a drive command, and the guard's settings.
+
+Each checks what the other sends by itself: the guard is the second check. Data only.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+# Headers of the relay's WebSocket to rosbridge, and the HTTP status for whose lease is not in force.
+KEY_HEADER = "Robotether-Key"
+MODE_HEADER = "Robotether-Mode"
+FENCE_HEADER = "Robotether-Fence"
+FENCE_REFUSED = 409
+# The member that stands beside `msg` in a drive command, with `t_ms` and `fence`.
+STAMP = "robotether"
+
+DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
+# Of the deadman and of a command's age: times in which a robot can stop before it matters, and over which it would not.
+DEFAULT_MS = 500
+TIMES_MS = (200, 2000)
+
+# old: its age; fence: another one's lease; stopped: the latch; shape: what it says; held: nobody may drive now.
+RefusedKind = Literal["old", "fence", "stopped", "shape", "held"]
+REFUSED_KINDS: tuple[RefusedKind, ...] = get_args(RefusedKind)

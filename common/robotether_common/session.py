@@ -1,0 +1,41 @@
+"""The session's lines (docs/protocols.md, "The session") as agent and relay know them.
+
+Each reads the other's lines by itself, and says in its own words what is wrong with one. Data only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+MAX_LINE_BYTES = 64 * 1024
+# The numbers of drives, which the database counts.
+MAX_FENCE = 2**63 - 1
+
+# What a robot's SSH connection is for.
+Kind = Literal["session", "media", "shell"]
+ServiceState = Literal["ok", "down", "unknown"]
+GuardState = Literal["ready", "down"]
+# Why a connection ended, as the agent reads it in `bye`; `link_lost` is one that just ended.
+ByeCode = Literal[
+    "superseded",
+    "robot_disabled",
+    "robot_unknown",
+    "ports_changed",
+    "port_taken",
+    "key_changed",
+    "shell_off",
+    "not_ready",
+    "relay_stopping",
+    "protocol_error",
+    "timeout",
+    "link_lost",
+]
+
+
+@dataclass(frozen=True)
+class Battery:
+    """How full a robot's battery is, in percent, and whether it is being charged."""
+
+    percent: int
+    charging: bool
