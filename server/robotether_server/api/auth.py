@@ -13,7 +13,7 @@ from flask import Request, request
 from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
-from robotether_server.db import Transaction, digests, logins, tokens
+from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
@@ -28,18 +28,18 @@ SCHEME = "bearer "
 def page_user(tx: Transaction, request: Request) -> User | None:
     """Return the user whose login came with the request, if it holds; the login counts as used now."""
     text = request.cookies.get(COOKIE)
-    user = logins.find_user(tx, text) if text else None
+    user = credentials.find_login_user(tx, text) if text else None
     if text and user is not None:
         _renew(tx, text)
     return user
 
 
 def _renew(tx: Transaction, text: str) -> None:
-    ends_at = logins.renewal(tx, text, context().login_lifetime)
+    ends_at = credentials.login_renewal(tx, text, context().login_lifetime)
     if ends_at is not None:
         # On its own: what the request does may fail, or keep its transaction open for long.
         with context().database.transaction() as own:
-            logins.renew(own, text, ends_at)
+            credentials.renew_login(own, text, ends_at)
 
 
 def api_user(tx: Transaction, request: Request) -> User:
@@ -74,13 +74,13 @@ def credential_of(request: Request) -> tuple[CredentialKind, str]:
     """Return the kind and the SHA-256, in hex, of what `api_user` knows the user of a request by."""
     header = request.headers.get("Authorization")
     if header is not None:
-        return "token", digests.digest(_bearer(header)).hex()
-    return "login", digests.digest(request.cookies.get(COOKIE, "")).hex()
+        return "token", credentials.digest(_bearer(header)).hex()
+    return "login", credentials.digest(request.cookies.get(COOKIE, "")).hex()
 
 
 def token_user(tx: Transaction, text: str) -> User:
     """Return the user of an API token; raise TokenInvalid."""
-    user = tokens.find_user(tx, text)
+    user = credentials.find_token_user(tx, text)
     if user is None:
         raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
     return user

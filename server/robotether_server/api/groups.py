@@ -4,8 +4,8 @@ from msgspec import Struct
 
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import groups
-from robotether_server.db.groups import Group
+from robotether_server.db import grants
+from robotether_server.db.grants import Group
 from robotether_server.field_types import NewPlainName
 from robotether_server.services import groups as group_service
 
@@ -25,7 +25,7 @@ class GroupList(Struct):
 @operation("GET", "/groups", "admin")
 def list_groups(caller: Caller) -> GroupList:
     """Groups of users, whose grants every member has."""
-    return GroupList(groups.list_all(caller.tx))
+    return GroupList(grants.list_groups(caller.tx))
 
 
 @operation("POST", "/groups", "admin", problems=(409,))
@@ -37,7 +37,7 @@ def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
 @operation("GET", "/groups/<group>", "admin")
 def show_group(caller: Caller, group: str) -> Group:
     """One group."""
-    return groups.get(caller.tx, group)
+    return grants.get_group(caller.tx, group)
 
 
 @operation("DELETE", "/groups/<group>", "admin")

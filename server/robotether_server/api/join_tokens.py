@@ -10,8 +10,8 @@ from msgspec import Meta, Struct
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import join_tokens
-from robotether_server.db.join_tokens import JoinToken
+from robotether_server.db import credentials
+from robotether_server.db.credentials import JoinToken
 from robotether_server.field_types import Label
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
@@ -53,7 +53,7 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
     """A token that lets robots in, and the line that installs one."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
     text = join_token_service.create(caller.tx, caller.source, body.name, body.uses, expires_at)
-    made = join_tokens.find(caller.tx, text)
+    made = credentials.find_join_token(caller.tx, text)
     if made is None:
         raise StoreUnavailable("cannot make the join token: it is gone already; try again")
     # A token whose line cannot be told is not made: this may raise.

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.db.control_states import ControlState, DrivenBy, Stopped
 from robotether_server.db.grants import Level
-from robotether_server.db.robots import SeenRobot, State
+from robotether_server.db.robots import State
+from robotether_server.db.seen_robots import ControlState, DrivenBy, SeenRobot, Stopped
 from robotether_server.field_types import RobotName, Timestamp
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings

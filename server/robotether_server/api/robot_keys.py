@@ -5,7 +5,7 @@ from msgspec import Struct
 from robotether_server.api.auth import Caller
 from robotether_server.api.objects import ShownRobot, shown_robot
 from robotether_server.api.operations import operation
-from robotether_server.db import control_states, robots
+from robotether_server.db import seen_robots
 from robotether_server.field_types import Fingerprint
 from robotether_server.services import pending
 from robotether_server.services import robots as robot_service
@@ -83,5 +83,5 @@ def forgive_key(caller: Caller, key_id: int) -> None:
 
 
 def _shown(caller: Caller, robot: str) -> ShownRobot:
-    seen = robots.get_seen(caller.tx, robot)
-    return shown_robot(seen, control_states.of_robot(caller.tx, seen.robot.id), for_admin=True)
+    seen = seen_robots.get_seen(caller.tx, robot)
+    return shown_robot(seen, seen_robots.control_of(caller.tx, seen.robot.id), for_admin=True)

@@ -11,8 +11,8 @@ from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.objects import SettingsObject, ShownRobot, Ssh, shown_robot, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.buttons import GivenButtons
-from robotether_server.db import control_states, robots, sessions
-from robotether_server.db.sessions import RecordedSession
+from robotether_server.db import robots, seen_robots
+from robotether_server.db.seen_robots import RecordedSession
 from robotether_server.field_types import (
     AT_LEAST_ONE,
     MAX_NAME_LENGTH,
@@ -94,15 +94,15 @@ class ButtonList(Struct, forbid_unknown_fields=True):
 @operation("GET", "/robots", "user")
 def list_robots(caller: Caller) -> RobotList:
     """The robots that the user may see, with who drives and who stopped each."""
-    control = control_states.of_all(caller.tx)
+    control = seen_robots.control_of_all(caller.tx)
     return RobotList(
         [
             shown_robot(
                 one,
-                control.get(one.robot.id, control_states.FREE),
+                control.get(one.robot.id, seen_robots.FREE),
                 for_admin=caller.user.is_admin,
             )
-            for one in robots.list_seen(caller.tx, caller.user)
+            for one in seen_robots.list_seen(caller.tx, caller.user)
         ]
     )
 
@@ -110,12 +110,12 @@ def list_robots(caller: Caller) -> RobotList:
 @operation("GET", "/robots/<robot>", "user")
 def show_robot(caller: Caller, robot: str) -> ShownRobot:
     """One robot that the user may see."""
-    seen = robots.find_seen(caller.tx, caller.user, robot)
+    seen = seen_robots.find_seen(caller.tx, caller.user, robot)
     if seen is None:
         raise RobotUnknown(
             f"cannot show robot {robot}: there is none of that name that you may see"
         )
-    control = control_states.of_robot(caller.tx, seen.robot.id)
+    control = seen_robots.control_of(caller.tx, seen.robot.id)
     return shown_robot(seen, control, for_admin=caller.user.is_admin)
 
 
@@ -140,9 +140,9 @@ def register_robot(
     )
     ssh = ssh_of(context().join)
     _, is_new = robot_service.register(tx, caller.source, registration)
-    seen = robots.get_seen(tx, robot)
+    seen = seen_robots.get_seen(tx, robot)
     # A join token lets robots in; it may not see who drives them.
-    control = control_states.of_robot(tx, seen.robot.id) if admin else None
+    control = seen_robots.control_of(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
     if admin is None:
         shown["level"] = None
@@ -154,8 +154,8 @@ def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
     """Change what is given, all or nothing."""
-    seen = robots.get_seen(caller.tx, _change(caller, robot, body))
-    control = control_states.of_robot(caller.tx, seen.robot.id)
+    seen = seen_robots.get_seen(caller.tx, _change(caller, robot, body))
+    control = seen_robots.control_of(caller.tx, seen.robot.id)
     return shown_robot(seen, control, for_admin=True)
 
 
@@ -168,8 +168,8 @@ def remove_robot(caller: Caller, robot: str) -> None:
 @operation("GET", "/robots/<robot>/sessions", "admin")
 def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionList:
     """The robot's connections, the newest first."""
-    robot_id = robots.get_seen(caller.tx, robot).robot.id
-    return SessionList(sessions.of_robot(caller.tx, robot_id, query.limit or USUAL_LIMIT))
+    robot_id = seen_robots.get_seen(caller.tx, robot).robot.id
+    return SessionList(seen_robots.sessions_of(caller.tx, robot_id, query.limit or USUAL_LIMIT))
 
 
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")

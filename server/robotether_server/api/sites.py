@@ -7,8 +7,8 @@ from msgspec import Struct
 
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import sites
-from robotether_server.db.sites import Site
+from robotether_server.db import grants
+from robotether_server.db.grants import Site
 from robotether_server.field_types import NewPlainName
 from robotether_server.services import sites as site_service
 
@@ -28,7 +28,7 @@ class SiteList(Struct):
 @operation("GET", "/sites", "admin")
 def list_sites(caller: Caller) -> SiteList:
     """Sites of robots."""
-    return SiteList(sites.list_all(caller.tx))
+    return SiteList(grants.list_sites(caller.tx))
 
 
 @operation("POST", "/sites", "admin", problems=(409,))
@@ -40,7 +40,7 @@ def add_site(caller: Caller, body: NewSite) -> Created[Site]:
 @operation("GET", "/sites/<site>", "admin")
 def show_site(caller: Caller, site: str) -> Site:
     """One site."""
-    return sites.get(caller.tx, site)
+    return grants.get_site(caller.tx, site)
 
 
 @operation("DELETE", "/sites/<site>", "admin")

@@ -7,7 +7,7 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import grants, robots
+from robotether_server.db import grants, seen_robots
 from robotether_server.field_types import RobotName
 from robotether_server.problems import GrantMissing, RobotUnknown
 from robotether_server.tickets import Mode, Ticket, new_id
@@ -34,7 +34,7 @@ class SignedTicket(Struct):
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     """A permission to open one WebSocket to one robot."""
     name, mode, user = body.robot, body.mode, caller.user
-    seen = robots.find_seen(caller.tx, user, name)
+    seen = seen_robots.find_seen(caller.tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
     if not grants.includes(seen.level, mode):

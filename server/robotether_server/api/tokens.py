@@ -10,7 +10,7 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import users
-from robotether_server.db.tokens import Token
+from robotether_server.db.credentials import Token
 from robotether_server.db.users import User
 from robotether_server.field_types import Label, UserName
 from robotether_server.problems import RecordMissing

@@ -10,7 +10,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.db import groups as db_groups
+from robotether_server.db import grants
 from robotether_server.services import groups
 
 
@@ -33,7 +33,7 @@ def add(name: str) -> None:
 def list_groups(as_json: bool) -> None:
     """List the groups with their members."""
     with open_database().transaction() as tx:
-        found = db_groups.list_all(tx)
+        found = grants.list_groups(tx)
     if as_json:
         print_json([{"name": one.name, "members": list(one.members)} for one in found])
         return
@@ -67,7 +67,7 @@ def remove(name: str, yes: bool) -> None:
     """Remove a group with its grants. Its members stay users."""
     database = open_database()
     with database.transaction() as tx:
-        db_groups.get(tx, name)
+        grants.get_group(tx, name)
     if not yes:
         agree(
             f"remove group {name}",

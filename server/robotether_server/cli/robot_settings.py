@@ -10,7 +10,7 @@ import click
 
 from robotether_server import robot_settings
 from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
-from robotether_server.db import robots as db_robots
+from robotether_server.db import seen_robots
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
@@ -32,7 +32,7 @@ def show_settings(name: str) -> None:
     All of them as JSON, the defaults included. To change them: set.
     """
     with open_database().transaction() as tx:
-        present = db_robots.get_seen(tx, name).robot.settings
+        present = seen_robots.get_seen(tx, name).robot.settings
     try:
         in_force = robot_settings.parse(present).as_dict()
     except FieldInvalid as problem:

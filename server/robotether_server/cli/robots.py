@@ -28,7 +28,7 @@ from robotether_server.cli.robot_keys import (
     rotate_key,
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
-from robotether_server.db import Database, sessions
+from robotether_server.db import Database, seen_robots
 from robotether_server.db import robots as db_robots
 from robotether_server.services import pending, robots
 
@@ -142,7 +142,7 @@ def add(name: str, mac: str, allow_local_mac: bool) -> None:
 def list_robots(as_json: bool) -> None:
     """List the robots."""
     with open_database().transaction() as tx:
-        found = db_robots.list_all(tx)
+        found = seen_robots.list_all(tx)
     if as_json:
         print_json([robot_texts.as_dict(seen) for seen in found])
         return
@@ -158,9 +158,9 @@ def show(name: str, as_json: bool) -> None:
     Its record, the keys that wait there, and its last sessions.
     """
     with open_database().transaction() as tx:
-        seen = db_robots.get_seen(tx, name)
+        seen = seen_robots.get_seen(tx, name)
         waiting = [one for one in pending.waiting(tx) if one.robot == name]
-        last = sessions.of_robot(tx, seen.robot.id, SESSIONS_SHOWN)
+        last = seen_robots.sessions_of(tx, seen.robot.id, SESSIONS_SHOWN)
     if as_json:
         more = {
             "waiting": [vars(one) for one in waiting],
@@ -210,7 +210,7 @@ def wait_online(name: str, timeout: float) -> None:
 
 def _online(database: Database, name: str) -> bool | None:
     with database.transaction() as tx:
-        return db_robots.get_seen(tx, name).online or None
+        return seen_robots.get_seen(tx, name).online or None
 
 
 for command in (

@@ -10,7 +10,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.db import sites as db_sites
+from robotether_server.db import grants
 from robotether_server.services import sites
 
 
@@ -33,7 +33,7 @@ def add(name: str) -> None:
 def list_sites(as_json: bool) -> None:
     """List the sites with their robots."""
     with open_database().transaction() as tx:
-        found = db_sites.list_all(tx)
+        found = grants.list_sites(tx)
     if as_json:
         print_json([{"name": one.name, "robots": list(one.robots)} for one in found])
         return
@@ -57,7 +57,7 @@ def remove(name: str, yes: bool) -> None:
     """Remove a site with its grants. Its robots stay, at no site."""
     database = open_database()
     with database.transaction() as tx:
-        db_sites.get(tx, name)
+        grants.get_site(tx, name)
     if not yes:
         agree(
             f"remove site {name}",

@@ -7,13 +7,18 @@ import datetime as dt
 import json
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any
 
 from robotether_server.db.database import Transaction
 from robotether_server.field_types import Timestamp
-from robotether_server.networks import Network
 
 MAX_ACTOR_LENGTH = 63
+
+# One customer holds a whole /64 of IPv6, so for limits its addresses count as one.
+Network = IPv4Network | IPv6Network
+IPV6_PREFIX = 64
+NOBODYS = ip_network("::")
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,18 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
             json.dumps(event.details),
         ),
     )
+
+
+def network_of(address: str) -> Network:
+    """Return the network that an address counts for; texts that are no address count for one, too."""
+    try:
+        parsed = ip_address(address)
+    except ValueError:
+        return NOBODYS
+    # An IPv4 address in IPv6 spelling: a /64 would throw all of them together.
+    if isinstance(parsed, IPv6Address) and parsed.ipv4_mapped is None:
+        return ip_network((parsed, IPV6_PREFIX), strict=False)
+    return ip_network(parsed)
 
 
 def find(

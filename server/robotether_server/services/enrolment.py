@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from itertools import chain, count
 
 from robotether_server import macs, ssh_keys
-from robotether_server.db import Transaction, audit, claims, join_tokens, robots
+from robotether_server.db import Transaction, audit, credentials, robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.claims import Claim
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Claim, Report, Robot
 from robotether_server.problems import (
     KeyInUse,
     KeyRejected,
@@ -78,7 +77,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
 
 def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
     """Raise KeyRejected for a key that an admin turned away."""
-    claim = claims.find(tx, key.fingerprint)
+    claim = robots.find_claim(tx, key.fingerprint)
     if claim is not None and claim.is_rejected:
         raise KeyRejected(
             f"cannot join with key {key.fingerprint}: an admin rejected it; make a new key on the robot "
@@ -91,7 +90,7 @@ def check_key_is_free(
 ) -> None:
     """Raise KeyInUse when the key stands at another MAC; where it only waits there, an authorized robot gets it."""
     holder = robots.find_by_key(tx, presented.key.fingerprint)
-    claim = claims.find(tx, presented.key.fingerprint)
+    claim = robots.find_claim(tx, presented.key.fingerprint)
     waits_elsewhere = holder is not None and holder.mac != presented.mac
     claimed_elsewhere = claim is not None and claim.mac != presented.mac
     if not waits_elsewhere and not claimed_elsewhere:
@@ -132,9 +131,9 @@ def let_in(
 
 def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
     """Write the key into the row, unless it stands there: a known key changes nothing. Raises KeyInUse."""
-    claim = claims.find(tx, presented.key.fingerprint)
+    claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
     if robot.fingerprint == presented.key.fingerprint:
         return
     try:
@@ -148,7 +147,7 @@ def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
 
 def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
     """Tell whether the join token let this key in before, which an admin has undone since."""
-    return credential.token is not None and join_tokens.has_let_in(
+    return credential.token is not None and credentials.has_let_in(
         tx, credential.token.id, key.fingerprint
     )
 
@@ -204,13 +203,13 @@ def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def _count_use(tx: Transaction, token: join_tokens.JoinToken, key: PublicKey) -> None:
-    if join_tokens.has_let_in(tx, token.id, key.fingerprint):
+def _count_use(tx: Transaction, token: credentials.JoinToken, key: PublicKey) -> None:
+    if credentials.has_let_in(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
         )
-    if not join_tokens.use(tx, token.id, key.fingerprint):
+    if not credentials.use_join_token(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it was good for {token.uses} "
             f"{'robot' if token.uses == 1 else 'robots'}, which are in; make another"
@@ -219,7 +218,7 @@ def _count_use(tx: Transaction, token: join_tokens.JoinToken, key: PublicKey) ->
 
 def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim | None) -> None:
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
     if holder is None:
         return
     if holder.is_unknown:

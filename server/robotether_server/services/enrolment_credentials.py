@@ -6,8 +6,8 @@ Used by joins and by PUT /api/v1/robots/NAME. Reveals nothing about tokens that 
 import datetime as dt
 from dataclasses import dataclass
 
-from robotether_server.db import Transaction, join_tokens, tokens
-from robotether_server.db.join_tokens import JoinToken
+from robotether_server.db import Transaction, credentials
+from robotether_server.db.credentials import JoinToken
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, TokenExpired, TokenInvalid
 
@@ -35,9 +35,9 @@ def find(tx: Transaction, text: str) -> EnrolmentCredential:
 
     A join token that is used up still tells who asks: a use is counted when it lets a robot in.
     """
-    if text.startswith(join_tokens.PREFIX):
+    if text.startswith(credentials.JOIN_PREFIX):
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
-    user = tokens.find_user(tx, text)
+    user = credentials.find_token_user(tx, text)
     if user is None:
         raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
     return of_admin(user)
@@ -51,7 +51,7 @@ def of_admin(user: User) -> EnrolmentCredential:
 
 
 def _join_token(tx: Transaction, text: str) -> JoinToken:
-    token = join_tokens.find(tx, text)
+    token = credentials.find_join_token(tx, text)
     if token is None:
         raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
     if token.expires_at <= dt.datetime.now(dt.UTC):

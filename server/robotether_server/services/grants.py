@@ -4,7 +4,7 @@ import datetime as dt
 from typing import Literal, NamedTuple
 
 from robotether_server import times
-from robotether_server.db import Transaction, audit, grants, groups, robots, sites, users
+from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.grants import Grant, Level, Pair
 from robotether_server.problems import RecordMissing
@@ -88,10 +88,10 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
     is_user = grantee.kind == "user"
     return Pair(
         robot_id=robots.get(tx, scope.name).id if scope.kind == "robot" else None,
-        site_id=sites.get(tx, scope.name).id if scope.kind == "site" else None,
+        site_id=grants.get_site(tx, scope.name).id if scope.kind == "site" else None,
         all_robots=scope.kind == "all",
         user_id=users.get(tx, grantee.name).id if is_user else None,
-        group_id=None if is_user else groups.get(tx, grantee.name).id,
+        group_id=None if is_user else grants.get_group(tx, grantee.name).id,
     )
 
 

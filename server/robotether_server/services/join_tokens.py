@@ -3,9 +3,9 @@
 import datetime as dt
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, join_tokens
+from robotether_server.db import Transaction, audit, credentials
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.join_tokens import JoinToken
+from robotether_server.db.credentials import JoinToken
 from robotether_server.field_types import Label
 from robotether_server.problems import FieldInvalid
 
@@ -21,7 +21,9 @@ def create(tx: Transaction, source: Source, name: str, uses: int, expires_at: dt
     lifetime = expires_at - dt.datetime.now(dt.UTC)
     if not dt.timedelta() < lifetime <= MAX_LIFETIME:
         raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
-    text = join_tokens.create(tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH])
+    text = credentials.create_join_token(
+        tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH]
+    )
     details: dict[str, object] = {
         "token": name,
         "uses": uses,
@@ -33,13 +35,13 @@ def create(tx: Transaction, source: Source, name: str, uses: int, expires_at: dt
 
 def list_all(tx: Transaction) -> list[JoinToken]:
     """Return every join token, the newest first."""
-    return join_tokens.list_all(tx)
+    return credentials.list_join_tokens(tx)
 
 
 def delete(tx: Transaction, source: Source, token_id: int) -> JoinToken:
     """Delete a token and return it; the robots that it let in stay. Raises RecordMissing."""
-    token = join_tokens.get(tx, token_id)
-    join_tokens.delete(tx, token_id)
+    token = credentials.get_join_token(tx, token_id)
+    credentials.delete_join_token(tx, token_id)
     details: dict[str, object] = {"token": token.name, "used": token.used}
     audit.record(tx, source, Event("join_token_deleted", details=details))
     return token
@@ -47,6 +49,6 @@ def delete(tx: Transaction, source: Source, token_id: int) -> JoinToken:
 
 def delete_of(tx: Transaction, source: Source, maker: str) -> None:
     """Delete all tokens that this admin made."""
-    for token in join_tokens.list_all(tx):
+    for token in credentials.list_join_tokens(tx):
         if token.created_by == maker:
             delete(tx, source, token.id)

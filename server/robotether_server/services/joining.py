@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server import macs, ssh_keys
-from robotether_server.db import Transaction, audit, claims, locks, robots, sessions
-from robotether_server.db.audit import Event, Source
+from robotether_server.db import Transaction, audit, robots, seen_robots
+from robotether_server.db.audit import Event, Source, network_of
 from robotether_server.db.robots import Robot
-from robotether_server.networks import network_of
 from robotether_server.problems import (
     FieldInvalid,
     MacElsewhere,
@@ -83,7 +82,7 @@ def join(tx: Transaction, request: JoinRequest, rules: JoinSettings) -> Answer:
     Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
     KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
     """
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     _forget_old(tx)
     presented = request.presented
     enrolment.check_not_rejected(tx, presented.key)
@@ -164,9 +163,9 @@ class _Joining:
     def _claim(self, robot: Robot) -> Answer:
         """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
         presented = self.request.presented
-        if claims.find(self.tx, presented.key.fingerprint) is None:
+        if robots.find_claim(self.tx, presented.key.fingerprint) is None:
             self._check_room()
-            claims.add(self.tx, robot, presented.key, presented.report)
+            robots.add_claim(self.tx, robot, presented.key, presented.report)
             audit.record(
                 self.tx, self.source, Event("key_claimed", robot.name, _details(presented))
             )
@@ -180,7 +179,7 @@ class _Joining:
     def _check_room(self) -> None:
         """Raise TooManyPending when all, or one network, have as much waiting as may."""
         waiting = robots.unknown_addresses(self.tx)
-        waiting += [claim.report.address for claim in claims.waiting(self.tx)]
+        waiting += [claim.report.address for claim in robots.list_claims(self.tx)]
         network = network_of(self.request.presented.report.address)
         from_there = sum(network_of(other) == network for other in waiting)
         is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
@@ -195,7 +194,7 @@ class _Joining:
 def _forget_old(tx: Transaction) -> None:
     before = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
     robots.remove_unknown(tx, before)
-    claims.remove_old(tx, before)
+    robots.remove_old_claims(tx, before)
 
 
 def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
@@ -219,7 +218,7 @@ def _still_active(tx: Transaction, request: JoinRequest, robot: Robot) -> Answer
 
 def _check_moved(tx: Transaction, request: JoinRequest, robot: Robot) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
-    if sessions.is_online(tx, robot.id):
+    if seen_robots.is_online(tx, robot.id):
         raise MacElsewhere(
             f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
             "copy of that robot's disk, and must join with its own MAC and a new key"
@@ -280,9 +279,9 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
         )
     source = Source(enrolment_credentials.ROBOT, presented.report.address)
     enrolment.check_key_is_free(tx, source, presented, is_authorized=True)
-    claim = claims.find(tx, presented.key.fingerprint)
+    claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
     robots.rotate_key(tx, robot.id, presented.key)
     details: dict[str, object] = {"was": old.fingerprint, "fingerprint": presented.key.fingerprint}
     audit.record(tx, source, Event("key_rotated", robot.name, details))

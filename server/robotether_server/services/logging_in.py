@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, audit, logins, users
-from robotether_server.db.audit import Event, Occurrence, Source
+from robotether_server.db import Database, Transaction, audit, credentials, users
+from robotether_server.db.audit import Event, Network, Occurrence, Source, network_of
 from robotether_server.db.users import User
-from robotether_server.networks import Network, network_of
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services import throttle
 from robotether_server.services.throttle import Failures
@@ -63,7 +62,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
     with _guessed(database, source, password) as user, database.transaction() as tx:
         if user is not None:
             audit.record(tx, source, Event(SUCCEEDED))
-            return logins.create(tx, user, source.address or "", lifetime)
+            return credentials.create_login(tx, user, source.address or "", lifetime)
         audit.record(tx, source, Event(FAILED))
     raise LoginFailed("cannot log in: the name or the password is wrong")
 
@@ -99,7 +98,7 @@ def _guessed(database: Database, source: Source, password: str) -> Iterator[User
 def log_out(database: Database, source: Source, text: str) -> None:
     """End one login."""
     with database.transaction() as tx:
-        if logins.end(tx, text):
+        if credentials.end_login(tx, text):
             audit.record(tx, source, Event("logout"))
 
 

@@ -7,10 +7,9 @@ import json
 from collections.abc import Callable
 
 from robotether_server import macs, robot_settings
-from robotether_server.db import Transaction, audit, claims, locks, robots
+from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.claims import Claim
-from robotether_server.db.robots import Robot, State
+from robotether_server.db.robots import Claim, Robot, State
 from robotether_server.problems import NotPossible
 from robotether_server.robot_settings import Settings
 from robotether_server.services import enrolment
@@ -24,7 +23,7 @@ def add(
 
     An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
     """
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     normal = macs.normalise(mac, allow_local=allow_local_mac)
     found = robots.find_by_mac(tx, normal)
     if found is not None and found.is_unknown:
@@ -41,7 +40,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
 
     Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
     """
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     return enrolment.register(tx, source, registration)
 
 
@@ -54,7 +53,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
     _check_not_disabled(found)
     claim = _claim_of(tx, found, fingerprint)
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
         robots.set_key(tx, found.id, claim.key, claim.report)
     elif found.fingerprint != fingerprint:
         raise NotPossible(_no_such_key(found, fingerprint))
@@ -76,7 +75,7 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
     found = _get(tx, name)
     claim = _claim_of(tx, found, fingerprint)
     if claim is not None:
-        claims.reject(tx, claim.id, found.name, source.actor)
+        robots.reject_claim(tx, claim.id, found.name, source.actor)
     else:
         _reject_own(tx, source, found, fingerprint)
     details: dict[str, object] = {"mac": found.mac, "fingerprint": fingerprint}
@@ -230,12 +229,12 @@ def remove(tx: Transaction, source: Source, name: str) -> Robot:
 
 
 def _get(tx: Transaction, name: str) -> Robot:
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     return robots.get(tx, name)
 
 
 def _claim_of(tx: Transaction, found: Robot, fingerprint: str) -> Claim | None:
-    claim = claims.find(tx, fingerprint)
+    claim = robots.find_claim(tx, fingerprint)
     return claim if claim is not None and claim.robot_id == found.id else None
 
 
@@ -271,7 +270,7 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
         robots.remove(tx, found.id)
     else:
         robots.forget_key(tx, found.id)
-    claims.add_rejected(tx, found, source.actor)
+    robots.add_rejected_key(tx, found, source.actor)
 
 
 def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:

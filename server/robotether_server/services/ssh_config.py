@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, robots
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
@@ -27,7 +27,7 @@ def entries(tx: Transaction, user: User) -> list[ShellEntry]:
     """Return the shells that this user may reach, by the robots' names."""
     return [
         ShellEntry(seen.robot.name, seen.robot.shell_port, _shell_user(seen.robot))
-        for seen in robots.list_seen(tx, user)
+        for seen in seen_robots.list_seen(tx, user)
         if seen.robot.shell_port is not None
         and seen.robot.state == "active"
         and includes(seen.level, "manage")

@@ -1,10 +1,9 @@
 """People's SSH public keys, for shells on the robots that they manage."""
 
 from robotether_server import schemas, ssh_keys
-from robotether_server.db import Transaction, audit, user_keys
+from robotether_server.db import Transaction, audit, users
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.user_keys import SshKey
-from robotether_server.db.users import User
+from robotether_server.db.users import SshKey, User
 from robotether_server.field_types import MAX_NAME_LENGTH, Label
 from robotether_server.problems import NotPossible
 
@@ -16,24 +15,24 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
     key = ssh_keys.parse_persons(line)
     chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
     schemas.check("name", chosen, Label)
-    if len(user_keys.list_of(tx, user)) >= MAX_KEYS:
+    if len(users.list_ssh_keys(tx, user)) >= MAX_KEYS:
         raise NotPossible(
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
-    added = user_keys.add(tx, user, chosen, key)
+    added = users.add_ssh_key(tx, user, chosen, key)
     audit.record(tx, source, Event("ssh_key_added", details=_details(user, added)))
     return added
 
 
 def list_of(tx: Transaction, user: User) -> list[SshKey]:
     """Return the user's keys, by name."""
-    return user_keys.list_of(tx, user)
+    return users.list_ssh_keys(tx, user)
 
 
 def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
     """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
-    key = user_keys.get(tx, user, key_id)
-    user_keys.delete(tx, key.id)
+    key = users.get_ssh_key(tx, user, key_id)
+    users.delete_ssh_key(tx, key.id)
     audit.record(tx, source, Event("ssh_key_deleted", details=_details(user, key)))
     return key
 

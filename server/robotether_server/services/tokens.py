@@ -3,9 +3,9 @@
 import datetime as dt
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, tokens
+from robotether_server.db import Transaction, audit, credentials
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.tokens import Token
+from robotether_server.db.credentials import Token
 from robotether_server.db.users import User
 from robotether_server.field_types import Label
 from robotether_server.problems import NotPossible
@@ -22,11 +22,11 @@ def create(
     Raises FieldInvalid, RecordExists or NotPossible.
     """
     schemas.check("name", name, Label)
-    if len(tokens.list_of(tx, user)) >= MAX_TOKENS:
+    if len(credentials.list_tokens_of(tx, user)) >= MAX_TOKENS:
         raise NotPossible(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
-    text = tokens.create(tx, user, name, expires_at)
+    text = credentials.create_token(tx, user, name, expires_at)
     details: dict[str, object] = {
         "user": user.name,
         "token": name,
@@ -38,13 +38,13 @@ def create(
 
 def get(tx: Transaction, token_id: int) -> Token:
     """Return one token, so that the caller sees whose it is; raise RecordMissing."""
-    return tokens.get(tx, token_id)
+    return credentials.get_token(tx, token_id)
 
 
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     """Delete a token and return it; what it opened ends. Raises RecordMissing."""
-    token = tokens.get(tx, token_id)
-    tokens.delete(tx, token_id)
+    token = credentials.get_token(tx, token_id)
+    credentials.delete_token(tx, token_id)
     details: dict[str, object] = {"user": token.user, "token": token.name}
     audit.record(tx, source, Event("token_deleted", details=details))
     return token
@@ -52,9 +52,9 @@ def delete(tx: Transaction, source: Source, token_id: int) -> Token:
 
 def list_all(tx: Transaction) -> list[Token]:
     """Return every token, by user and name."""
-    return tokens.list_all(tx)
+    return credentials.list_tokens(tx)
 
 
 def list_of(tx: Transaction, user: User) -> list[Token]:
     """Return the user's tokens, by name."""
-    return tokens.list_of(tx, user)
+    return credentials.list_tokens_of(tx, user)

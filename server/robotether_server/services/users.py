@@ -4,7 +4,7 @@ An admin who is one no more takes the join tokens along: they let robots in with
 """
 
 from robotether_server import passwords
-from robotether_server.db import Transaction, audit, logins, users
+from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
@@ -68,7 +68,7 @@ def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) 
 
 def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
     """End all logins of a user; return how many there were. API tokens stay."""
-    ended = logins.end_all(tx, users.get(tx, name).id)
+    ended = credentials.end_logins(tx, users.get(tx, name).id)
     audit.record(tx, source, Event("logins_ended", details={"user": name, "logins": ended}))
     return ended
 

@@ -10,7 +10,7 @@ from werkzeug.middleware.proxy_fix import ProxyFix
 from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
 from robotether_server.db import Database
-from robotether_server.db.logins import Lifetime
+from robotether_server.db.credentials import Lifetime
 from robotether_server.settings import WebSettings, load_web
 from robotether_server.site_certificate import SiteCertificates
 from robotether_server.tickets import TicketSigner

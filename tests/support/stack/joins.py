@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotether_server.db import Database, Transaction, robots, tokens, users
+from robotether_server.db import Database, Transaction, credentials, robots, seen_robots, users
 from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
 from robotether_server.services.enrolment import PresentedKey
@@ -80,12 +80,12 @@ class Site:
         """The API token of a new admin."""
         with self.database.transaction() as tx:
             users.add(tx, "root", "x", "admin")
-            return tokens.create(tx, users.get(tx, "root"), "test", None)
+            return credentials.create_token(tx, users.get(tx, "root"), "test", None)
 
     def names(self) -> list[str]:
         """All robots."""
         with self.database.transaction() as tx:
-            return [seen.robot.name for seen in robots.list_all(tx)]
+            return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
     def events(self, kind: str) -> list[dict[str, object]]:
         """The rows of the audit log of one kind."""

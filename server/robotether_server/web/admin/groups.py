@@ -4,7 +4,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import groups, users
+from robotether_server.db import grants, users
 from robotether_server.db.grants import LEVELS
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
@@ -79,7 +79,7 @@ def remove_member(name: str, user: str) -> AnyResponse:
 def remove(name: str) -> AnyResponse:
     """Remove a group."""
     with context().database.transaction() as tx:
-        found = groups.get(tx, name)
+        found = grants.get_group(tx, name)
     action = ConfirmedAction(
         title=f"Remove group {name}?",
         effects=(
@@ -99,7 +99,7 @@ def remove(name: str) -> AnyResponse:
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a group, with what went wrong in one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
-        group = groups.get(tx, name)
+        group = grants.get_group(tx, name)
         return render_template(
             "admin/group.html",
             group=group,
@@ -119,5 +119,5 @@ def page_of(name: str) -> str:
 
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        found = groups.list_all(tx)
+        found = grants.list_groups(tx)
     return render_template("admin/groups.html", groups=found, problem=problem, values=request.form)

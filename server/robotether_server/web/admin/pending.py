@@ -8,7 +8,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import robots as db_robots
+from robotether_server.db import seen_robots
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.services import pending, robots
@@ -111,7 +111,7 @@ def forgive(key_id: int) -> AnyResponse:
 
 def _page(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        seen = db_robots.list_seen(tx, current_user.get())
+        seen = seen_robots.list_seen(tx, current_user.get())
         return render_template(
             "admin/pending.html",
             online={one.robot.name for one in seen if one.online},

@@ -4,7 +4,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import robots, sites
+from robotether_server.db import grants, seen_robots
 from robotether_server.db.grants import LEVELS
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
@@ -94,7 +94,7 @@ def place(name: str) -> PageAnswer:
 def remove(name: str) -> AnyResponse:
     """Remove a site."""
     with context().database.transaction() as tx:
-        found = sites.get(tx, name)
+        found = grants.get_site(tx, name)
     action = ConfirmedAction(
         title=f"Remove site {name}?",
         effects=(
@@ -113,8 +113,8 @@ def remove(name: str) -> AnyResponse:
 def render(name: str, problem: Problem | None = None) -> str:
     """Return the page of a site, with what went wrong in one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
-        site = sites.get(tx, name)
-        elsewhere = [one.robot for one in robots.list_all(tx) if one.robot.site != name]
+        site = grants.get_site(tx, name)
+        elsewhere = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]
         return render_template(
             "admin/site.html",
             site=site,
@@ -134,5 +134,5 @@ def page_of(name: str) -> str:
 
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        found = sites.list_all(tx)
+        found = grants.list_sites(tx)
     return render_template("admin/sites.html", sites=found, problem=problem, values=request.form)

@@ -6,8 +6,7 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db.join_tokens import JoinToken
-from robotether_server.db.tokens import Token
+from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing

@@ -5,7 +5,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, groups, robots, users
+from robotether_server.db import Transaction, grants, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES, User
@@ -69,7 +69,7 @@ def render(name: str, problem: Problem | None = None) -> str:
             "admin/user.html",
             subject=user,
             grants=grant_lists.of_user(tx, user),
-            groups=[one.name for one in groups.list_all(tx) if name in one.members],
+            groups=[one.name for one in grants.list_groups(tx) if name in one.members],
             tokens=tokens.list_of(tx, user),
             choices=grant_lists.scopes(tx),
             levels=LEVELS,
@@ -86,7 +86,7 @@ def page_of(name: str) -> str:
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
         everyone = users.list_all(tx)
-        seen = robots.count_seen(tx)
+        seen = seen_robots.count_seen(tx)
     return render_template(
         "admin/users.html",
         users=everyone,

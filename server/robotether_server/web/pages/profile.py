@@ -8,9 +8,9 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import passwords
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import logins
-from robotether_server.db.tokens import Token
-from robotether_server.db.user_keys import SshKey
+from robotether_server.db import credentials
+from robotether_server.db.credentials import Token
+from robotether_server.db.users import SshKey
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
@@ -113,7 +113,9 @@ def _change_password() -> str:
     logging_in.confirm(context().database, source, forms.secret("present"))
     with context().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
-        return logins.create(tx, user, source.address or "", context().login_lifetime.unused)
+        return credentials.create_login(
+            tx, user, source.address or "", context().login_lifetime.unused
+        )
 
 
 @blueprint.route("/ssh-keys", methods=METHODS)

@@ -10,8 +10,8 @@ import pytest
 from robotether_server.api import objects
 from robotether_server.api.objects import shown_robot, ssh_of
 from robotether_server.api.operations import plain
-from robotether_server.db.control_states import FREE, ControlState, DrivenBy, Stopped
-from robotether_server.db.robots import Report, Robot, SeenRobot
+from robotether_server.db.robots import Report, Robot
+from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, SeenRobot, Stopped
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
-from robotether_server.db import Database, audit, claims, join_tokens, robots
+from robotether_server.db import Database, audit, credentials, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Robot
 from robotether_server.problems import (
@@ -59,17 +59,17 @@ def register(
 def join_token(site: Site, uses: int) -> str:
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
-        return join_tokens.create(tx, "lab", uses, later, "root")
+        return credentials.create_join_token(tx, "lab", uses, later, "root")
 
 
 def uses(site: Site) -> int:
     with site.database.transaction() as tx:
-        return join_tokens.list_all(tx)[0].used
+        return credentials.list_join_tokens(tx)[0].used
 
 
 def claims_of(site: Site) -> int:
     with site.database.transaction() as tx:
-        return len(claims.waiting(tx))
+        return len(robots.list_claims(tx))
 
 
 def test_new_robot_is_made_and_active(site: Site, signer: RobotSigner) -> None:
@@ -137,7 +137,7 @@ def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigne
     with pytest.raises(RobotDisabled):
         register(site, signer)
     with site.database.transaction() as tx:
-        claims.add_rejected(tx, robots.get(tx, "turtle"), "root")
+        robots.add_rejected_key(tx, robots.get(tx, "turtle"), "root")
         robot_service.remove(tx, ADMIN, "turtle")
     with pytest.raises(KeyRejected, match="sudo robotether-agent forget"):
         register(site, signer)
@@ -233,7 +233,7 @@ def test_admin_who_approves_while_others_join_is_heard(database: Database) -> No
     assert claims_of(site) == 7
     with site.database.transaction() as tx:
         assert len(audit.find(tx, audit.AuditSearch(kind="robot_approved"))) == 1
-        assert len(robots.list_all(tx)) == 1
+        assert len(seen_robots.list_all(tx)) == 1
 
 
 def test_playbooks_at_once_make_a_robot_each(

@@ -6,7 +6,7 @@ import datetime as dt
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, audit, logins, users
+from robotether_server.db import Database, audit, credentials, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services.logging_in import confirm, log_in, log_out
@@ -26,12 +26,12 @@ def test_right_password_makes_a_login(database: Database) -> None:
     """Which ends with the log-out."""
     text = log_in(database, ANN, PASSWORD, HOUR)
     with database.transaction() as tx:
-        user = logins.find_user(tx, text)
+        user = credentials.find_login_user(tx, text)
     assert user is not None
     assert user.name == "ann"
     log_out(database, ANN, text)
     with database.transaction() as tx:
-        assert logins.find_user(tx, text) is None
+        assert credentials.find_login_user(tx, text) is None
 
 
 def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:

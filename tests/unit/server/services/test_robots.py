@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site
-from robotether_server.db import Transaction, audit, claims, robots
+from robotether_server.db import Transaction, audit, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Robot
 from robotether_server.problems import (
@@ -93,7 +93,7 @@ def test_approved_claim_replaces_the_key(site: Site) -> None:
     robot = do(site, robot_service.approve, "sim1", "SHA256:b")
     assert (robot.state, robot.key, robot.report) == ("active", OTHER_KEY, REPORT)
     with site.database.transaction() as tx:
-        assert claims.waiting(tx) == []
+        assert robots.list_claims(tx) == []
         assert tx.rows("SELECT previous_fingerprint AS p FROM robots") == [{"p": None}]
     assert details(site, "robot_approved")["replaced"] == "SHA256:a"
     assert site.ask().code == "mac_in_use"
@@ -119,7 +119,7 @@ def test_rejected_key_is_remembered(site: Site, is_announced: bool) -> None:
     site.ask(OTHER_MAC, OTHER_KEY)
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "robot-006102", "SHA256:b")
-        (rejected,) = claims.rejected(tx)
+        (rejected,) = robots.list_rejected_keys(tx)
     assert (rejected.robot, rejected.key, rejected.rejected_by) == (
         "robot-006102",
         OTHER_KEY,
@@ -136,7 +136,7 @@ def test_rejected_claim_leaves_the_robot_as_it_is(site: Site) -> None:
     site.ask(key=OTHER_KEY)
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "sim1", "SHA256:b")
-        assert [claim.key for claim in claims.rejected(tx)] == [OTHER_KEY]
+        assert [claim.key for claim in robots.list_rejected_keys(tx)] == [OTHER_KEY]
         with pytest.raises(NotPossible, match="robotether robot rekey sim1"):
             robot_service.reject(tx, ADMIN, "sim1", "SHA256:a")
         with pytest.raises(NotPossible, match="does not wait"):
@@ -279,4 +279,4 @@ def test_unknown_robot_is_said_so(site: Site, action: Callable[[Transaction], ob
     with site.database.transaction() as tx, pytest.raises(RecordMissing, match="robot ghost"):
         action(tx)
     with site.database.transaction() as tx:
-        assert len(robots.list_all(tx)) == 1
+        assert len(seen_robots.list_all(tx)) == 1

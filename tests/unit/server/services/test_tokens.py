@@ -6,8 +6,7 @@ import datetime as dt
 
 import pytest
 from joins import Site
-from robotether_server.db import tokens as db_tokens
-from robotether_server.db import users
+from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
 from robotether_server.services import tokens
@@ -22,11 +21,11 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         text = tokens.create(tx, ANN, ann, "ci", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "ci", dt.datetime.now(dt.UTC))
         (token,) = tokens.list_of(tx, ann)
-        assert db_tokens.find_user(tx, text) == ann
+        assert credentials.find_token_user(tx, text) == ann
         assert tokens.get(tx, token.id) == token
         assert [one.user for one in tokens.list_all(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
-        assert db_tokens.find_user(tx, text) is None
+        assert credentials.find_token_user(tx, text) is None
         with pytest.raises(RecordMissing):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from joins import OTHER_KEY, OTHER_MAC, Site
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, logins, users
+from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
@@ -71,11 +71,11 @@ def test_new_password_and_log_out_end_logins(site: Site) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         for _ in range(2):
-            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+            credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         assert user_service.log_out_everywhere(tx, ADMIN, "ann") == 2
-        text = logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        text = credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         user_service.set_password(tx, ADMIN, "ann", PASSWORD)
-        assert logins.find_user(tx, text) is None
+        assert credentials.find_login_user(tx, text) is None
         assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
     assert PASSWORD not in repr(site.events("password_set"))
     assert len(site.events("logins_ended")) == 1
