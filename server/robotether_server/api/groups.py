@@ -7,7 +7,7 @@ from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants
 from robotether_server.db.grants import Group
 from robotether_server.field_types import NewPlainName
-from robotether_server.services import groups as group_service
+from robotether_server.services import grants as grant_service
 
 
 class NewGroup(Struct, forbid_unknown_fields=True):
@@ -31,7 +31,7 @@ def list_groups(caller: Caller) -> GroupList:
 @operation("POST", "/groups", "admin", problems=(409,))
 def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
     """Add a group."""
-    return group_service.add(caller.tx, caller.source, body.name), 201
+    return grant_service.add_group(caller.tx, caller.source, body.name), 201
 
 
 @operation("GET", "/groups/<group>", "admin")
@@ -43,16 +43,16 @@ def show_group(caller: Caller, group: str) -> Group:
 @operation("DELETE", "/groups/<group>", "admin")
 def remove_group(caller: Caller, group: str) -> None:
     """Remove the group with its grants; its members stay users."""
-    group_service.remove(caller.tx, caller.source, group)
+    grant_service.remove_group(caller.tx, caller.source, group)
 
 
 @operation("PUT", "/groups/<group>/members/<user>", "admin")
 def add_member(caller: Caller, group: str, user: str) -> Group:
     """Make the user a member."""
-    return group_service.add_member(caller.tx, caller.source, group, user)
+    return grant_service.add_member(caller.tx, caller.source, group, user)
 
 
 @operation("DELETE", "/groups/<group>/members/<user>", "admin")
 def remove_member(caller: Caller, group: str, user: str) -> None:
     """End the membership."""
-    group_service.remove_member(caller.tx, caller.source, group, user)
+    grant_service.remove_member(caller.tx, caller.source, group, user)

@@ -12,7 +12,7 @@ from robotether_server.api.operations import operation
 from robotether_server.db.robots import Report
 from robotether_server.field_types import AgentVersion, Hostname, Mac, PublicKeyLine, RobotName
 from robotether_server.services import joining
-from robotether_server.services.enrolment import PresentedKey
+from robotether_server.services.joining import PresentedKey
 from robotether_server.services.pending import Reason
 
 Signature = Annotated[

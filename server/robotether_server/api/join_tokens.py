@@ -15,7 +15,7 @@ from robotether_server.db.credentials import JoinToken
 from robotether_server.field_types import Label
 from robotether_server.install_line import install_line
 from robotether_server.problems import StoreUnavailable
-from robotether_server.services import join_tokens as join_token_service
+from robotether_server.services import tokens
 
 MAX_HOURS = 8760
 
@@ -24,7 +24,7 @@ class NewJoinToken(Struct, forbid_unknown_fields=True):
     """A join token to be made: how many robots it lets in, and for how long."""
 
     name: Label
-    uses: Annotated[int, Meta(ge=1, le=join_token_service.MAX_USES)]
+    uses: Annotated[int, Meta(ge=1, le=tokens.MAX_USES)]
     hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
 
 
@@ -45,14 +45,14 @@ class JoinTokenList(Struct):
 @operation("GET", "/join-tokens", "admin")
 def list_join_tokens(caller: Caller) -> JoinTokenList:
     """Join tokens, without their texts."""
-    return JoinTokenList(join_token_service.list_all(caller.tx))
+    return JoinTokenList(tokens.list_join_tokens(caller.tx))
 
 
 @operation("POST", "/join-tokens", "admin", problems=(409,))
 def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
     """A token that lets robots in, and the line that installs one."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
-    text = join_token_service.create(caller.tx, caller.source, body.name, body.uses, expires_at)
+    text = tokens.create_join_token(caller.tx, caller.source, body.name, body.uses, expires_at)
     made = credentials.find_join_token(caller.tx, text)
     if made is None:
         raise StoreUnavailable("cannot make the join token: it is gone already; try again")
@@ -64,4 +64,4 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
 @operation("DELETE", "/join-tokens/<int:token_id>", "admin")
 def delete_join_token(caller: Caller, token_id: int) -> None:
     """Delete the token; robots that it let in stay."""
-    join_token_service.delete(caller.tx, caller.source, token_id)
+    tokens.delete_join_token(caller.tx, caller.source, token_id)

@@ -25,9 +25,9 @@ from robotether_server.field_types import (
 )
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import RobotUnknown
-from robotether_server.services import drive_pages, sites
+from robotether_server.services import drive_pages, grants
 from robotether_server.services import robots as robot_service
-from robotether_server.services.enrolment import Registration
+from robotether_server.services.robots import Registration
 
 SiteName = Annotated[
     str,
@@ -196,7 +196,7 @@ def _change(caller: Caller, name: str, body: RobotChanges) -> str:
     if body.settings is not UNSET:
         robot_service.set_settings(tx, source, name, body.settings)
     if body.site is not UNSET:
-        sites.place(tx, source, name, body.site)
+        grants.place_robot(tx, source, name, body.site)
     if body.shell is not UNSET:
         robot_service.set_shell(tx, source, name, body.shell)
     if body.state is not UNSET:

@@ -10,7 +10,7 @@ from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants
 from robotether_server.db.grants import Site
 from robotether_server.field_types import NewPlainName
-from robotether_server.services import sites as site_service
+from robotether_server.services import grants as grant_service
 
 
 class NewSite(Struct, forbid_unknown_fields=True):
@@ -34,7 +34,7 @@ def list_sites(caller: Caller) -> SiteList:
 @operation("POST", "/sites", "admin", problems=(409,))
 def add_site(caller: Caller, body: NewSite) -> Created[Site]:
     """Add a site."""
-    return site_service.add(caller.tx, caller.source, body.name), 201
+    return grant_service.add_site(caller.tx, caller.source, body.name), 201
 
 
 @operation("GET", "/sites/<site>", "admin")
@@ -46,4 +46,4 @@ def show_site(caller: Caller, site: str) -> Site:
 @operation("DELETE", "/sites/<site>", "admin")
 def remove_site(caller: Caller, site: str) -> None:
     """Remove the site with its grants; its robots are at no site then."""
-    site_service.remove(caller.tx, caller.source, site)
+    grant_service.remove_site(caller.tx, caller.source, site)

@@ -9,7 +9,7 @@ from robotether_server.api.operations import Created, operation
 from robotether_server.db.users import SshKey
 from robotether_server.field_types import Label, PublicKeyLine
 from robotether_server.install_line import site_of
-from robotether_server.services import ssh_config as ssh_config_service
+from robotether_server.services import ssh_keys
 from robotether_server.services import ssh_keys as ssh_key_service
 
 
@@ -48,7 +48,7 @@ def delete_ssh_key(caller: Caller, key_id: int) -> None:
 @operation("GET", "/ssh-config", "user", texts=("text/plain",))
 def ssh_config(caller: Caller) -> Response:
     """Entries for ~/.ssh/config, one a robot whose shell the user may reach."""
-    entries = ssh_config_service.entries(caller.tx, caller.user)
+    entries = ssh_keys.shell_entries(caller.tx, caller.user)
     host = site_of(context().site_certificates.settings, request.host).host
-    text = ssh_config_service.render(entries, host, context().join.ssh_ports[0])
+    text = ssh_keys.render_config(entries, host, context().join.ssh_ports[0])
     return Response(text, content_type="text/plain; charset=utf-8")

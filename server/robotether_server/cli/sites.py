@@ -11,7 +11,7 @@ from robotether_server.cli.common import (
     print_table,
 )
 from robotether_server.db import grants
-from robotether_server.services import sites
+from robotether_server.services import grants as grant_service
 
 
 @click.group()
@@ -24,7 +24,7 @@ def site() -> None:
 def add(name: str) -> None:
     """Add a site without robots. Give grants for it with: grant USER --site NAME LEVEL."""
     with open_database().transaction() as tx:
-        sites.add(tx, SOURCE, name)
+        grant_service.add_site(tx, SOURCE, name)
     click.echo(f"added site {name}")
 
 
@@ -46,7 +46,7 @@ def list_sites(as_json: bool) -> None:
 def place(robot: str, name: str | None) -> None:
     """Put ROBOT at site NAME; without NAME at none. It leaves the site where it was."""
     with open_database().transaction() as tx:
-        sites.place(tx, SOURCE, robot, name)
+        grant_service.place_robot(tx, SOURCE, robot, name)
     click.echo(f"robot {robot} is at {'no site' if name is None else f'site {name}'}")
 
 
@@ -65,5 +65,5 @@ def remove(name: str, yes: bool) -> None:
             "say --yes to remove the site",
         )
     with database.transaction() as tx:
-        sites.remove(tx, SOURCE, name)
+        grant_service.remove_site(tx, SOURCE, name)
     click.echo(f"removed site {name}")

@@ -8,7 +8,7 @@ from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
-from robotether_server.services import join_tokens
+from robotether_server.services import tokens
 
 FIRST_ADMIN = "admin"
 
@@ -45,7 +45,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
         return found
     if role != "admin":
         _check_not_last(tx, name, f"cannot make {name} a user")
-        join_tokens.delete_of(tx, source, name)
+        tokens.delete_join_tokens_of(tx, source, name)
     users.set_role(tx, found.id, role)
     details: dict[str, object] = {"user": name, "was": found.role, "role": role}
     audit.record(tx, source, Event("user_role_set", details=details))
@@ -59,7 +59,7 @@ def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) 
         return found
     if disabled:
         _check_not_last(tx, name, f"cannot disable user {name}")
-        join_tokens.delete_of(tx, source, name)
+        tokens.delete_join_tokens_of(tx, source, name)
     users.set_disabled(tx, found.id, disabled=disabled)
     kind = "user_disabled" if disabled else "user_enabled"
     audit.record(tx, source, Event(kind, details={"user": name}))
@@ -77,7 +77,7 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
     """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdmin."""
     found = users.get(tx, name)
     _check_not_last(tx, name, f"cannot remove user {name}")
-    join_tokens.delete_of(tx, source, name)
+    tokens.delete_join_tokens_of(tx, source, name)
     users.remove(tx, found.id)
     audit.record(tx, source, Event("user_removed", details={"user": name, "role": found.role}))
     return found

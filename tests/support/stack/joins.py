@@ -8,8 +8,7 @@ from pathlib import Path
 from robotether_server.db import Database, Transaction, credentials, robots, seen_robots, users
 from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
-from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer, PreviousKey
+from robotether_server.services.joining import Answer, PresentedKey, PreviousKey
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
 

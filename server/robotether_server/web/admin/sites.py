@@ -8,7 +8,7 @@ from robotether_server.db import grants, seen_robots
 from robotether_server.db.grants import LEVELS
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
-from robotether_server.services import sites as site_service
+from robotether_server.services import grants as grant_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_pages
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
@@ -30,7 +30,7 @@ def add() -> PageAnswer:
     try:
         name = forms.text("name", "Name", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.add(tx, current_user.source(), name)
+            grant_service.add_site(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
     return confirmation.go_on(page_of(name), f"Site {name} is added. Add robots and grants to it.")
@@ -50,7 +50,7 @@ def place_here(name: str) -> PageAnswer:
     try:
         robot = forms.text("robot", "Robot", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.place(tx, current_user.source(), robot, name)
+            grant_service.place_robot(tx, current_user.source(), robot, name)
     except Problem as problem:
         return render(name, problem), problem.status
     return confirmation.go_on(page_of(name), f"Robot {robot} is at site {name}.")
@@ -71,7 +71,7 @@ def remove_robot(name: str, robot: str) -> AnyResponse:
         back=page_of(name),
     )
     return confirmation.run(
-        action, lambda tx, source: site_service.remove_robot(tx, source, robot, name)
+        action, lambda tx, source: grant_service.remove_robot(tx, source, robot, name)
     )
 
 
@@ -83,7 +83,7 @@ def place(name: str) -> PageAnswer:
     try:
         site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.place(tx, current_user.source(), name, site)
+            grant_service.place_robot(tx, current_user.source(), name, site)
     except Problem as problem:
         return robot_pages.render(name, problem), problem.status
     words = f"at site {site}" if site else "at no site"
@@ -107,7 +107,7 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/sites",
     )
-    return confirmation.run(action, lambda tx, source: site_service.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: grant_service.remove_site(tx, source, name))
 
 
 def render(name: str, problem: Problem | None = None) -> str:

@@ -10,7 +10,7 @@ from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
-from robotether_server.services import join_tokens, tokens
+from robotether_server.services import tokens
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 
@@ -69,7 +69,7 @@ def create_join_token() -> str | tuple[str, int]:
         hours = forms.number("hours", "Hours", 1, MAX_HOURS)
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
         with context().database.transaction() as tx:
-            token = join_tokens.create(tx, current_user.source(), name, uses, expires_at)
+            token = tokens.create_join_token(tx, current_user.source(), name, uses, expires_at)
             # A site that cannot tell its certificate makes no token either.
             line = install_line(context().site_certificates, request.host, token)
     except Problem as problem:
@@ -99,15 +99,17 @@ def delete_join_token(token_id: int) -> AnyResponse:
         done=f"Join token {token.name} is deleted.",
         back="/admin/join-tokens",
     )
-    return confirmation.run(action, lambda tx, source: join_tokens.delete(tx, source, token_id))
+    return confirmation.run(
+        action, lambda tx, source: tokens.delete_join_token(tx, source, token_id)
+    )
 
 
 def _page(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        tokens = join_tokens.list_all(tx)
+        found = tokens.list_join_tokens(tx)
     return render_template(
         "admin/join_tokens.html",
-        tokens=tokens,
+        tokens=found,
         now=dt.datetime.now(dt.UTC),
         problem=problem,
         values=request.form,
@@ -116,7 +118,7 @@ def _page(problem: Problem | None = None) -> str:
 
 def _get_join_token(token_id: int) -> JoinToken:
     with context().database.transaction() as tx:
-        for token in join_tokens.list_all(tx):
+        for token in tokens.list_join_tokens(tx):
             if token.id == token_id:
                 return token
     raise RecordMissing("cannot find that join token: it was already deleted")

@@ -14,7 +14,7 @@ from robotether_server.db.users import SshKey
 from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
-from robotether_server.services import logging_in, ssh_config, ssh_keys, tokens, users
+from robotether_server.services import logging_in, ssh_keys, tokens, users
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
@@ -38,14 +38,16 @@ def render(problem: Problem | None = None, form: str = "") -> str:
     """Return the page, with what went wrong in one of its forms, `form`."""
     user = current_user.get()
     with context().database.transaction() as tx:
-        entries = ssh_config.entries(tx, user)
+        entries = ssh_keys.shell_entries(tx, user)
         keys, own_tokens = ssh_keys.list_of(tx, user), tokens.list_of(tx, user)
     host = site_of(context().site_certificates.settings, request.host).host
     return render_template(
         "profile.html",
         keys=keys,
         tokens=own_tokens,
-        config=ssh_config.render(entries, host, context().join.ssh_ports[0]) if entries else "",
+        config=ssh_keys.render_config(entries, host, context().join.ssh_ports[0])
+        if entries
+        else "",
         first=entries[0].robot if entries else "",
         now=dt.datetime.now(dt.UTC),
         problems={form: problem},

@@ -19,7 +19,7 @@ from robotether_server.problems import (
     RecordMissing,
     TokenInvalid,
 )
-from robotether_server.services import join_tokens
+from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 
 ADMIN = Source("root")
@@ -160,8 +160,9 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
-        tokens = [
-            join_tokens.create(tx, Source(maker), maker, 10, later) for maker in ("ann", "root")
+        texts = [
+            tokens.create_join_token(tx, Source(maker), maker, 10, later)
+            for maker in ("ann", "root")
         ]
         if end == "role":
             user_service.set_role(tx, ADMIN, "ann", "user")
@@ -170,6 +171,6 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
         else:
             user_service.remove(tx, ADMIN, "ann")
     with pytest.raises(TokenInvalid):
-        site.ask(OTHER_MAC, OTHER_KEY, token=tokens[0])
-    assert site.ask(OTHER_MAC, OTHER_KEY, token=tokens[1]).code == "active"
+        site.ask(OTHER_MAC, OTHER_KEY, token=texts[0])
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=texts[1]).code == "active"
     assert len(site.events("join_token_deleted")) == 1
