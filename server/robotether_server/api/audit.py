@@ -12,7 +12,7 @@ from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation, plain
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent, AuditSearch
-from robotether_server.field_types import Label
+from robotether_server.schemas import Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 

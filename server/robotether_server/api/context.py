@@ -8,8 +8,8 @@ from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has 
 
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
+from robotether_server.install_line import SiteCertificates
 from robotether_server.settings import JoinSettings
-from robotether_server.site_certificate import SiteCertificates
 from robotether_server.tickets import TicketSigner
 
 csrf = CSRFProtect()

@@ -1,6 +1,6 @@
 """Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
-What the operations take and answer is described by their own types (`operations`, `relayed`, `field_types`); only what
+What the operations take and answer is described by their own types (`operations`, `relayed`, `schemas`); only what
 they have in common stands here.
 """
 
@@ -18,8 +18,8 @@ from msgspec import Meta
 from robotether_server import __version__
 from robotether_server.api.operations import OPERATIONS, ApiOperation, Who, operation
 from robotether_server.api.relayed import RELAYED
-from robotether_server.field_types import PlainName, RobotName, UserName
 from robotether_server.robot_settings import GivenSettings
+from robotether_server.schemas import PlainName, RobotName, UserName
 
 REF = "#/components/{kind}/{name}"
 Id = Annotated[int, Meta(ge=1)]

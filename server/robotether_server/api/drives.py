@@ -14,7 +14,7 @@ from robotether_server.api.operations import operation, plain, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.db.users import User
-from robotether_server.field_types import Label
+from robotether_server.schemas import Label
 
 MAX_FENCE = 2**64 - 1
 COLUMNS = tuple(member.name for member in members_of(Drive))

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Protocol, TypeVar
 from flask import Response
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.field_types import GivenTimestamp, Label
+from robotether_server.schemas import GivenTimestamp, Label
 
 Format = Literal["csv", "jsonl"]
 FORMATS: tuple[Format, ...] = ("csv", "jsonl")

@@ -1,20 +1,25 @@
-"""/api/v1/grants: who may do what with which robots, and until when; for admins, who need no grant themselves."""
+"""/api/v1/grants: who may do what with which robots, and until when; /groups of users and /sites of robots. For admins.
+
+Admins need no grant themselves. A robot is put at a site by PATCH /api/v1/robots/NAME.
+"""
 
 from typing import Annotated, Literal, TypeVar
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.auth import Caller
-from robotether_server.api.operations import operation
-from robotether_server.db.grants import Grant, Level
-from robotether_server.field_types import (
+from robotether_server.api.operations import Created, operation
+from robotether_server.db import grants
+from robotether_server.db.grants import Grant, Group, Level, Site
+from robotether_server.problems import FieldInvalid
+from robotether_server.schemas import (
     GivenTimestamp,
+    NewPlainName,
     PlainName,
     RobotName,
     Timestamp,
     UserName,
 )
-from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
 from robotether_server.services.grants import ALL, Grantee, Scope
 
@@ -67,6 +72,30 @@ class GrantList(Struct):
     """Grants, ended ones too. Of several that fit, the highest level holds."""
 
     grants: list[ShownGrant]
+
+
+class NewGroup(Struct, forbid_unknown_fields=True):
+    """A group to be added."""
+
+    name: NewPlainName
+
+
+class GroupList(Struct):
+    """Groups, by name."""
+
+    groups: list[Group]
+
+
+class NewSite(Struct, forbid_unknown_fields=True):
+    """A site to be added."""
+
+    name: NewPlainName
+
+
+class SiteList(Struct):
+    """Sites, by name."""
+
+    sites: list[Site]
 
 
 @operation("GET", "/grants", "admin")
@@ -146,3 +175,63 @@ def _shown(grant: Grant) -> ShownGrant:
         level=grant.level,
         ends_at=grant.ends_at,
     )
+
+
+@operation("GET", "/groups", "admin")
+def list_groups(caller: Caller) -> GroupList:
+    """Groups of users, whose grants every member has."""
+    return GroupList(grants.list_groups(caller.tx))
+
+
+@operation("POST", "/groups", "admin", problems=(409,))
+def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
+    """Add a group."""
+    return grant_service.add_group(caller.tx, caller.source, body.name), 201
+
+
+@operation("GET", "/groups/<group>", "admin")
+def show_group(caller: Caller, group: str) -> Group:
+    """One group."""
+    return grants.get_group(caller.tx, group)
+
+
+@operation("DELETE", "/groups/<group>", "admin")
+def remove_group(caller: Caller, group: str) -> None:
+    """Remove the group with its grants; its members stay users."""
+    grant_service.remove_group(caller.tx, caller.source, group)
+
+
+@operation("PUT", "/groups/<group>/members/<user>", "admin")
+def add_member(caller: Caller, group: str, user: str) -> Group:
+    """Make the user a member."""
+    return grant_service.add_member(caller.tx, caller.source, group, user)
+
+
+@operation("DELETE", "/groups/<group>/members/<user>", "admin")
+def remove_member(caller: Caller, group: str, user: str) -> None:
+    """End the membership."""
+    grant_service.remove_member(caller.tx, caller.source, group, user)
+
+
+@operation("GET", "/sites", "admin")
+def list_sites(caller: Caller) -> SiteList:
+    """Sites of robots."""
+    return SiteList(grants.list_sites(caller.tx))
+
+
+@operation("POST", "/sites", "admin", problems=(409,))
+def add_site(caller: Caller, body: NewSite) -> Created[Site]:
+    """Add a site."""
+    return grant_service.add_site(caller.tx, caller.source, body.name), 201
+
+
+@operation("GET", "/sites/<site>", "admin")
+def show_site(caller: Caller, site: str) -> Site:
+    """One site."""
+    return grants.get_site(caller.tx, site)
+
+
+@operation("DELETE", "/sites/<site>", "admin")
+def remove_site(caller: Caller, site: str) -> None:
+    """Remove the site with its grants; its robots are at no site then."""
+    grant_service.remove_site(caller.tx, caller.source, site)

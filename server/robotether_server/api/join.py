@@ -1,5 +1,6 @@
 """/api/v1/join: what a robot asks at its first start, and whenever it is not admitted."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from flask import request
@@ -7,13 +8,23 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server import macs, ssh_keys
 from robotether_server.api.context import context
-from robotether_server.api.objects import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.db.robots import Report
-from robotether_server.field_types import AgentVersion, Hostname, Mac, PublicKeyLine, RobotName
+from robotether_server.problems import StoreUnavailable
+from robotether_server.schemas import (
+    AgentVersion,
+    Hostname,
+    Mac,
+    PublicKeyLine,
+    RobotName,
+)
 from robotether_server.services import joining
 from robotether_server.services.joining import PresentedKey
 from robotether_server.services.pending import Reason
+from robotether_server.settings import JoinSettings
+
+SSH_USER = "tunnel"
+KEY_WORDS = 2
 
 Signature = Annotated[
     str,
@@ -50,6 +61,15 @@ class RobotJoin(Struct):
     name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
     mac_present: bool | UnsetType | None = UNSET
     previous_key: GivenPreviousKey | UnsetType | None = UNSET
+
+
+class Ssh(Struct):
+    """Where the robot's tunnel goes; `host` null: where this request went. `host_keys` are pinned, as TYPE BASE64."""
+
+    user: str
+    host: str | None
+    ports: list[int]
+    host_keys: list[str]
 
 
 class JoinedRobot(Struct):
@@ -96,3 +116,23 @@ def _asked(body: RobotJoin) -> joining.JoinRequest:
         mac_present=body.mac_present is not False,
         previous=previous and joining.PreviousKey(previous.fingerprint, previous.signature),
     )
+
+
+def ssh_of(settings: JoinSettings) -> Ssh:
+    """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailable."""
+    host_keys = read_host_keys(settings.ssh_host_keys_dir)
+    return Ssh(SSH_USER, settings.public_host, list(settings.ssh_ports), host_keys)
+
+
+def read_host_keys(folder: Path) -> list[str]:
+    """Return each key as `TYPE BASE64`, by file name; raise StoreUnavailable when there is none."""
+    lines = []
+    for path in sorted(folder.glob("*.pub")):
+        words = path.read_text(encoding="ascii").split()
+        if len(words) >= KEY_WORDS:
+            lines.append(" ".join(words[:KEY_WORDS]))
+    if not lines:
+        raise StoreUnavailable(
+            f"cannot read sshd's host keys: {folder} has no *.pub file yet; try again shortly"
+        )
+    return lines

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.operations import ApiOperation
-from robotether_server.field_types import PlainName, RobotName, Timestamp
+from robotether_server.schemas import PlainName, RobotName, Timestamp
 
 
 class ShownDriver(Struct):

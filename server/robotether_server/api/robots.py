@@ -1,4 +1,7 @@
-"""/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
+"""/api/v1/robots: robots as a user may see them, and as admins change them, with their keys that wait.
+
+What only admins may know of a robot stands in `_for_admins`, and nowhere else.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -8,34 +11,84 @@ from msgspec import UNSET, Meta, Struct, UnsetType, structs
 from robotether_server.api.auth import Caller, EnrolmentCaller
 from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
-from robotether_server.api.objects import SettingsObject, ShownRobot, Ssh, shown_robot, ssh_of
+from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.buttons import GivenButtons
 from robotether_server.db import robots, seen_robots
-from robotether_server.db.seen_robots import RecordedSession
-from robotether_server.field_types import (
+from robotether_server.db.grants import Level
+from robotether_server.db.robots import State
+from robotether_server.db.seen_robots import (
+    ControlState,
+    DrivenBy,
+    RecordedSession,
+    SeenRobot,
+    Stopped,
+)
+from robotether_server.page_settings import PageSettings
+from robotether_server.problems import RobotUnknown
+from robotether_server.schemas import (
     AT_LEAST_ONE,
     MAX_NAME_LENGTH,
     PLAIN_NAME_PATTERN,
     AgentVersion,
+    Fingerprint,
     Hostname,
     Mac,
     PublicKeyLine,
     RobotName,
+    Timestamp,
 )
-from robotether_server.page_settings import PageSettings
-from robotether_server.problems import RobotUnknown
-from robotether_server.services import drive_pages, grants
+from robotether_server.services import drive_pages, grants, pending
 from robotether_server.services import robots as robot_service
+from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.services.robots import Registration
+
+CLOSED = Meta(extra_json_schema={"additionalProperties": False})
+# Described by their type, and read by the service that takes them.
+SettingsObject = Annotated[
+    dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/GivenSettings"})
+]
 
 SiteName = Annotated[
     str,
     Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
 ]
+
 PageObject = Annotated[
     dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/PageSettings"})
 ]
+
+
+class ShownRobot(Struct, kw_only=True):
+    """A robot as an admin, or a user who may see it, may know it.
+
+    `since`: the last change of `online`; null: never seen. `level`: what the user may; null: a join token asked.
+    `shell_port` null: no shell. `driver` and `stopped`: who drives, and who stopped it, as the database has it; null:
+    nobody; missing in the answer to a join token. Whether its guard has confirmed a stop is told by /control and
+    /events. What follows `stopped` is for admins alone; `agent_version` and `address` are the newest session's, or else
+    the join's, and `rotate_key` asks the robot to make a new key.
+    """
+
+    name: RobotName
+    mac: str
+    state: State
+    online: bool
+    since: Timestamp | None
+    level: Level | None
+    ros_port: int
+    video_port: int
+    shell_port: int | None
+    settings: SettingsObject
+    site: str | None
+    driver: Annotated[DrivenBy, CLOSED] | UnsetType | None = UNSET
+    stopped: Annotated[Stopped, CLOSED] | UnsetType | None = UNSET
+    fingerprint: str | UnsetType | None = UNSET
+    hostname: str | UnsetType | None = UNSET
+    agent_version: str | UnsetType | None = UNSET
+    join_address: str | UnsetType | None = UNSET
+    joined_at: Timestamp | UnsetType | None = UNSET
+    address: str | UnsetType | None = UNSET
+    rotate_key: bool | UnsetType = UNSET
 
 
 class RobotList(Struct):
@@ -89,6 +142,24 @@ class ButtonList(Struct, forbid_unknown_fields=True):
     """The buttons of a drive page."""
 
     buttons: GivenButtons
+
+
+class KeyChoice(Struct, forbid_unknown_fields=True):
+    """This key, whatever came since."""
+
+    fingerprint: Fingerprint
+
+
+class PendingKeyList(Struct):
+    """Keys that wait, the oldest first."""
+
+    pending: list[PendingKey]
+
+
+class RejectedKeyList(Struct):
+    """Keys that were turned away, the newest first."""
+
+    rejected_keys: list[RejectedKey]
 
 
 @operation("GET", "/robots", "user")
@@ -154,9 +225,7 @@ def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
     """Change what is given, all or nothing."""
-    seen = seen_robots.get_seen(caller.tx, _change(caller, robot, body))
-    control = seen_robots.control_of(caller.tx, seen.robot.id)
-    return shown_robot(seen, control, for_admin=True)
+    return _shown(caller, _change(caller, robot, body))
 
 
 @operation("DELETE", "/robots/<robot>", "admin")
@@ -211,3 +280,97 @@ def _change_state(caller: Caller, name: str, state: str) -> None:
         robot_service.disable(caller.tx, caller.source, name)
     elif robots.get(caller.tx, name).state != "active":
         robot_service.enable(caller.tx, caller.source, name)
+
+
+def shown_robot(seen: SeenRobot, control: ControlState | None, *, for_admin: bool) -> ShownRobot:
+    """Return a robot as an admin, or a user who may see it, may know it.
+
+    Without `control` it does not say who drives and who stopped it: who asks may not see that.
+    """
+    robot = seen.robot
+    return ShownRobot(
+        name=robot.name,
+        mac=robot.mac,
+        state=robot.state,
+        online=seen.online,
+        since=seen.since,
+        level=seen.level,
+        ros_port=robot.ros_port,
+        video_port=robot.video_port,
+        shell_port=robot.shell_port,
+        settings=robot.settings,
+        site=robot.site,
+        driver=control.driver if control else UNSET,
+        stopped=control.stopped if control else UNSET,
+        **(_for_admins(seen) if for_admin else {}),
+    )
+
+
+def _for_admins(seen: SeenRobot) -> dict[str, Any]:
+    robot, report = seen.robot, seen.robot.report
+    return {
+        "fingerprint": robot.fingerprint,
+        "hostname": report.hostname if report else None,
+        "agent_version": seen.agent_version,
+        "join_address": report.address if report else None,
+        "joined_at": robot.joined_at,
+        "address": seen.address,
+        "rotate_key": robot.rotate_requested_at is not None,
+    }
+
+
+def _shown(caller: Caller, robot: str) -> ShownRobot:
+    seen = seen_robots.get_seen(caller.tx, robot)
+    return shown_robot(seen, seen_robots.control_of(caller.tx, seen.robot.id), for_admin=True)
+
+
+@operation("POST", "/robots/<robot>/approve", "admin", problems=(409,))
+def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
+    """Let a waiting key in: this one and no other."""
+    robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
+def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
+    """Turn a waiting key away, and remember it."""
+    robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
+
+
+@operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
+def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
+    """Forget the key and end the connection; the next key waits for approval."""
+    robot_service.rekey(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
+def rotate_key(caller: Caller, robot: str) -> ShownRobot:
+    """Ask the agent for a new key; the connection stays."""
+    robot_service.rotate_key(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
+def move_ports(caller: Caller, robot: str) -> ShownRobot:
+    """Give the robot another free pair of ports; it connects again."""
+    robot_service.move_ports(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("GET", "/pending", "admin")
+def list_pending(caller: Caller) -> PendingKeyList:
+    """Keys that wait for approval."""
+    return PendingKeyList(pending.waiting(caller.tx))
+
+
+@operation("GET", "/rejected-keys", "admin")
+def list_rejected_keys(caller: Caller) -> RejectedKeyList:
+    """Keys that were turned away."""
+    return RejectedKeyList(pending.rejected(caller.tx))
+
+
+@operation("DELETE", "/rejected-keys/<int:key_id>", "admin")
+def forgive_key(caller: Caller, key_id: int) -> None:
+    """Let the key ask again."""
+    pending.forgive(caller.tx, caller.source, key_id)

@@ -7,8 +7,8 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
 from robotether_server.db.users import SshKey
-from robotether_server.field_types import Label, PublicKeyLine
 from robotether_server.install_line import site_of
+from robotether_server.schemas import Label, PublicKeyLine
 from robotether_server.services import ssh_keys
 from robotether_server.services import ssh_keys as ssh_key_service
 

@@ -8,8 +8,8 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants, seen_robots
-from robotether_server.field_types import RobotName
 from robotether_server.problems import GrantMissing, RobotUnknown
+from robotether_server.schemas import RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
 
 

@@ -1,22 +1,26 @@
-"""/api/v1/tokens: API tokens; everybody's own, and all of them for admins."""
+"""/api/v1/tokens: API tokens, everybody's own, and all of them for admins; /api/v1/join-tokens, which admit robots."""
 
 import datetime as dt
 from dataclasses import dataclass
 from typing import Annotated
 
+from flask import request
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import auth
 from robotether_server.api.auth import Caller
+from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import users
-from robotether_server.db.credentials import Token
+from robotether_server.db import credentials, users
+from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.db.users import User
-from robotether_server.field_types import Label, UserName
-from robotether_server.problems import RecordMissing
+from robotether_server.install_line import install_line
+from robotether_server.problems import RecordMissing, StoreUnavailable
+from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 
 MAX_DAYS = 3650
+MAX_HOURS = 8760
 
 
 class NewToken(Struct, forbid_unknown_fields=True):
@@ -38,6 +42,28 @@ class TokenList(Struct):
     """Tokens, by user and name."""
 
     tokens: list[Token]
+
+
+class NewJoinToken(Struct, forbid_unknown_fields=True):
+    """A join token to be made: how many robots it lets in, and for how long."""
+
+    name: Label
+    uses: Annotated[int, Meta(ge=1, le=token_service.MAX_USES)]
+    hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
+
+
+@dataclass(frozen=True)
+class CreatedJoinToken(JoinToken):
+    """A join token with its text and the line for the robot's shell, which are told this one time."""
+
+    token: str
+    command: str
+
+
+class JoinTokenList(Struct):
+    """Join tokens, the newest first."""
+
+    join_tokens: list[JoinToken]
 
 
 @operation("GET", "/tokens", "user")
@@ -73,3 +99,30 @@ def _owner(caller: Caller, name: str) -> User:
         return caller.user
     auth.check_admin(caller.user)
     return users.get(caller.tx, name)
+
+
+@operation("GET", "/join-tokens", "admin")
+def list_join_tokens(caller: Caller) -> JoinTokenList:
+    """Join tokens, without their texts."""
+    return JoinTokenList(token_service.list_join_tokens(caller.tx))
+
+
+@operation("POST", "/join-tokens", "admin", problems=(409,))
+def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
+    """A token that lets robots in, and the line that installs one."""
+    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
+    text = token_service.create_join_token(
+        caller.tx, caller.source, body.name, body.uses, expires_at
+    )
+    made = credentials.find_join_token(caller.tx, text)
+    if made is None:
+        raise StoreUnavailable("cannot make the join token: it is gone already; try again")
+    # A token whose line cannot be told is not made: this may raise.
+    command = install_line(context().site_certificates, request.host, text)
+    return CreatedJoinToken(**vars(made), token=text, command=command), 201
+
+
+@operation("DELETE", "/join-tokens/<int:token_id>", "admin")
+def delete_join_token(caller: Caller, token_id: int) -> None:
+    """Delete the token; robots that it let in stay."""
+    token_service.delete_join_token(caller.tx, caller.source, token_id)

@@ -9,7 +9,7 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import users
 from robotether_server.db.users import Role, User
-from robotether_server.field_types import AT_LEAST_ONE, UserName
+from robotether_server.schemas import AT_LEAST_ONE, UserName
 from robotether_server.services import users as user_service
 
 # passwords.hash_password judges it, and says more than that it is short.

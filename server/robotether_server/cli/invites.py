@@ -16,9 +16,14 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
-from robotether_server.install_line import HTTPS_PORT, SiteAddress, install_line, parse_site_address
+from robotether_server.install_line import (
+    HTTPS_PORT,
+    SiteAddress,
+    SiteCertificates,
+    install_line,
+    parse_site_address,
+)
 from robotether_server.services import tokens
-from robotether_server.site_certificate import SiteCertificates
 
 MAX_HOURS = 8760
 

@@ -11,7 +11,7 @@ from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_netw
 from typing import Any
 
 from robotether_server.db.database import Transaction
-from robotether_server.field_types import Timestamp
+from robotether_server.schemas import Timestamp
 
 MAX_ACTOR_LENGTH = 63
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from robotether_server.db import users
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.users import User
-from robotether_server.field_types import Label, Timestamp, UserName
 from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
 API_PREFIX = "rt_"

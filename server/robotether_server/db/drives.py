@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.users import User
-from robotether_server.field_types import Amount, Count, Timestamp
 from robotether_server.problems import RecordMissing
+from robotether_server.schemas import Amount, Count, Timestamp
 
 COLUMNS = (
     "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "

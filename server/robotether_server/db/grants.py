@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
-from robotether_server.field_types import PlainName, RobotName, UserName
 from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import PlainName, RobotName, UserName
 
 Level = Literal["observe", "drive", "manage"]
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")  # each includes the ones before it

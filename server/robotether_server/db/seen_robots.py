@@ -12,7 +12,7 @@ from robotether_server.db.database import Row, Transaction
 from robotether_server.db.grants import Level
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
-from robotether_server.field_types import Timestamp
+from robotether_server.schemas import Timestamp
 
 # The newest session tells presence: one that has not ended is a robot that is online.
 SELECT_SEEN = (

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
-from robotether_server.field_types import Fingerprint, Label, Timestamp
 from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import Fingerprint, Label, Timestamp
 from robotether_server.ssh_keys import PublicKey
 
 Role = Literal["admin", "user"]

@@ -11,8 +11,8 @@ from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.grants import Grant, Group, Level, Pair, Site
 from robotether_server.db.robots import Robot
-from robotether_server.field_types import NewPlainName
 from robotether_server.problems import NotPossible, RecordMissing
+from robotether_server.schemas import NewPlainName
 
 
 class Grantee(NamedTuple):

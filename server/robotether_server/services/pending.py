@@ -7,7 +7,7 @@ from typing import Literal
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.robots import Claim, Robot
-from robotether_server.field_types import Fingerprint, RobotName, Timestamp
+from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 
 Reason = Literal["approval_pending", "mac_in_use"]
 

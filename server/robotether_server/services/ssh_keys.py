@@ -9,9 +9,9 @@ from robotether_server.db.audit import Event, Source
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import SshKey, User
-from robotether_server.field_types import MAX_NAME_LENGTH, Label
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.robot_settings import ShellUser
+from robotether_server.schemas import MAX_NAME_LENGTH, Label
 
 MAX_KEYS = 20
 JUMP_USER = "jump"

@@ -11,7 +11,6 @@ from robotether_server.db import Transaction, audit, credentials
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.db.users import User
-from robotether_server.field_types import Label
 from robotether_server.problems import (
     FieldInvalid,
     GrantMissing,
@@ -19,6 +18,7 @@ from robotether_server.problems import (
     TokenExpired,
     TokenInvalid,
 )
+from robotether_server.schemas import Label
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000

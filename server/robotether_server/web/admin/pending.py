@@ -9,8 +9,8 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.db import seen_robots
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RecordMissing
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.web import confirmation, current_user, forms

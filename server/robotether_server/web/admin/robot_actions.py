@@ -5,8 +5,8 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.robot_settings import Settings, put_path, remove_path
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import robots
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin.robot_pages import get, page_of

@@ -9,8 +9,8 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction, audit, grants, seen_robots
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem, RobotUnknown
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import robots as robot_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_setting_fields

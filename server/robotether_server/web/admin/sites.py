@@ -6,8 +6,8 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server.api.context import context
 from robotether_server.db import grants, seen_robots
 from robotether_server.db.grants import LEVELS
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_pages

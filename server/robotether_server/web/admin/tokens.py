@@ -7,9 +7,9 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.db.credentials import JoinToken, Token
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import tokens
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction

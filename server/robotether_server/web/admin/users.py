@@ -9,8 +9,8 @@ from robotether_server.db import Transaction, grants, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES, User
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, current_user, forms

@@ -11,9 +11,9 @@ from robotether_server.api.context import context
 from robotether_server.db import credentials
 from robotether_server.db.credentials import Token
 from robotether_server.db.users import SshKey
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import logging_in, ssh_keys, tokens, users
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import confirmation, current_user, forms

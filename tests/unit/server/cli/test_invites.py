@@ -11,8 +11,8 @@ import pytest
 from admin_records import kinds
 from robotether_server.cli import invites
 from robotether_server.db import Database, credentials
+from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.problems import SiteCertificateUnavailable
-from robotether_server.site_certificate import Certificate, SiteCertificates
 
 Run = Callable[..., Any]
 

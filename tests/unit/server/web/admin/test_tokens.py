@@ -11,9 +11,9 @@ import tls_front
 from admin_visitor import send
 from flask import Flask
 from robotether_server.db import Database
+from robotether_server.install_line import SiteCertificates
 from robotether_server.services import tokens
 from robotether_server.settings import SiteAddressSettings
-from robotether_server.site_certificate import SiteCertificates
 from web_visitor import Browser, audit_kinds, bearer
 
 FORM = {"name": "hall", "uses": "3", "hours": "24"}
