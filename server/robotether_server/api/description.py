@@ -60,6 +60,7 @@ PROBLEMS = {
     503: ("Unavailable", "store_unavailable or front_unavailable: try again shortly"),
     504: ("GuardSilent", "guard_silent: the robot did not confirm it and stays stopped"),
 }
+AUTHENTICATE = {"WWW-Authenticate": {"required": True, "schema": {"const": "Bearer"}}}
 BASE: Object = {
     "openapi": "3.1.0",
     "info": {
@@ -92,11 +93,12 @@ BASE: Object = {
         "responses": {
             name: {
                 "description": description,
+                **({"headers": AUTHENTICATE} if status == HTTPStatus.UNAUTHORIZED else {}),
                 "content": {
                     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
                 },
             }
-            for name, description in PROBLEMS.values()
+            for status, (name, description) in PROBLEMS.items()
         },
         "schemas": {
             "Problem": {

@@ -23,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 # nginx compresses what is under /static: a page there would show by its length what stands in it (BREACH).
 JSON_PATHS = ("/api/", "/static/")
+API_PATH = "/api/v1/"
 
 
 def register(app: Flask) -> None:
@@ -39,6 +40,8 @@ def answer(problem: Problem) -> Response:
         logger.error("%s: %s", problem.detail, problem.__cause__)
     response = _as_json(problem) if request.path.startswith(JSON_PATHS) else _as_page(problem)
     response.status_code = problem.status
+    if problem.status == HTTPStatus.UNAUTHORIZED and request.path.startswith(API_PATH):
+        response.headers["WWW-Authenticate"] = "Bearer"  # RFC 9110, as the relay does
     if isinstance(problem, Throttled):
         response.headers["Retry-After"] = str(problem.retry_after_s)
     return response
