@@ -16,11 +16,11 @@ MAX_NAME_LENGTH = 63
 PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
 ROBOT_NAME_PATTERN = "^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?$"
 
-# What people call their things.
+# A name that people choose.
 Label = Annotated[
     str, Meta(min_length=1, max_length=MAX_NAME_LENGTH, description="Printable characters")
 ]
-# For a new group or site: it can stand in a path.
+# For a new group or site: it is part of paths.
 NewPlainName = Annotated[
     str,
     Meta(
@@ -67,12 +67,12 @@ PublicKeyLine = Annotated[
         extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
     ),
 ]
-# Robots spell their MAC in several ways; macs.normalise judges it.
+# Robots spell their MAC in several ways; macs.normalise checks it.
 Mac = Annotated[
     str,
     Meta(
         max_length=macs.MAX_TEXT_LENGTH,
-        description="Of one network card, in any usual spelling",
+        description="MAC address of a network card, in any usual spelling",
         extra_json_schema={"minLength": 11, "examples": ["00:1b:44:11:3a:b7"]},
     ),
 ]

@@ -1,4 +1,4 @@
-"""/api/v1/grants: who may do what with which robots, and until when; for admins, who need no grant themselves."""
+"""/api/v1/grants: who may use which robots, at which level, until when; for admins, who need no grant."""
 
 from typing import Annotated, Literal, TypeVar
 
@@ -34,7 +34,7 @@ EXACTLY_ONE_OF_EACH = Meta(
 
 
 class GivenLevel(Struct, forbid_unknown_fields=True):
-    """What a user may do with a robot."""
+    """The level of a user for a robot."""
 
     level: Level
     ends_at: End | UnsetType | None = UNSET
@@ -51,7 +51,7 @@ class NewGrant(GivenLevel):
 
 
 class ShownGrant(Struct):
-    """A grant: of user and group one is null; of robot and site one or, for all robots, both."""
+    """A grant: either user or group is null; either robot or site is null, both for all robots."""
 
     id: int
     user: str | None
@@ -64,14 +64,14 @@ class ShownGrant(Struct):
 
 
 class GrantList(Struct):
-    """Grants, ended ones too. Of several that fit, the highest level holds."""
+    """Grants, ended ones included. Of several for one robot, the highest level counts."""
 
     grants: list[ShownGrant]
 
 
 @operation("GET", "/grants", "admin")
 def list_grants(caller: Caller) -> GrantList:
-    """Who may do what with which robots; admins manage all."""
+    """List grants; admins need none."""
     return GrantList([_shown(one) for one in grant_service.list_all(caller.tx)])
 
 
@@ -79,9 +79,9 @@ def list_grants(caller: Caller) -> GrantList:
 def add_grant(
     caller: Caller, body: Annotated[NewGrant, EXACTLY_ONE_OF_EACH]
 ) -> tuple[ShownGrant, Literal[200, 201]]:
-    """Give a grant, in place of an earlier one of the same two.
+    """Add a grant; it replaces an earlier one with the same subject and object.
 
-    200: it took the place of another.
+    200: it replaced another.
     """
     given, is_new = _give(caller, _grantee(body), _scope(body), body)
     return given, 201 if is_new else 200
@@ -89,20 +89,20 @@ def add_grant(
 
 @operation("DELETE", "/grants/<int:grant_id>", "admin")
 def delete_grant(caller: Caller, grant_id: int) -> None:
-    """Take one grant away."""
+    """Delete a grant."""
     grant_service.revoke_by_id(caller.tx, caller.source, grant_id)
 
 
 @operation("PUT", "/grants/<user>/<robot>", "admin")
 def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> ShownGrant:
-    """Let the user do this with the robot, in place of an earlier grant."""
+    """Set the user's level for the robot."""
     given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
     return given
 
 
 @operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant", problems=(409,))
 def revoke_grant(caller: Caller, user: str, robot: str) -> None:
-    """Take the grant away."""
+    """Delete the user's grant for the robot."""
     grant_service.revoke(caller.tx, caller.source, user, robot)
 
 

@@ -1,4 +1,4 @@
-"""/api/v1/groups: groups of users, whose grants every member has; for admins."""
+"""/api/v1/groups: groups of users; members have the grants of the group; for admins."""
 
 from msgspec import Struct
 
@@ -11,7 +11,7 @@ from robotether_server.services import groups as group_service
 
 
 class NewGroup(Struct, forbid_unknown_fields=True):
-    """A group to be added."""
+    """A new group."""
 
     name: NewPlainName
 
@@ -24,7 +24,7 @@ class GroupList(Struct):
 
 @operation("GET", "/groups", "admin")
 def list_groups(caller: Caller) -> GroupList:
-    """Groups of users, whose grants every member has."""
+    """List groups; members have the grants of the group."""
     return GroupList(groups.list_all(caller.tx))
 
 
@@ -36,7 +36,7 @@ def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
 
 @operation("GET", "/groups/<group>", "admin")
 def show_group(caller: Caller, group: str) -> Group:
-    """One group."""
+    """Get a group."""
     return groups.get(caller.tx, group)
 
 
@@ -48,11 +48,11 @@ def remove_group(caller: Caller, group: str) -> None:
 
 @operation("PUT", "/groups/<group>/members/<user>", "admin")
 def add_member(caller: Caller, group: str, user: str) -> Group:
-    """Make the user a member."""
+    """Add the user to the group."""
     return group_service.add_member(caller.tx, caller.source, group, user)
 
 
 @operation("DELETE", "/groups/<group>/members/<user>", "admin")
 def remove_member(caller: Caller, group: str, user: str) -> None:
-    """End the membership."""
+    """Remove the user from the group."""
     group_service.remove_member(caller.tx, caller.source, group, user)

@@ -21,7 +21,7 @@ MAX_HOURS = 8760
 
 
 class NewJoinToken(Struct, forbid_unknown_fields=True):
-    """A join token to be made: how many robots it lets in, and for how long."""
+    """A new join token: how many robots it admits, and for how long."""
 
     name: Label
     uses: Annotated[int, Meta(ge=1, le=join_token_service.MAX_USES)]
@@ -30,38 +30,38 @@ class NewJoinToken(Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class CreatedJoinToken(JoinToken):
-    """A join token with its text and the line for the robot's shell, which are told this one time."""
+    """A join token with its text and the install line, which are shown once."""
 
     token: str
     command: str
 
 
 class JoinTokenList(Struct):
-    """Join tokens, the newest first."""
+    """Join tokens, newest first."""
 
     join_tokens: list[JoinToken]
 
 
 @operation("GET", "/join-tokens", "admin")
 def list_join_tokens(caller: Caller) -> JoinTokenList:
-    """Join tokens, without their texts."""
+    """List join tokens, without their texts."""
     return JoinTokenList(join_token_service.list_all(caller.tx))
 
 
 @operation("POST", "/join-tokens", "admin", problems=(409,))
 def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
-    """A token that lets robots in, and the line that installs one."""
+    """Create a token that admits robots, and the line that installs one."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
     text = join_token_service.create(caller.tx, caller.source, body.name, body.uses, expires_at)
     made = join_tokens.find(caller.tx, text)
     if made is None:
         raise StoreUnavailable("cannot make the join token: it is gone already; try again")
-    # A token whose line cannot be told is not made: this may raise.
+    # This may raise: without an install line there is no token.
     command = install_line(context().site_certificates, request.host, text)
     return CreatedJoinToken(**vars(made), token=text, command=command), 201
 
 
 @operation("DELETE", "/join-tokens/<int:token_id>", "admin")
 def delete_join_token(caller: Caller, token_id: int) -> None:
-    """Delete the token; robots that it let in stay."""
+    """Delete the token; robots that it admitted stay."""
     join_token_service.delete(caller.tx, caller.source, token_id)

@@ -18,20 +18,20 @@ from robotether_server.settings import JoinSettings
 SSH_USER = "tunnel"
 KEY_WORDS = 2
 CLOSED = Meta(extra_json_schema={"additionalProperties": False})
-# Described by their type, and read by the service that takes them.
+# Described by this type; the service parses them.
 SettingsObject = Annotated[
     dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/GivenSettings"})
 ]
 
 
 class ShownRobot(Struct, kw_only=True):
-    """A robot as an admin, or a user who may see it, may know it.
+    """A robot, as the caller may see it.
 
-    `since`: the last change of `online`; null: never seen. `level`: what the user may; null: a join token asked.
-    `shell_port` null: no shell. `driver` and `stopped`: who drives, and who stopped it, as the database has it; null:
-    nobody; missing in the answer to a join token. Whether its guard has confirmed a stop is told by /control and
-    /events. What follows `stopped` is for admins alone; `agent_version` and `address` are the newest session's, or else
-    the join's, and `rotate_key` asks the robot to make a new key.
+    `since`: the last change of `online`, null if it was never seen. `level`: the user's, null for a join token.
+    `shell_port` null: no shell. `driver` and `stopped` are the database's, null for nobody, and missing in the answer
+    to a join token; /control and /events say whether the guard has confirmed a stop. Members after `stopped` are for
+    admins only. `agent_version` and `address` are the newest session's, else the join's. `rotate_key`: the robot is
+    asked for a new key.
     """
 
     name: RobotName
@@ -57,7 +57,7 @@ class ShownRobot(Struct, kw_only=True):
 
 
 class Ssh(Struct):
-    """Where the robot's tunnel goes; `host` null: where this request went. `host_keys` are pinned, as TYPE BASE64."""
+    """Where the robot's tunnel goes; `host` null: the host of this request. `host_keys`: TYPE BASE64, to be pinned."""
 
     user: str
     host: str | None
@@ -66,9 +66,9 @@ class Ssh(Struct):
 
 
 def shown_robot(seen: SeenRobot, control: ControlState | None, *, for_admin: bool) -> ShownRobot:
-    """Return a robot as an admin, or a user who may see it, may know it.
+    """Return a robot as its caller may see it.
 
-    Without `control` it does not say who drives and who stopped it: who asks may not see that.
+    `control` is None for a caller who may not see who drives and who stopped it.
     """
     robot = seen.robot
     return ShownRobot(

@@ -1,4 +1,4 @@
-"""/api/v1/robots/NAME/...: what admins change of a robot's key and ports."""
+"""/api/v1/robots/NAME/...: actions on a robot's key and ports; for admins."""
 
 from msgspec import Struct
 
@@ -13,72 +13,72 @@ from robotether_server.services.pending import PendingKey, RejectedKey
 
 
 class KeyChoice(Struct, forbid_unknown_fields=True):
-    """This key, whatever came since."""
+    """The key that is meant; another key that came since is not affected."""
 
     fingerprint: Fingerprint
 
 
 class PendingKeyList(Struct):
-    """Keys that wait, the oldest first."""
+    """Keys that wait, oldest first."""
 
     pending: list[PendingKey]
 
 
 class RejectedKeyList(Struct):
-    """Keys that were turned away, the newest first."""
+    """Rejected keys, newest first."""
 
     rejected_keys: list[RejectedKey]
 
 
 @operation("POST", "/robots/<robot>/approve", "admin", problems=(409,))
 def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
-    """Let a waiting key in: this one and no other."""
+    """Approve a waiting key, and no other."""
     robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
 def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
-    """Turn a waiting key away, and remember it."""
+    """Reject a waiting key, and remember it."""
     robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
 
 
 @operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
 def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
-    """Forget the key and end the connection; the next key waits for approval."""
+    """Forget the key and end the robot's connection; the next key waits for approval."""
     robot_service.rekey(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
 def rotate_key(caller: Caller, robot: str) -> ShownRobot:
-    """Ask the agent for a new key; the connection stays."""
+    """Ask the robot's agent for a new key; the connection stays."""
     robot_service.rotate_key(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
 def move_ports(caller: Caller, robot: str) -> ShownRobot:
-    """Give the robot another free pair of ports; it connects again."""
+    """Assign another free pair of ports; the robot reconnects."""
     robot_service.move_ports(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("GET", "/pending", "admin")
 def list_pending(caller: Caller) -> PendingKeyList:
-    """Keys that wait for approval."""
+    """List keys that wait for approval."""
     return PendingKeyList(pending.waiting(caller.tx))
 
 
 @operation("GET", "/rejected-keys", "admin")
 def list_rejected_keys(caller: Caller) -> RejectedKeyList:
-    """Keys that were turned away."""
+    """List rejected keys."""
     return RejectedKeyList(pending.rejected(caller.tx))
 
 
 @operation("DELETE", "/rejected-keys/<int:key_id>", "admin")
 def forgive_key(caller: Caller, key_id: int) -> None:
-    """Let the key ask again."""
+    """Forget the rejection: the key may join again."""
     pending.forgive(caller.tx, caller.source, key_id)
 
 

@@ -1,4 +1,4 @@
-"""/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
+"""/api/v1/robots and /api/v1/robots/NAME: what users see of robots, and what admins change."""
 
 from typing import Annotated, Any, Literal
 
@@ -45,7 +45,7 @@ class RobotList(Struct):
 
 
 class NewRegistration(Struct, forbid_unknown_fields=True):
-    """A robot with its key."""
+    """A robot to enrol, with its key."""
 
     mac: Mac
     public_key: PublicKeyLine
@@ -60,9 +60,9 @@ class RegisteredRobot(ShownRobot, kw_only=True):
 
 
 class RobotChanges(Struct, forbid_unknown_fields=True):
-    """What is to be changed.
+    """Changes of a robot.
 
-    `settings`: in place of all earlier ones. `site` null: at no site. `shell`: a port for the robot's own sshd.
+    `settings` replaces all settings. `site` null: no site. `shell`: whether the robot has a port for its own sshd.
     """
 
     name: RobotName | UnsetType = UNSET
@@ -74,26 +74,26 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
 
 
 class SessionQuery(Struct, forbid_unknown_fields=True):
-    """How many sessions."""
+    """The size of the list."""
 
     limit: Limit | UnsetType = UNSET
 
 
 class SessionList(Struct):
-    """Sessions, the newest first."""
+    """Sessions, newest first."""
 
     sessions: list[RecordedSession]
 
 
 class ButtonList(Struct, forbid_unknown_fields=True):
-    """The buttons of a drive page."""
+    """The buttons of the drive page."""
 
     buttons: GivenButtons
 
 
 @operation("GET", "/robots", "user")
 def list_robots(caller: Caller) -> RobotList:
-    """The robots that the user may see, with who drives and who stopped each."""
+    """List the robots that the user may see, each with its driver and its stop."""
     control = control_states.of_all(caller.tx)
     return RobotList(
         [
@@ -109,7 +109,7 @@ def list_robots(caller: Caller) -> RobotList:
 
 @operation("GET", "/robots/<robot>", "user")
 def show_robot(caller: Caller, robot: str) -> ShownRobot:
-    """One robot that the user may see."""
+    """Get a robot that the user may see."""
     seen = robots.find_seen(caller.tx, caller.user, robot)
     if seen is None:
         raise RobotUnknown(
@@ -125,8 +125,8 @@ def register_robot(
 ) -> tuple[RegisteredRobot, Literal[200, 201]]:
     """Enrol a robot with its key, as a playbook does.
 
-    With a join token, or as an admin. Asking again changes nothing and uses no token up. 200: it was so already, or its
-    row took the key.
+    With a join token, or as an admin. Repeating the request changes nothing and uses no token up. 200: the robot
+    was enrolled already, or its row took the key.
     """
     tx, admin = caller.tx, caller.credential.admin
     registration = Registration(
@@ -141,7 +141,7 @@ def register_robot(
     ssh = ssh_of(context().join)
     _, is_new = robot_service.register(tx, caller.source, registration)
     seen = robots.get_seen(tx, robot)
-    # A join token lets robots in; it may not see who drives them.
+    # A join token admits robots; it may not see who drives them.
     control = control_states.of_robot(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
     if admin is None:
@@ -153,7 +153,7 @@ def register_robot(
 def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
-    """Change what is given, all or nothing."""
+    """Change the given members, all or none."""
     seen = robots.get_seen(caller.tx, _change(caller, robot, body))
     control = control_states.of_robot(caller.tx, seen.robot.id)
     return shown_robot(seen, control, for_admin=True)
@@ -161,20 +161,20 @@ def change_robot(
 
 @operation("DELETE", "/robots/<robot>", "admin")
 def remove_robot(caller: Caller, robot: str) -> None:
-    """Remove the robot with its grants and sessions; its connection ends."""
+    """Remove the robot with its grants and sessions, and end its connection."""
     robot_service.remove(caller.tx, caller.source, robot)
 
 
 @operation("GET", "/robots/<robot>/sessions", "admin")
 def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionList:
-    """The robot's connections, the newest first."""
+    """List the robot's connections, newest first."""
     robot_id = robots.get_seen(caller.tx, robot).robot.id
     return SessionList(sessions.of_robot(caller.tx, robot_id, query.limit or USUAL_LIMIT))
 
 
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
 def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
-    """Set what the drive page makes of the robot; for its managers."""
+    """Set the robot's settings of the drive page; for its managers."""
     return drive_pages.set_page(caller.tx, caller.source, robot, body).page
 
 
@@ -188,7 +188,7 @@ def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
 
 
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:
-    """Do what the body says; return the robot's name afterwards, which is changed last."""
+    """Apply the changes, the name last; return the robot's name afterwards."""
     tx, source = caller.tx, caller.source
     if body.mac is not UNSET:
         allow_local_mac = context().join.allow_local_macs

@@ -1,4 +1,4 @@
-"""/api/v1/sites: sites of robots, so that a grant can be for all robots of one; for admins.
+"""/api/v1/sites: sites of robots; a grant can be for all robots of a site; for admins.
 
 A robot is put at a site by PATCH /api/v1/robots/NAME.
 """
@@ -14,7 +14,7 @@ from robotether_server.services import sites as site_service
 
 
 class NewSite(Struct, forbid_unknown_fields=True):
-    """A site to be added."""
+    """A new site."""
 
     name: NewPlainName
 
@@ -27,7 +27,7 @@ class SiteList(Struct):
 
 @operation("GET", "/sites", "admin")
 def list_sites(caller: Caller) -> SiteList:
-    """Sites of robots."""
+    """List sites of robots."""
     return SiteList(sites.list_all(caller.tx))
 
 
@@ -39,11 +39,11 @@ def add_site(caller: Caller, body: NewSite) -> Created[Site]:
 
 @operation("GET", "/sites/<site>", "admin")
 def show_site(caller: Caller, site: str) -> Site:
-    """One site."""
+    """Get a site."""
     return sites.get(caller.tx, site)
 
 
 @operation("DELETE", "/sites/<site>", "admin")
 def remove_site(caller: Caller, site: str) -> None:
-    """Remove the site with its grants; its robots are at no site then."""
+    """Remove the site with its grants; its robots stay, without a site."""
     site_service.remove(caller.tx, caller.source, site)

@@ -1,4 +1,4 @@
-"""/api/v1/tokens: API tokens; everybody's own, and all of them for admins."""
+"""/api/v1/tokens: API tokens; the user's own, and all for admins."""
 
 import datetime as dt
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ MAX_DAYS = 3650
 
 
 class NewToken(Struct, forbid_unknown_fields=True):
-    """A token to be made; without `days` it does not end."""
+    """A new API token; without `days` it does not expire."""
 
     name: Label
     days: Annotated[int, Meta(ge=1, le=MAX_DAYS)] | UnsetType = UNSET
@@ -29,7 +29,7 @@ class NewToken(Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class CreatedToken(Token):
-    """A token with its text, which is told this one time."""
+    """An API token with its text, which is shown once."""
 
     token: str
 
@@ -42,7 +42,7 @@ class TokenList(Struct):
 
 @operation("GET", "/tokens", "user")
 def list_tokens(caller: Caller) -> TokenList:
-    """The user's API tokens, without their texts; admins see everybody's."""
+    """List the user's API tokens, without their texts; for admins everybody's."""
     if caller.user.is_admin:
         return TokenList(token_service.list_all(caller.tx))
     return TokenList(token_service.list_of(caller.tx, caller.user))
@@ -50,18 +50,18 @@ def list_tokens(caller: Caller) -> TokenList:
 
 @operation("POST", "/tokens", "user", problems=(404, 409))
 def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
-    """An API token for the user, or for another one if the user is an admin."""
+    """Create an API token for the user; an admin may name another user."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=body.days) if body.days else None
     owner = _owner(caller, body.user or caller.user.name)
     text = token_service.create(caller.tx, caller.source, owner, body.name, expires_at)
-    # A name is a user's only once.
+    # A name is unique among the user's tokens.
     [made] = [one for one in token_service.list_of(caller.tx, owner) if one.name == body.name]
     return CreatedToken(**vars(made), token=text), 201
 
 
 @operation("DELETE", "/tokens/<int:token_id>", "user")
 def delete_token(caller: Caller, token_id: int) -> None:
-    """Delete a token of the user's own, or any as an admin."""
+    """Delete an API token of the user; an admin may delete any."""
     token = token_service.get(caller.tx, token_id)
     if token.user != caller.user.name and not caller.user.is_admin:
         raise RecordMissing(f"cannot find token {token_id}: there is none of that number")

@@ -8,7 +8,7 @@ from robotether_server.field_types import Timestamp
 
 @dataclass(frozen=True)
 class RecordedSession:
-    """One session; without `ended_at` it goes on."""
+    """One session; `ended_at` is None while it lasts."""
 
     started_at: Timestamp
     ended_at: Timestamp | None
@@ -28,6 +28,6 @@ def of_robot(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSession
 
 
 def is_online(tx: Transaction, robot_id: int) -> bool:
-    """Tell whether the robot's newest session goes on."""
+    """Tell whether the robot has a session now."""
     newest = of_robot(tx, robot_id, 1)
     return bool(newest) and newest[0].ended_at is None

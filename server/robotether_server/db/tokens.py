@@ -21,7 +21,7 @@ SELECT = (
 
 @dataclass(frozen=True)
 class Token:
-    """What may be told about a token; its text is known only to who asked for it."""
+    """An API token without its text, which only its creator knows."""
 
     id: int
     user: UserName
