@@ -1,4 +1,4 @@
-"""Reads what comes from outside into a msgspec.Struct; every refusal names the field and says what it must be.
+"""Parses input into a msgspec.Struct; every refusal names the field and says what it must be.
 
 Used by the API for bodies and queries, and by services for single values. A text loses the white space around it and
 has printable characters alone. What a value must be is said by its type (field_types.py) and nowhere else. Pure.
@@ -75,7 +75,7 @@ def read_query(given: Mapping[str, str], kind: type[S]) -> S:
 
 
 def value(name: str, given: object, hint: Any) -> Any:
-    """Return the value as its type says; raise FieldInvalid."""
+    """Return the value converted to its type; raise FieldInvalid."""
     return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
 
 
@@ -154,7 +154,7 @@ def _has_structs(kind: inspect.Type) -> bool:
 
 
 def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
-    """Return the Struct that reads an object: of several, the one whose tag stands in it."""
+    """Return the Struct for an object: of several, the one with its tag."""
     if isinstance(kind, inspect.StructType):
         return kind.cls
     tags = {one.tag: one for one in kind.types}

@@ -15,7 +15,7 @@ def new_text(prefix: str = "") -> str:
 
 
 def digest(text: str) -> bytes:
-    """Return what stands in the column token_hash for this text.
+    """Return the value of the column token_hash for this text.
 
     Headers and JSON may hold halves of characters, as which bytes over 0x7F are read: no text of ours has any.
     """

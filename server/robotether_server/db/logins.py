@@ -60,7 +60,7 @@ def renewal(tx: Transaction, text: str, lifetime: Lifetime) -> dt.datetime | Non
 
 
 def renew(tx: Transaction, text: str, ends_at: dt.datetime) -> None:
-    """Let a login that has not ended last until then."""
+    """Extend a login that has not ended."""
     tx.change(
         "UPDATE logins SET expires_at = %s WHERE token_hash = %s AND expires_at > CURRENT_TIMESTAMP(6)",
         (ends_at, digests.digest(text)),

@@ -36,9 +36,9 @@ def give(
     *,
     ends_at: dt.datetime | None = None,
 ) -> tuple[Grant, bool]:
-    """Give a grant, in place of an earlier one of the same two; tell whether there was none before.
+    """Add a grant, which replaces an earlier one of the same pair; tell whether there was none before.
 
-    Raises RecordMissing, or FieldInvalid for an end that is no good.
+    Raises RecordMissing, or FieldInvalid for an invalid end.
     """
     if ends_at is not None:
         times.check_end("ends_at", ends_at)
@@ -61,7 +61,7 @@ def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
 
 
 def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
-    """Take the grant of these two away; raise RecordMissing when there is none."""
+    """Delete the grant of this pair; raise RecordMissing when there is none."""
     found = grants.find(tx, _pair(tx, grantee, scope))
     if found is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
@@ -70,7 +70,7 @@ def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope)
 
 
 def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
-    """Let a user do this with a robot, without an end, in place of an earlier grant; raise RecordMissing."""
+    """Give a user this level for a robot, without an end, replacing an earlier grant; raise RecordMissing."""
     give(tx, source, Grantee("user", user), Scope("robot", robot), level)
 
 
@@ -96,7 +96,7 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
 
 
 def _about(given: Grant) -> dict[str, object]:
-    """Return what the audit log tells of a grant; the robot has a column of its own there."""
+    """Return a grant's details for the audit log, which has a column of its own for the robot."""
     known = {"user": given.user, "group": given.group, "site": given.site}
     about: dict[str, object] = {name: value for name, value in known.items() if value is not None}
     if given.is_for_all:

@@ -34,7 +34,7 @@ def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
 
 
 def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
-    """Take the grants of a group away from a user; raise RecordMissing."""
+    """Remove a user from a group; raise RecordMissing."""
     if not groups.remove_member(tx, groups.get(tx, name).id, users.get(tx, user).id):
         raise RecordMissing(f"cannot remove user {user} from group {name}: the user is no member")
     details: dict[str, object] = {"group": name, "user": user}

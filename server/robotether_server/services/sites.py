@@ -1,4 +1,4 @@
-"""Sites of robots: made and removed by admins, who say which robot is where."""
+"""Sites of robots: admins create and remove them, and place robots."""
 
 from robotether_server import schemas
 from robotether_server.db import Transaction, audit, robots, sites

@@ -2,7 +2,7 @@
 
 Used by logging_in.py, which reads the failures from the audit log. Three limits, each against one attacker:
 
-* one network that tries many passwords of one user; a success ends what that pair has failed before;
+* one network that tries many passwords of one user; a success clears the failures of that pair;
 * one network that tries many users;
 * many networks that try one user. This one does not count where that user has logged in before, so that
   nobody can lock a user out of the usual places by failing on purpose.
@@ -32,7 +32,7 @@ class Failures:
 
 
 def free_at(failures: Failures) -> dt.datetime | None:
-    """Return the moment from which a try is heard, or None when it is heard now."""
+    """Return the time from which an attempt is accepted, or None when it is accepted now."""
     ends = (
         _free_at(failures.of_pair, PER_USER_AND_NETWORK),
         _free_at(failures.of_network, PER_NETWORK),

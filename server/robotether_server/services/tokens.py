@@ -37,7 +37,7 @@ def create(
 
 
 def get(tx: Transaction, token_id: int) -> Token:
-    """Return one token, so that the caller sees whose it is; raise RecordMissing."""
+    """Return one token, so that the caller can check its owner; raise RecordMissing."""
     return tokens.get(tx, token_id)
 
 

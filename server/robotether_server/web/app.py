@@ -39,7 +39,7 @@ def create_app(settings: WebSettings) -> Flask:
         SESSION_COOKIE_SAMESITE="Lax",
         # A drive page may stay open for longer than any fixed time.
         WTF_CSRF_TIME_LIMIT=None,
-        # Some browsers are told to send no Referer; the token and SameSite do not need it.
+        # Some browsers are configured to send no Referer; the token and SameSite do not need it.
         WTF_CSRF_SSL_STRICT=False,
     )
     # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no

@@ -4,7 +4,7 @@ import re
 
 from flask import Flask, Response, request
 
-# What may stand in a policy: a client writes the Host header.
+# Characters allowed in a policy, as a client writes the Host header.
 HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
 # A joystick drives and the video fills the screen; nothing else of the operator's device is of use here.
 PERMISSIONS_POLICY = ", ".join(
