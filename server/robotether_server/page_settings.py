@@ -1,7 +1,7 @@
 """Settings of a robot's drive page: how it moves, its cameras, and the requested video.
 
-Part of a robot's settings (robot_settings.py), as `page`; docs/protocols.md describes every member. Relay and
-robot read nothing of it, but for what the page asks of them within the robot's policy. Pure.
+Part of a robot's settings (robot_settings.py), as `page`; docs/reference/robot-settings.md describes every member.
+Relay and robot do not read it; the page asks them within the robot's policy. Pure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Turn = Literal[0, 90, 180, 270]
 TURNS: tuple[Turn, ...] = get_args(Turn)
 MAX_CAMERAS = 8
 MAX_LABEL_LENGTH = 40
-# A topic, or the name of a camera that only the agent knows (docs/media.md).
+# A topic, or the name of a camera that only the agent knows (docs/reference/media.md).
 CameraTopic = Annotated[
     str,
     Meta(
@@ -61,7 +61,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
     max_turn_rad_s: Speed | None = None
     wheelbase_m: Annotated[float, Meta(ge=0.01, le=100)] | None = None
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
-    # The stream request (docs/media.md).
+    # The stream request (docs/reference/media.md).
     quality_min: Percent = 20
     quality_max: Percent = 80
     fps: Annotated[float, Meta(ge=0.1, le=60)] = 15

@@ -66,8 +66,8 @@ BASE: Object = {
         "title": "Robotether",
         "version": __version__,
         "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
-        "description": "Robots, rights and joins. docs/protocols.md describes the WebSockets that a ticket opens. "
-        "A body must be sent as application/json. Members that are not described are refused (a join ignores them). "
+        "description": "Robots, rights and joins. docs/reference/protocols.md describes the WebSockets that a ticket "
+        "opens. A body must be sent as application/json. Undescribed members are refused (a join ignores them). "
         "Operations with the tag admin answer 403 to users without that role, whatever they name.",
     },
     "servers": [{"url": "/"}],
@@ -154,7 +154,7 @@ def document() -> Object:
 
 
 def _without_defaults(component: Object) -> None:
-    # docs/protocols.md has the defaults of settings; a record has every member.
+    # docs/reference/robot-settings.md has the defaults of settings; a record has every member.
     for member in component.get("properties", {}).values():
         member.pop("default", None)
 

@@ -33,7 +33,7 @@ KINDS: Mapping[str, str] = {
     "guard_shape": "not understood by the robot's guard",
     "guard_held": "while the robot could not accept them",
 }
-# They follow on "ended by". The codes are those of docs/protocols.md, and one that a new relay writes
+# They follow on "ended by". The codes are those of docs/reference/protocols.md, and one that a new relay writes
 # for what the relay before it left open.
 DRIVES: Mapping[str, str] = {
     "client_left": "the driver",

@@ -1,7 +1,7 @@
 """/robots/NAME/settings: the form for a robot's drive page. button_forms.py has its buttons.
 
 It sets how the robot moves, its cameras, the stream request, and when driving pauses. For managers of the robot, admins
-included. docs/protocols.md describes `page` and `buttons`.
+included. docs/reference/robot-settings.md describes `page` and `buttons`.
 """
 
 import re
