@@ -1,4 +1,4 @@
-"""Patterns for names of topics and services, in which `*` stands for any text, `/` included.
+"""Patterns for names of topics and services; `*` matches any text, `/` included.
 
 A robot's policy is made of them. The time that a look takes grows with the lengths of name and
 pattern and no faster, whoever chose either; so no regular expressions here. Pure.
@@ -43,7 +43,7 @@ class Globs:
         return iter(self.patterns)
 
     def match(self, name: str) -> bool:
-        """Whether the whole name is as one of the patterns says."""
+        """Whether the whole name matches one of the patterns."""
         return name in self._plain or any(_matches(parts, name) for parts in self._split)
 
 

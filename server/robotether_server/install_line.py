@@ -41,7 +41,7 @@ class SiteAddress:
 
     @property
     def authority(self) -> str:
-        """The site as it stands in URLs: HOST or HOST:PORT."""
+        """The site as in URLs: HOST or HOST:PORT."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == HTTPS_PORT else f"{host}:{self.port}"
 

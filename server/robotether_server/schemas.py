@@ -1,4 +1,4 @@
-"""What the fields of requests, records and answers hold, and how what comes from outside is read into them.
+"""What the fields of requests, records and answers hold, and how input is parsed into them.
 
 Each name is a type for msgspec, by which `api.description` describes, too. `extra` says what JSON Schema does not:
 `longest` where the pattern alone describes the length, `most` for a bound of more than 63 bits, `must` for the end of
@@ -28,11 +28,11 @@ MAX_DIGITS = 20
 
 S = TypeVar("S", bound=msgspec.Struct)
 
-# What people call their things.
+# A name that people choose.
 Label = Annotated[
     str, Meta(min_length=1, max_length=MAX_NAME_LENGTH, description="Printable characters")
 ]
-# For a new group or site: it can stand in a path.
+# For a new group or site: it is part of paths.
 NewPlainName = Annotated[
     str,
     Meta(
@@ -79,12 +79,12 @@ PublicKeyLine = Annotated[
         extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
     ),
 ]
-# Robots spell their MAC in several ways; macs.normalise judges it.
+# Robots spell their MAC in several ways; macs.normalise checks it.
 Mac = Annotated[
     str,
     Meta(
         max_length=macs.MAX_TEXT_LENGTH,
-        description="Of one network card, in any usual spelling",
+        description="MAC address of a network card, in any usual spelling",
         extra_json_schema={"minLength": 11, "examples": ["00:1b:44:11:3a:b7"]},
     ),
 ]
@@ -156,7 +156,7 @@ def read_query(given: Mapping[str, str], kind: type[S]) -> S:
 
 
 def value(name: str, given: object, hint: Any) -> Any:
-    """Return the value as its type says; raise FieldInvalid."""
+    """Return the value converted to its type; raise FieldInvalid."""
     return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
 
 
@@ -235,7 +235,7 @@ def _has_structs(kind: inspect.Type) -> bool:
 
 
 def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
-    """Return the Struct that reads an object: of several, the one whose tag stands in it."""
+    """Return the Struct for an object: of several, the one with its tag."""
     if isinstance(kind, inspect.StructType):
         return kind.cls
     tags = {one.tag: one for one in kind.types}

@@ -1,4 +1,4 @@
-"""/api/v1/join: what a robot asks at its first start, and whenever it is not admitted."""
+"""/api/v1/join: a robot's request at its first start, and while it is not admitted."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -40,16 +40,16 @@ Signature = Annotated[
 
 
 class GivenPreviousKey(Struct):
-    """The key that the robot had until now: it rotates the key."""
+    """The robot's previous key, when it rotates its key."""
 
     fingerprint: Annotated[str, Meta(extra={"longest": 64})]
     signature: Signature
 
 
 class RobotJoin(Struct):
-    """What a robot says. It may have more members: an agent may be newer than this server.
+    """A robot's request. Unknown members are ignored, as an agent may be newer than this server.
 
-    `token`: a join token, or an API token of an admin; approves at once. `name`: a wish, heard with a token alone.
+    `token`: a join token, or an API token of an admin; it approves at once. `name` counts only with a token.
     `mac_present` false: no interface has this MAC any more.
     """
 
@@ -64,7 +64,7 @@ class RobotJoin(Struct):
 
 
 class Ssh(Struct):
-    """Where the robot's tunnel goes; `host` null: where this request went. `host_keys` are pinned, as TYPE BASE64."""
+    """Where the robot's tunnel goes; `host` null: the host of this request. `host_keys`: TYPE BASE64, to be pinned."""
 
     user: str
     host: str | None
@@ -91,7 +91,7 @@ class WaitingRobot(Struct):
 
 @operation("POST", "/join", "anybody", any_type=True, problems=(409, 429))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
-    """A robot asks to be let in."""
+    """Ask for admission as a robot."""
     asked = _asked(body)
     with context().database.transaction() as tx:
         answer = joining.is_in(tx, asked)

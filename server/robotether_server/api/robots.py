@@ -1,4 +1,4 @@
-"""/api/v1/robots: robots as a user may see them, and as admins change them, with their keys that wait.
+"""/api/v1/robots: what users see of robots, and what admins change, with the keys that wait.
 
 What only admins may know of a robot stands in `_for_admins`, and nowhere else.
 """
@@ -44,7 +44,7 @@ from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.services.robots import Registration
 
 CLOSED = Meta(extra_json_schema={"additionalProperties": False})
-# Described by their type, and read by the service that takes them.
+# Described by this type; the service parses them.
 SettingsObject = Annotated[
     dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/GivenSettings"})
 ]
@@ -60,13 +60,13 @@ PageObject = Annotated[
 
 
 class ShownRobot(Struct, kw_only=True):
-    """A robot as an admin, or a user who may see it, may know it.
+    """A robot, as the caller may see it.
 
-    `since`: the last change of `online`; null: never seen. `level`: what the user may; null: a join token asked.
-    `shell_port` null: no shell. `driver` and `stopped`: who drives, and who stopped it, as the database has it; null:
-    nobody; missing in the answer to a join token. Whether its guard has confirmed a stop is told by /control and
-    /events. What follows `stopped` is for admins alone; `agent_version` and `address` are the newest session's, or else
-    the join's, and `rotate_key` asks the robot to make a new key.
+    `since`: the last change of `online`, null if it was never seen. `level`: the user's, null for a join token.
+    `shell_port` null: no shell. `driver` and `stopped` are the database's, null for nobody, and missing in the answer
+    to a join token; /control and /events say whether the guard has confirmed a stop. Members after `stopped` are for
+    admins only. `agent_version` and `address` are the newest session's, else the join's. `rotate_key`: the robot is
+    asked for a new key.
     """
 
     name: RobotName
@@ -98,7 +98,7 @@ class RobotList(Struct):
 
 
 class NewRegistration(Struct, forbid_unknown_fields=True):
-    """A robot with its key."""
+    """A robot to enrol, with its key."""
 
     mac: Mac
     public_key: PublicKeyLine
@@ -113,9 +113,9 @@ class RegisteredRobot(ShownRobot, kw_only=True):
 
 
 class RobotChanges(Struct, forbid_unknown_fields=True):
-    """What is to be changed.
+    """Changes of a robot.
 
-    `settings`: in place of all earlier ones. `site` null: at no site. `shell`: a port for the robot's own sshd.
+    `settings` replaces all settings. `site` null: no site. `shell`: whether the robot has a port for its own sshd.
     """
 
     name: RobotName | UnsetType = UNSET
@@ -127,44 +127,44 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
 
 
 class SessionQuery(Struct, forbid_unknown_fields=True):
-    """How many sessions."""
+    """The size of the list."""
 
     limit: Limit | UnsetType = UNSET
 
 
 class SessionList(Struct):
-    """Sessions, the newest first."""
+    """Sessions, newest first."""
 
     sessions: list[RecordedSession]
 
 
 class ButtonList(Struct, forbid_unknown_fields=True):
-    """The buttons of a drive page."""
+    """The buttons of the drive page."""
 
     buttons: GivenButtons
 
 
 class KeyChoice(Struct, forbid_unknown_fields=True):
-    """This key, whatever came since."""
+    """The key that is meant; another key that came since is not affected."""
 
     fingerprint: Fingerprint
 
 
 class PendingKeyList(Struct):
-    """Keys that wait, the oldest first."""
+    """Keys that wait, oldest first."""
 
     pending: list[PendingKey]
 
 
 class RejectedKeyList(Struct):
-    """Keys that were turned away, the newest first."""
+    """Rejected keys, newest first."""
 
     rejected_keys: list[RejectedKey]
 
 
 @operation("GET", "/robots", "user")
 def list_robots(caller: Caller) -> RobotList:
-    """The robots that the user may see, with who drives and who stopped each."""
+    """List the robots that the user may see, each with its driver and its stop."""
     control = seen_robots.control_of_all(caller.tx)
     return RobotList(
         [
@@ -180,7 +180,7 @@ def list_robots(caller: Caller) -> RobotList:
 
 @operation("GET", "/robots/<robot>", "user")
 def show_robot(caller: Caller, robot: str) -> ShownRobot:
-    """One robot that the user may see."""
+    """Get a robot that the user may see."""
     seen = seen_robots.find_seen(caller.tx, caller.user, robot)
     if seen is None:
         raise RobotUnknown(
@@ -196,8 +196,8 @@ def register_robot(
 ) -> tuple[RegisteredRobot, Literal[200, 201]]:
     """Enrol a robot with its key, as a playbook does.
 
-    With a join token, or as an admin. Asking again changes nothing and uses no token up. 200: it was so already, or its
-    row took the key.
+    With a join token, or as an admin. Repeating the request changes nothing and uses no token up. 200: the robot
+    was enrolled already, or its row took the key.
     """
     tx, admin = caller.tx, caller.credential.admin
     registration = Registration(
@@ -212,7 +212,7 @@ def register_robot(
     ssh = ssh_of(context().join)
     _, is_new = robot_service.register(tx, caller.source, registration)
     seen = seen_robots.get_seen(tx, robot)
-    # A join token lets robots in; it may not see who drives them.
+    # A join token admits robots; it may not see who drives them.
     control = seen_robots.control_of(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
     if admin is None:
@@ -224,26 +224,26 @@ def register_robot(
 def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
-    """Change what is given, all or nothing."""
+    """Change the given members, all or none."""
     return _shown(caller, _change(caller, robot, body))
 
 
 @operation("DELETE", "/robots/<robot>", "admin")
 def remove_robot(caller: Caller, robot: str) -> None:
-    """Remove the robot with its grants and sessions; its connection ends."""
+    """Remove the robot with its grants and sessions, and end its connection."""
     robot_service.remove(caller.tx, caller.source, robot)
 
 
 @operation("GET", "/robots/<robot>/sessions", "admin")
 def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionList:
-    """The robot's connections, the newest first."""
+    """List the robot's connections, newest first."""
     robot_id = seen_robots.get_seen(caller.tx, robot).robot.id
     return SessionList(seen_robots.sessions_of(caller.tx, robot_id, query.limit or USUAL_LIMIT))
 
 
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
 def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
-    """Set what the drive page makes of the robot; for its managers."""
+    """Set the robot's settings of the drive page; for its managers."""
     return drive_pages.set_page(caller.tx, caller.source, robot, body).page
 
 
@@ -257,7 +257,7 @@ def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
 
 
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:
-    """Do what the body says; return the robot's name afterwards, which is changed last."""
+    """Apply the changes, the name last; return the robot's name afterwards."""
     tx, source = caller.tx, caller.source
     if body.mac is not UNSET:
         allow_local_mac = context().join.allow_local_macs
@@ -283,9 +283,9 @@ def _change_state(caller: Caller, name: str, state: str) -> None:
 
 
 def shown_robot(seen: SeenRobot, control: ControlState | None, *, for_admin: bool) -> ShownRobot:
-    """Return a robot as an admin, or a user who may see it, may know it.
+    """Return a robot as its caller may see it.
 
-    Without `control` it does not say who drives and who stopped it: who asks may not see that.
+    `control` is None for a caller who may not see who drives and who stopped it.
     """
     robot = seen.robot
     return ShownRobot(
@@ -326,51 +326,51 @@ def _shown(caller: Caller, robot: str) -> ShownRobot:
 
 @operation("POST", "/robots/<robot>/approve", "admin", problems=(409,))
 def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
-    """Let a waiting key in: this one and no other."""
+    """Approve a waiting key, and no other."""
     robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
 def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
-    """Turn a waiting key away, and remember it."""
+    """Reject a waiting key, and remember it."""
     robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
 
 
 @operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
 def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
-    """Forget the key and end the connection; the next key waits for approval."""
+    """Forget the key and end the robot's connection; the next key waits for approval."""
     robot_service.rekey(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
 def rotate_key(caller: Caller, robot: str) -> ShownRobot:
-    """Ask the agent for a new key; the connection stays."""
+    """Ask the robot's agent for a new key; the connection stays."""
     robot_service.rotate_key(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
 def move_ports(caller: Caller, robot: str) -> ShownRobot:
-    """Give the robot another free pair of ports; it connects again."""
+    """Assign another free pair of ports; the robot reconnects."""
     robot_service.move_ports(caller.tx, caller.source, robot)
     return _shown(caller, robot)
 
 
 @operation("GET", "/pending", "admin")
 def list_pending(caller: Caller) -> PendingKeyList:
-    """Keys that wait for approval."""
+    """List keys that wait for approval."""
     return PendingKeyList(pending.waiting(caller.tx))
 
 
 @operation("GET", "/rejected-keys", "admin")
 def list_rejected_keys(caller: Caller) -> RejectedKeyList:
-    """Keys that were turned away."""
+    """List rejected keys."""
     return RejectedKeyList(pending.rejected(caller.tx))
 
 
 @operation("DELETE", "/rejected-keys/<int:key_id>", "admin")
 def forgive_key(caller: Caller, key_id: int) -> None:
-    """Let the key ask again."""
+    """Forget the rejection: the key may join again."""
     pending.forgive(caller.tx, caller.source, key_id)

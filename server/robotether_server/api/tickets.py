@@ -14,14 +14,14 @@ from robotether_server.tickets import Mode, Ticket, new_id
 
 
 class NewTicket(Struct, forbid_unknown_fields=True):
-    """A ticket to be made."""
+    """A new ticket."""
 
     robot: RobotName
     mode: Mode
 
 
 class SignedTicket(Struct):
-    """A ticket, and where it opens what."""
+    """A ticket, and the path of the WebSocket that it opens."""
 
     ticket: str
     robot: RobotName
@@ -32,7 +32,7 @@ class SignedTicket(Struct):
 
 @operation("POST", "/tickets", "user", any_type=True, problems=(404,))
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
-    """A permission to open one WebSocket to one robot."""
+    """Create a ticket, which opens one WebSocket to one robot."""
     name, mode, user = body.robot, body.mode, caller.user
     seen = seen_robots.find_seen(caller.tx, user, name)
     if seen is None:

@@ -50,8 +50,8 @@ MAX_HOURS = 8760
 def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
     """Print the line that makes a machine a robot.
 
-    It is the last line that is printed, and holds a new join token. Whoever has it can let in that many robots until
-    its time is over, or until: robotether join-token delete.
+    The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
+    robots until it expires, or until: robotether join-token delete.
     """
     now = dt.datetime.now(dt.UTC)
     called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
@@ -101,7 +101,7 @@ def list_tokens(as_json: bool) -> None:
 @join_token.command()
 @click.argument("name")
 def delete(name: str) -> None:
-    """Delete a join token; the robots that it let in stay."""
+    """Delete a join token; robots that it admitted stay."""
     with open_database().transaction() as tx:
         token_id = next((one.id for one in tokens.list_join_tokens(tx) if one.name == name), None)
         if token_id is None:
@@ -111,7 +111,7 @@ def delete(name: str) -> None:
 
 
 def _site(host: str | None) -> tuple[SiteCertificates, str]:
-    """Return what knows the certificate, and where robots reach it; --host goes before PUBLIC_HOST."""
+    """Return the certificates, and the address for robots; --host wins over PUBLIC_HOST."""
     loaded = settings.load_site_address(os.environ)
     if host is None:
         if loaded.public_host is None:

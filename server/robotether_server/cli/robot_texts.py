@@ -18,7 +18,7 @@ NOT_JOINED = "not joined yet"
 
 
 def identity(robot: Robot) -> Fields:
-    """Return what tells a person which robot this is."""
+    """Return lines by which a person recognises the robot."""
     report = robot.report
     return [
         ("robot", f"{robot.name} ({robot.state})"),
@@ -31,7 +31,7 @@ def identity(robot: Robot) -> Fields:
 
 
 def waiting_identity(one: PendingKey, robot: Robot) -> Fields:
-    """Return what tells a person whose key waits; the last line is what is to be compared."""
+    """Return lines about a waiting key; the last one is the key to compare."""
     fields = [
         ("robot", f"{robot.name} ({robot.state})"),
         ("MAC", one.mac),

@@ -1,6 +1,6 @@
 """robotether robot ...: the list of commands about robots; those that add, show, change, watch and remove one.
 
-A live tunnel follows a change within 2 s: it is cut, or told of its new settings.
+A change reaches a live tunnel within 2 s: it is cut, or gets its new settings.
 """
 
 from dataclasses import asdict
@@ -53,7 +53,7 @@ def disable(name: str) -> None:
 @click.command()
 @click.argument("name")
 def enable(name: str) -> None:
-    """Let a disabled robot in again."""
+    """Enable a disabled robot."""
     with open_database().transaction() as tx:
         enabled = robots.enable(tx, SOURCE, name)
     click.echo(f"robot {name} is {enabled.state}")
@@ -183,8 +183,8 @@ def show(name: str, as_json: bool) -> None:
 def remove(name: str, yes: bool) -> None:
     """Remove a robot with its grants and its history.
 
-    Its MAC and ports are free again. Its connection ends. An agent that still runs joins anew, and waits as any
-    unknown robot does. There is no undo.
+    Its MAC and ports become free, and its connection ends. An agent that still runs joins again, and waits like any
+    unknown robot. There is no undo.
     """
     database = open_database()
     with database.transaction() as tx:

@@ -1,4 +1,4 @@
-"""robotether site ...: sites of robots, so that a grant can be for all robots of one."""
+"""robotether site ...: sites of robots; a grant can be for all robots of a site."""
 
 import click
 

@@ -1,6 +1,6 @@
 """The audit log: who changed what, and who was refused. Entries are only added; the database prunes old ones.
 
-Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
+Written by web and cli in the transaction of the change itself. Never holds a secret.
 """
 
 import datetime as dt
@@ -23,7 +23,7 @@ NOBODYS = ip_network("::")
 
 @dataclass(frozen=True)
 class Source:
-    """Who does something, and from where: a user's name or `cli`, and an IP address."""
+    """The author of a change: a user's name or `cli`, and an IP address."""
 
     actor: str
     address: str | None = None
@@ -40,7 +40,7 @@ class Event:
 
 @dataclass(frozen=True)
 class AuditEvent:
-    """One event of the log as an admin reads it."""
+    """One event of the audit log, as an admin sees it."""
 
     id: int
     at: Timestamp
@@ -53,7 +53,7 @@ class AuditEvent:
 
 @dataclass(frozen=True)
 class AuditSearch:
-    """What is looked for: events that fit all that is given."""
+    """A filter of events: all given members must match."""
 
     robot: str | None = None
     actor: str | None = None
@@ -105,7 +105,7 @@ def find(
     before: int | None = None,
     limit: int = 100,
 ) -> list[AuditEvent]:
-    """Return the events that fit all that is given, the newest first; `before` is the id to go on from."""
+    """Return the matching events, newest first; `before` is the id to continue from."""
     given = {
         "robot = %s": search.robot,
         "actor = %s": search.actor,

@@ -35,7 +35,7 @@ def new_secret(prefix: str = "") -> str:
 
 
 def digest(text: str) -> bytes:
-    """Return what stands in the column token_hash for this text.
+    """Return the value of the column token_hash for this text.
 
     Headers and JSON may hold halves of characters, as which bytes over 0x7F are read: no text of ours has any.
     """
@@ -86,7 +86,7 @@ def login_renewal(tx: Transaction, text: str, lifetime: Lifetime) -> dt.datetime
 
 
 def renew_login(tx: Transaction, text: str, ends_at: dt.datetime) -> None:
-    """Let a login that has not ended last until then."""
+    """Extend a login that has not ended."""
     tx.change(
         "UPDATE logins SET expires_at = %s WHERE token_hash = %s AND expires_at > CURRENT_TIMESTAMP(6)",
         (ends_at, digest(text)),
@@ -105,7 +105,7 @@ def end_logins(tx: Transaction, user_id: int) -> int:
 
 @dataclass(frozen=True)
 class Token:
-    """What may be told about a token; its text is known only to who asked for it."""
+    """An API token without its text, which only its creator knows."""
 
     id: int
     user: UserName

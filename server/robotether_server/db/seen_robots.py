@@ -55,7 +55,7 @@ class SeenRobot:
 
 @dataclass(frozen=True)
 class RecordedSession:
-    """One session; without `ended_at` it goes on."""
+    """One session; `ended_at` is None while it lasts."""
 
     started_at: Timestamp
     ended_at: Timestamp | None
@@ -148,7 +148,7 @@ def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSess
 
 
 def is_online(tx: Transaction, robot_id: int) -> bool:
-    """Tell whether the robot's newest session goes on."""
+    """Tell whether the robot has a session now."""
     newest = sessions_of(tx, robot_id, 1)
     return bool(newest) and newest[0].ended_at is None
 

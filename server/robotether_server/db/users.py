@@ -93,7 +93,7 @@ def list_all(tx: Transaction) -> list[User]:
 
 
 def set_disabled(tx: Transaction, user_id: int, *, disabled: bool) -> None:
-    """Keep a user out, or let the user in again; logins end with the first."""
+    """Disable a user, which ends the logins, or enable the user again."""
     tx.change("UPDATE users SET disabled = %s WHERE id = %s", (disabled, user_id))
     if disabled:
         tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))

@@ -1,8 +1,7 @@
 """Sets a robot's drive page for its managers: kind, cameras, video and buttons.
 
-The rest of its settings are admins' (robots.py). Whoever calls has found out with `find_managed` that the user
-manages the robot, and for `allow` that it is an admin. Connections go on; the page takes a change when it is opened
-anew.
+The rest of its settings are admins' (robots.py). The caller has checked with `find_managed` that the user manages
+the robot, and for `allow` that it is an admin. Connections stay; a page applies a change when it is opened next.
 """
 
 import json
@@ -35,7 +34,7 @@ def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> 
 
 
 def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> RobotSettings:
-    """Replace `buttons` by what `change` makes of the present ones; no other change comes in between."""
+    """Replace `buttons` by the result of `change`; no other change comes in between."""
     robots.lock_enrolment(tx)
     present = button_settings.parse(robots.get(tx, name).settings.get("buttons", []))
     changed = [button.as_dict() for button in change(list(present))]
@@ -43,7 +42,7 @@ def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -
 
 
 def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
-    """Add what the button sends to what the policy lets drivers send, if it is not; raise FieldInvalid."""
+    """Add what the button sends to the drivers' policy, if it is missing; raise FieldInvalid."""
 
     def change(present: Settings) -> Settings:
         settings = robot_settings.parse(present)
@@ -66,7 +65,7 @@ def placed(buttons: list[Button], place: int, name: str) -> int:
 
 
 def read(text: str) -> dict[str, object]:
-    """Return the JSON object that somebody typed; raise FieldInvalid, which says where it goes wrong."""
+    """Parse a JSON object from a form; raise FieldInvalid, which names the place of the error."""
     try:
         found = json.loads(text or "{}", object_pairs_hook=_once)
     except json.JSONDecodeError as error:

@@ -41,9 +41,9 @@ def give(
     *,
     ends_at: dt.datetime | None = None,
 ) -> tuple[Grant, bool]:
-    """Give a grant, in place of an earlier one of the same two; tell whether there was none before.
+    """Add a grant, which replaces an earlier one of the same pair; tell whether there was none before.
 
-    Raises RecordMissing, or FieldInvalid for an end that is no good.
+    Raises RecordMissing, or FieldInvalid for an invalid end.
     """
     if ends_at is not None:
         times.check_end("ends_at", ends_at)
@@ -66,7 +66,7 @@ def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
 
 
 def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
-    """Take the grant of these two away; raise RecordMissing when there is none."""
+    """Delete the grant of this pair; raise RecordMissing when there is none."""
     found = grants.find(tx, _pair(tx, grantee, scope))
     if found is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
@@ -75,7 +75,7 @@ def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope)
 
 
 def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
-    """Let a user do this with a robot, without an end, in place of an earlier grant; raise RecordMissing."""
+    """Give a user this level for a robot, without an end, replacing an earlier grant; raise RecordMissing."""
     give(tx, source, Grantee("user", user), Scope("robot", robot), level)
 
 
@@ -101,7 +101,7 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
 
 
 def _about(given: Grant) -> dict[str, object]:
-    """Return what the audit log tells of a grant; the robot has a column of its own there."""
+    """Return a grant's details for the audit log, which has a column of its own for the robot."""
     known = {"user": given.user, "group": given.group, "site": given.site}
     about: dict[str, object] = {name: value for name, value in known.items() if value is not None}
     if given.is_for_all:
@@ -142,7 +142,7 @@ def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
 
 
 def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
-    """Take the grants of a group away from a user; raise RecordMissing."""
+    """Remove a user from a group; raise RecordMissing."""
     if not grants.remove_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
         raise RecordMissing(f"cannot remove user {user} from group {name}: the user is no member")
     details: dict[str, object] = {"group": name, "user": user}

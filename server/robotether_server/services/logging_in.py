@@ -4,7 +4,7 @@ Used by the log-in page and the profile. An unknown name, a disabled user and a 
 take as long. A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at
 once would all pass the throttle before the first of them is recorded. Three limits, each against one attacker:
 
-* one network that tries many passwords of one user; a success ends what that pair has failed before;
+* one network that tries many passwords of one user; a success clears the failures of that pair;
 * one network that tries many users;
 * many networks that try one user. This one does not count where that user has logged in before, so that
   nobody can lock a user out of the usual places by failing on purpose.
@@ -153,7 +153,7 @@ def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
 
 
 def free_at(failures: Failures) -> dt.datetime | None:
-    """Return the moment from which a try is heard, or None when it is heard now."""
+    """Return the time from which an attempt is accepted, or None when it is accepted now."""
     ends = (
         _free_at_limit(failures.of_pair, PER_USER_AND_NETWORK),
         _free_at_limit(failures.of_network, PER_NETWORK),

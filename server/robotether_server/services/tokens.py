@@ -68,7 +68,7 @@ def create(
 
 
 def get(tx: Transaction, token_id: int) -> Token:
-    """Return one token, so that the caller sees whose it is; raise RecordMissing."""
+    """Return one token, so that the caller can check its owner; raise RecordMissing."""
     return credentials.get_token(tx, token_id)
 
 

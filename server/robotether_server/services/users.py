@@ -1,6 +1,6 @@
 """Users: who may log in, and who administers. The last enabled admin stays one.
 
-An admin who is one no more takes the join tokens along: they let robots in with that admin's rights.
+The join tokens of an admin end with that role: they admit robots with that admin's rights.
 """
 
 from robotether_server import passwords
@@ -21,7 +21,7 @@ def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -
 
 
 def add_first(tx: Transaction, source: Source, password: str) -> bool:
-    """Add the user admin if there is no user at all; tell whether it did. Of two at once one does."""
+    """Add the user admin if there are no users; tell whether it did. Of two concurrent calls one does."""
     if users.list_all(tx):
         return False
     try:
@@ -53,7 +53,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
 
 
 def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) -> User:
-    """Keep a user out, or let the user in again; raise LastAdmin."""
+    """Disable a user, or enable the user again; raise LastAdmin."""
     found = users.get(tx, name)
     if found.disabled == disabled:
         return found

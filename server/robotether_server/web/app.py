@@ -27,7 +27,7 @@ from robotether_server.web.pages import (
 
 MAX_REQUEST_BYTES = 64 * 1024
 
-# What may stand in a policy: a client writes the Host header.
+# Characters allowed in a policy, as a client writes the Host header.
 HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
 # A joystick drives and the video fills the screen; nothing else of the operator's device is of use here.
 PERMISSIONS_POLICY = ", ".join(
@@ -67,7 +67,7 @@ def create_app(settings: WebSettings) -> Flask:
         SESSION_COOKIE_SAMESITE="Lax",
         # A drive page may stay open for longer than any fixed time.
         WTF_CSRF_TIME_LIMIT=None,
-        # Some browsers are told to send no Referer; the token and SameSite do not need it.
+        # Some browsers are configured to send no Referer; the token and SameSite do not need it.
         WTF_CSRF_SSL_STRICT=False,
     )
     # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no

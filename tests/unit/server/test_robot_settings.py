@@ -13,7 +13,7 @@ from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 from robotether_server.setting_values import MAX_GLOBS
 
-# As docs/protocols.md shows them.
+# As docs/reference/robot-settings.md shows them.
 DOCUMENTED_POLICY = """
 {"observe": {"subscribe": ["*"]},
  "drive":   {"subscribe": ["*"], "publish": [], "call": []},

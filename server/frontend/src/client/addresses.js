@@ -1,4 +1,4 @@
-// Where a robot's WebSockets and streams are (docs/protocols.md, docs/media.md). Pure.
+// Where a robot's WebSockets and streams are (docs/reference/protocols.md, docs/reference/media.md). Pure.
 
 // A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
 export const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");

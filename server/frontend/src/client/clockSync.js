@@ -1,4 +1,4 @@
-// This page's clock against the relay's, by beats over the rosbridge connection (docs/protocols.md, "Age").
+// This page's clock against the relay's, by beats over the rosbridge connection (docs/reference/protocols.md, "Age of commands").
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
 // nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
 

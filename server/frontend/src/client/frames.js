@@ -1,4 +1,4 @@
-// A camera's pictures, always the newest, each with its moment (docs/media.md): opens a link, tells how it stands and
+// A camera's pictures, always the newest, each with its moment (docs/reference/media.md): opens a link, tells how it stands and
 // opens the next one after a cut. Used by the drive page and, through index.js, by pages of others.
 // It must never make a picture look newer than it is: driving is held by its age.
 
@@ -23,7 +23,7 @@ const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source
 
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
-  // throw what has a `status`, as TicketRefused has. `want` as in docs/media.md; what is missing has its default there.
+  // throw what has a `status`, as TicketRefused has. `want` as in docs/reference/media.md; what is missing has its default there.
   // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
   // waited for before the next picture is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down

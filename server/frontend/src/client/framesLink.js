@@ -1,4 +1,4 @@
-// One WebSocket of the frames protocol (docs/media.md), from its opening to its end; frames.js opens the next one.
+// One WebSocket of the frames protocol (docs/reference/media.md), from its opening to its end; frames.js opens the next one.
 // It must never have more pictures under way than the page can show, or what it shows would be late.
 
 const CREDITS = 2; // one is shown while the next is on its way
@@ -6,7 +6,7 @@ const SYNC_MS = 500;
 const SILENCE_MS = 4000; // every beat is answered
 
 export class FramesLink {
-  // `want` as in docs/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
+  // `want` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
   // picture is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
     Object.assign(this, { socket, wanted: want, onFrame, onStatus, onEnd, now });
@@ -103,7 +103,7 @@ function parse(text) {
   }
 }
 
-// Takes a picture of the frames protocol (docs/media.md) apart. Pure.
+// Takes a picture of the frames protocol (docs/reference/media.md) apart. Pure.
 const LENGTH = 16; // Python's struct: !BBHId
 const JPEG = 1;
 const CAMERA_STAMP = 1;
@@ -124,7 +124,7 @@ export function readFrame(data) {
   };
 }
 
-// Tells when a picture was taken, by this page's clock (docs/media.md, "SenderClock"). A beat is on its way for a while
+// Tells when a picture was taken, by this page's clock (docs/reference/media.md, "SenderClock"). A beat is on its way for a while
 // before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
 // moment is never told later than it was. Pure.
 const MAX_AGE_MS = 30_000;

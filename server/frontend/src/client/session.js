@@ -92,7 +92,7 @@ export class Commands {
   }
 }
 
-// What is known of a robot's control object (docs/protocols.md, "Control"). It comes twice: on the page's own
+// What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
 // connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
 // connection tells it, it alone counts. Pure.
 export class ControlState {

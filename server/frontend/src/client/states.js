@@ -1,6 +1,6 @@
 // What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
 // why this page may no longer drive.
-// Pure; connection.js acts on it. Close codes are those of docs/protocols.md.
+// Pure; connection.js acts on it. Close codes are those of docs/reference/protocols.md.
 
 import { reasons } from "../texts/common.js";
 

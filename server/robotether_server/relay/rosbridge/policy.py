@@ -2,7 +2,7 @@
 
 `message_validator` checks every message from a client against this list. An operation that is not in it,
 or a field that its entry does not name, never reaches a robot: rosbridge takes `message_intervall`
-from any message, and would wait so long before everything that it sends. docs/protocols.md has
+from any message, and would wait so long before everything that it sends. docs/reference/protocols.md has
 the same table for people. Data only.
 """
 

@@ -97,7 +97,7 @@ def remove(name: str) -> AnyResponse:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a group, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a group, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
         group = grants.get_group(tx, name)
         return render_template(

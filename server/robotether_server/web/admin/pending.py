@@ -92,7 +92,7 @@ def reject(name: str) -> AnyResponse:
 
 @blueprint.route("/rejected/<int:key_id>", methods=METHODS)
 def forgive(key_id: int) -> AnyResponse:
-    """Let a rejected key ask again."""
+    """Forget a rejection: the key may join again."""
     key = _rejected(key_id)
     action = ConfirmedAction(
         title="Let this key ask again?",

@@ -40,7 +40,7 @@ def disable(name: str) -> AnyResponse:
 
 @blueprint.route("/enable", methods=METHODS)
 def enable(name: str) -> AnyResponse:
-    """Let a disabled robot in again."""
+    """Enable a disabled robot."""
     get(name)
     action = ConfirmedAction(
         title=f"Enable robot {name}?",
@@ -248,7 +248,7 @@ def move_ports(name: str) -> AnyResponse:
 
 @blueprint.route("/shell-user", methods=METHODS)
 def set_shell_user(name: str) -> AnyResponse:
-    """Say which account on the robot a shell logs in to."""
+    """Set the account on the robot that a shell logs in to."""
     settings = get(name).robot.settings
     action = ConfirmedAction(
         title=f"Shell user of robot {name}",

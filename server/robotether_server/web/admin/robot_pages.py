@@ -36,13 +36,13 @@ SHOWN = 20
 
 @dataclass(frozen=True)
 class RobotSearch:
-    """What an admin looks for: words that all must stand somewhere in the row, and a state of STATES."""
+    """A filter of robots: words that all must occur in the row, and a state of STATES."""
 
     words: str = ""
     state: str = ""
 
     def finds(self, seen: SeenRobot, control: ControlState = FREE) -> bool:
-        """Tell whether a robot is one of those."""
+        """Tell whether a robot matches."""
         if self.state and self.state not in _states(seen, control):
             return False
         row = " ".join(_searched(seen)).lower()
@@ -119,7 +119,7 @@ def show(name: str) -> str:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a robot, with what went wrong in one of its forms; raise RobotUnknown."""
+    """Return the page of a robot, with the problem of one of its forms; raise RobotUnknown."""
     with context().database.transaction() as tx:
         seen = find(tx, name)
         return render_template(

@@ -1,4 +1,4 @@
-"""/admin/sites: sites of robots, so that a grant can be for all robots of one; /admin/sites/NAME: one of them."""
+"""/admin/sites: sites of robots; a grant can be for all robots of a site. /admin/sites/NAME: one of them."""
 
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
@@ -111,7 +111,7 @@ def remove(name: str) -> AnyResponse:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a site, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a site, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
         site = grants.get_site(tx, name)
         elsewhere = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]

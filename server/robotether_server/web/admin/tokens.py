@@ -62,7 +62,7 @@ def show_join_tokens() -> str:
 
 @blueprint.post("/join-tokens")
 def create_join_token() -> str | tuple[str, int]:
-    """Make a token; the answer shows the install line, this one time."""
+    """Create a join token; the answer shows the install line once."""
     try:
         name = forms.text("name", "Name", MAX_NAME_LENGTH)
         uses = forms.number("uses", "Uses", 1, MAX_USES)
@@ -70,7 +70,7 @@ def create_join_token() -> str | tuple[str, int]:
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
         with context().database.transaction() as tx:
             token = tokens.create_join_token(tx, current_user.source(), name, uses, expires_at)
-            # A site that cannot tell its certificate makes no token either.
+            # This may raise: without a certificate to pin there is no install line, and so no token.
             line = install_line(context().site_certificates, request.host, token)
     except Problem as problem:
         return _page(problem), problem.status

@@ -28,7 +28,7 @@ def show_all() -> str:
 
 @blueprint.post("")
 def add() -> AnyResponse | str | tuple[str, int]:
-    """Add a user; a password that was made is in the answer, this one time."""
+    """Add a user; a generated password is shown once, in the answer."""
     typed = forms.secret("password")
     password = typed or passwords.new_password()
     try:
@@ -62,7 +62,7 @@ def show_password(name: str, password: str, title: str) -> str:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a user, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a user, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
         user = users.get(tx, name)
         return render_template(
@@ -144,7 +144,7 @@ def disable(name: str) -> AnyResponse:
 
 @blueprint.route("/<name>/enable", methods=METHODS)
 def enable(name: str) -> AnyResponse:
-    """Let a disabled user in again."""
+    """Enable a disabled user."""
     _get(name)
     action = ConfirmedAction(
         title=f"Enable user {name}?",
@@ -162,7 +162,7 @@ def enable(name: str) -> AnyResponse:
 
 @blueprint.route("/<name>/password", methods=METHODS)
 def set_password(name: str) -> AnyResponse:
-    """Give a user another password; one that was made is in the answer, this one time."""
+    """Set a user's password; a generated one is shown once, in the answer."""
     _get(name)
     typed = forms.secret("password")
     password = typed or passwords.new_password()

@@ -33,7 +33,7 @@ blueprint = Blueprint("pages", __name__)
 
 @blueprint.get("/healthz")
 def healthz() -> str:
-    """Tell that this process answers; says nothing of the database, which is checked by itself."""
+    """Answer while this process runs; the database has a health check of its own."""
     return "ok\n"
 
 
@@ -91,7 +91,7 @@ def log_out() -> AnyResponse:
 
 @blueprint.get("/")
 def show_fleet() -> AnyResponse:
-    """Show the robots that the user may see; the page goes on with /api/v1/events."""
+    """Show the robots that the user may see; /api/v1/events updates the page."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:

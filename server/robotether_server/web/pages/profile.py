@@ -35,7 +35,7 @@ def show() -> str:
 
 
 def render(problem: Problem | None = None, form: str = "") -> str:
-    """Return the page, with what went wrong in one of its forms, `form`."""
+    """Return the page, with the problem of one of its forms, `form`."""
     user = current_user.get()
     with context().database.transaction() as tx:
         entries = ssh_keys.shell_entries(tx, user)
@@ -57,7 +57,7 @@ def render(problem: Problem | None = None, form: str = "") -> str:
 
 @blueprint.route("/password", methods=METHODS)
 def change_password() -> AnyResponse:
-    """Change the password of who asks, and keep this browser logged in."""
+    """Change the user's password, and keep this browser logged in."""
     action = ConfirmedAction(
         title="Change your password",
         effects=(
@@ -89,7 +89,7 @@ def change_password() -> AnyResponse:
 
 @blueprint.route("/log-out", methods=METHODS)
 def log_out_everywhere() -> AnyResponse:
-    """End every login of who asks."""
+    """End every login of the user."""
     name = current_user.get().name
     action = ConfirmedAction(
         title="Log out everywhere?",
@@ -163,7 +163,7 @@ def _get_key(key_id: int) -> SshKey:
 
 @blueprint.route("/tokens", methods=METHODS)
 def create_token() -> str | tuple[str, int]:
-    """Make a token; the answer shows it, this one time."""
+    """Create an API token; the answer shows it once."""
     if request.method == "GET":
         return render()
     try:
@@ -202,7 +202,7 @@ def delete_token(token_id: int) -> AnyResponse:
 
 
 def _get_token(token_id: int) -> Token:
-    """Return a token of who asks, and nobody else's."""
+    """Return a token of this user, and nobody else's."""
     with context().database.transaction() as tx:
         for token in tokens.list_of(tx, current_user.get()):
             if token.id == token_id:

@@ -1,4 +1,4 @@
-"""Joining, answer by answer as docs/protocols.md has it."""
+"""Joining, answer by answer as docs/reference/protocols.md has it."""
 
 from __future__ import annotations
 

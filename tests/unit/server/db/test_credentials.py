@@ -20,7 +20,7 @@ def test_texts_differ_and_are_long() -> None:
 
 
 def test_digest_is_sha256_of_the_whole_text() -> None:
-    """As docs/protocols.md says, so the relay finds the same row."""
+    """As docs/reference/protocols.md says, so the relay finds the same row."""
     assert credentials.digest("rt_abc") == hashlib.sha256(b"rt_abc").digest()
 
 

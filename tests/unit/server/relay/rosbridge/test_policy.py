@@ -18,7 +18,7 @@ from robotether_server.relay.rosbridge.message_validator import (
 from robotether_server.relay.rosbridge.policy import OPERATIONS, ROSAPI_LOOKUPS
 from robotether_server.robot_settings import Level, LevelPolicy, Limits
 
-PROTOCOLS = Path(__file__).resolve().parents[5] / "docs" / "protocols.md"
+PROTOCOLS = Path(__file__).resolve().parents[5] / "docs" / "reference" / "protocols.md"
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 
 

@@ -8,7 +8,7 @@ Take a new ticket for every connection: a ticket opens one WebSocket, within 30 
 the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. Whoever may
 `drive` publishes on the drive topics, such as /cmd_vel; for any other topic, as here, it takes `manage`, or the topic
 in the robot's policy. With a self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a
-network that you trust. docs/client.md has the same for web pages.
+network that you trust. docs/reference/client.md has the same for web pages.
 """
 
 import contextlib
