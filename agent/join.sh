@@ -413,7 +413,7 @@ ensure_running() {
 
 tell_result() {
   if [ -n "$image" ]; then
-    say 'done: the image is ready. Power off and copy the card; each clone makes its own key at its first boot (docs/golden-image.md)'
+    say 'done: the image is ready. Power off and copy the card; each clone makes its own key at its first boot (docs/howto/golden-image.md)'
   elif [ -n "$pending" ]; then
     tell_how_to_approve
   elif wait_connected; then

@@ -33,12 +33,8 @@ from namespaces import Namespace
 from openssh_server import OpenSshServer, descendants, kill
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
-from robotether_agent.enrolment.enrolment_store import (
-    Enrolment,
-    EnrolmentStore,
-    SshAccess,
-    parse_host_keys,
-)
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing

@@ -29,9 +29,8 @@ from robotether_agent.backoff import before_restart
 from robotether_agent.daemon import Agent
 from robotether_agent.doctor import run_checks
 from robotether_agent.doctor.findings import FAIL, WARNING, fail
-from robotether_agent.enrolment.enroller import Enroller, enrolment_files, unenrol
-from robotether_agent.enrolment.enrolment_store import EnrolmentStore
-from robotether_agent.enrolment.identity_store import IdentityStore
+from robotether_agent.enrolment.enroller import Enroller, EnrolmentStore, enrolment_files, unenrol
+from robotether_agent.enrolment.identity import IdentityStore
 from robotether_agent.files import ensure_directory
 from robotether_agent.problems import (
     AgentProblem,

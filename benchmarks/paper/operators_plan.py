@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from paper.profiles import TABLE_2, Profile
 
 QUALITIES = (90, 80, 70, 60, 50)
-# The range of qualities that a viewer has who asks for nothing else (docs/media.md); in place of a quality.
+# The range of qualities that a viewer has who asks for nothing else (docs/reference/media.md); in place of a quality.
 ADAPTIVE = None
 OURS, PLAIN = "ours", "plain"
 ROBOTS, FPS = 3, 15

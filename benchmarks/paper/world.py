@@ -227,7 +227,7 @@ class World:
         )
 
     def _announce(self, robots: Sequence[Enrolled]) -> None:
-        """Insert their rows, as docs/enrolment.md has it: the API takes no MAC that a machine gave itself."""
+        """Insert their rows, as docs/howto/enrolment.md has it: the API takes no MAC that a machine gave itself."""
         rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in robots)
         statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
         self.exec("mysql", "mariadb", "robotether", "-e", statement)

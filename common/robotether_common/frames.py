@@ -1,4 +1,4 @@
-"""The frames protocol (docs/media.md) as agent and relay know it: a frame's header, a stream request, and the bounds.
+"""The frames protocol (docs/reference/media.md) as agent and relay know it: frame header, stream request, and bounds.
 
 Both speak it with each other, and the relay with viewers, too. How each reads the other's texts is its own. Data only.
 """

@@ -63,7 +63,7 @@ class Globs:
         return iter(self.patterns)
 
     def match(self, name: str) -> bool:
-        """Whether the whole name is as one of the patterns says."""
+        """Whether the whole name matches one of the patterns."""
         return name in self._plain or any(_matches(parts, name) for parts in self._split)
 
 

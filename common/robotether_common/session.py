@@ -1,4 +1,4 @@
-"""The session's lines (docs/protocols.md, "The session") as agent and relay know them.
+"""The session's lines (docs/reference/protocols.md, "The session") as agent and relay know them.
 
 Each reads the other's lines by itself, and says in its own words what is wrong with one. Data only.
 """

@@ -9,7 +9,7 @@
  * the next connection of the same robot must find them free.
  *
  * One small C program, not a shell with socat: a server holds three of these for every robot.
- * docs/protocols.md, "The session", says what passes.
+ * docs/reference/protocols.md, "The session", says what passes.
  */
 #include <ctype.h>
 #include <errno.h>

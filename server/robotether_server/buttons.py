@@ -1,7 +1,7 @@
 """The buttons of a robot's drive page: each publishes one message or calls one service.
 
-Part of a robot's settings (robot_settings.py), as `buttons`; docs/protocols.md describes them. A button gives
-nobody a right: robot_settings refuses one that the robot's policy does not let a driver send. Pure.
+Part of a robot's settings (robot_settings.py), as `buttons`; docs/reference/robot-settings.md describes them.
+A button grants nothing: robot_settings refuses one that the robot's policy does not let a driver send. Pure.
 """
 
 from __future__ import annotations

@@ -1,17 +1,32 @@
 """Writes the line that makes a machine a robot of this site, for people to copy into its shell.
 
-Pure text, used by web and cli; site_certificate.py finds out about the certificate.
+Used by web and cli. The line pins the site's certificate where a robot would not know it. nginx itself is asked for
+that, as the certificate's file is nginx's own and may be replaced at any time; never to trust a connection.
 """
 
+import base64
+import hashlib
 import re
 import shlex
+import socket
+import ssl
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from time import monotonic
 
-from robotether_server.problems import FieldInvalid
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+from robotether_server.problems import FieldInvalid, SiteCertificateUnavailable
 from robotether_server.settings import SiteAddressSettings
-from robotether_server.site_certificate import SiteCertificates
 
 HTTPS_PORT = 443
+CERTIFICATE_TIMEOUT_S = 3.0
+CERTIFICATE_CACHE_S = 60.0
+# The name comes with a request; nobody fills the memory with names.
+MAX_CACHED = 16
+
 _LABEL = r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
 _HOST = rf"(?=.{{1,253}}(:|\Z)){_LABEL}(\.{_LABEL})*"
 _SITE = re.compile(rf"(?P<host>{_HOST}|\[[0-9A-Fa-f:.]{{2,45}}\])(:(?P<port>[0-9]{{1,5}}))?")
@@ -26,9 +41,59 @@ class SiteAddress:
 
     @property
     def authority(self) -> str:
-        """The site as it stands in URLs: HOST or HOST:PORT."""
+        """The site as in URLs: HOST or HOST:PORT."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == HTTPS_PORT else f"{host}:{self.port}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a client can compare: SHA-256 of the certificate in hex, of its public key in base64 (curl's pin).
+
+    `is_known`: this machine's authorities have signed it under the name that was asked for.
+    """
+
+    fingerprint: str
+    pin: str
+    is_known: bool
+
+
+class SiteCertificates:
+    """The certificate of one site, learnt when it is needed and kept for a minute; safe to share between threads."""
+
+    def __init__(self, settings: SiteAddressSettings, now: Callable[[], float] = monotonic) -> None:
+        self.settings = settings
+        self._now = now
+        self._lock = threading.Lock()
+        self._cached: dict[str, tuple[float, Certificate]] = {}
+
+    def certificate(self, host: str) -> Certificate:
+        """Return the certificate, judged for this name or address; raise SiteCertificateUnavailable."""
+        with self._lock:
+            learnt_at, cached = self._cached.get(host, (0.0, None))
+            if cached is not None and self._now() - learnt_at < CERTIFICATE_CACHE_S:
+                return cached
+            found = learn_certificate(self.settings.tls_front, host)
+            if len(self._cached) >= MAX_CACHED:
+                self._cached.clear()
+            self._cached[host] = (self._now(), found)
+            return found
+
+
+def install_line(certificates: SiteCertificates, asked: str, token: str) -> str:
+    """Return the line; raise SiteCertificateUnavailable or FieldInvalid.
+
+    `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set.
+    """
+    site = site_of(certificates.settings, asked)
+    certificate = certificates.certificate(site.host)
+    fetch, run = ["curl", "-fsS"], ["sudo", "sh", "-s", "--", "--server", site.authority]
+    if not certificate.is_known:
+        # -k stops curl from asking the system's authorities; the pin is then what is checked.
+        fetch[1:] = ["-fsSk", "--pinnedpubkey", f"sha256//{certificate.pin}"]
+        run += ["--tls-fingerprint", certificate.fingerprint]
+    fetch.append(f"https://{site.authority}/join.sh")
+    return f"{shlex.join(fetch)} | {shlex.join([*run, '--token', token])}"
 
 
 def parse_site_address(text: str) -> SiteAddress:
@@ -46,17 +111,44 @@ def site_of(settings: SiteAddressSettings, asked: str) -> SiteAddress:
     return parse_site_address(asked)
 
 
-def install_line(certificates: SiteCertificates, asked: str, token: str) -> str:
-    """Return the line; raise SiteCertificateUnavailable or FieldInvalid.
+def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
+    """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailable."""
+    try:
+        shown = _shown(endpoint, host, _unchecked())
+        return describe_certificate(shown, is_known=_is_known(endpoint, host))
+    except (OSError, ValueError) as error:
+        raise SiteCertificateUnavailable(
+            f"cannot determine this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
+            f"({error}); try again, and see the log of nginx"
+        ) from error
 
-    `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set.
-    """
-    site = site_of(certificates.settings, asked)
-    certificate = certificates.certificate(site.host)
-    fetch, run = ["curl", "-fsS"], ["sudo", "sh", "-s", "--", "--server", site.authority]
-    if not certificate.is_known:
-        # -k stops curl from asking the system's authorities; the pin is then what is checked.
-        fetch[1:] = ["-fsSk", "--pinnedpubkey", f"sha256//{certificate.pin}"]
-        run += ["--tls-fingerprint", certificate.fingerprint]
-    fetch.append(f"https://{site.authority}/join.sh")
-    return f"{shlex.join(fetch)} | {shlex.join([*run, '--token', token])}"
+
+def describe_certificate(der: bytes, *, is_known: bool) -> Certificate:
+    """Return what a certificate in DER is compared by."""
+    key = x509.load_der_x509_certificate(der).public_key()
+    public = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    pin = base64.b64encode(hashlib.sha256(public).digest()).decode()
+    return Certificate(hashlib.sha256(der).hexdigest(), pin, is_known)
+
+
+def _unchecked() -> ssl.SSLContext:
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def _is_known(endpoint: tuple[str, int], host: str) -> bool:
+    try:
+        _shown(endpoint, host, ssl.create_default_context())
+    except ssl.SSLCertVerificationError:
+        return False
+    return True
+
+
+def _shown(endpoint: tuple[str, int], host: str, context: ssl.SSLContext) -> bytes:
+    with (
+        socket.create_connection(endpoint, CERTIFICATE_TIMEOUT_S) as plain,
+        context.wrap_socket(plain, server_hostname=host) as tls,
+    ):
+        return tls.getpeercert(binary_form=True) or b""

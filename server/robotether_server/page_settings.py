@@ -1,7 +1,7 @@
 """Settings of a robot's drive page: how it moves, its cameras, and the requested video.
 
-Part of a robot's settings (robot_settings.py), as `page`; docs/protocols.md describes every member. Relay and
-robot read nothing of it, but for what the page asks of them within the robot's policy. Pure.
+Part of a robot's settings (robot_settings.py), as `page`; docs/reference/robot-settings.md describes every member.
+Relay and robot do not read it; the page asks them within the robot's policy. Pure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Turn = Literal[0, 90, 180, 270]
 TURNS: tuple[Turn, ...] = get_args(Turn)
 MAX_CAMERAS = 8
 MAX_LABEL_LENGTH = 40
-# A topic, or the name of a camera that only the agent knows (docs/media.md).
+# A topic, or the name of a camera that only the agent knows (docs/reference/media.md).
 CameraTopic = Annotated[
     str,
     Meta(
@@ -34,14 +34,14 @@ CameraTopic = Annotated[
         },
     ),
 ]
-# No speed here takes the guard's out of force: the page keeps to the lesser of both.
+# The guard's limits stay in force: the page offers the lower of both.
 Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Percent = Annotated[int, Meta(ge=1, le=100)]
 Pixels = Annotated[int, Meta(ge=1, le=4096)]
 
 
 class Camera(Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera, in the order in which the page shows them."""
+    """A camera; the page shows them in this order."""
 
     topic: CameraTopic
     name: Annotated[str, Meta(min_length=1, max_length=MAX_LABEL_LENGTH)]
@@ -49,10 +49,10 @@ class Camera(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
-    """The page's settings; what is not given has its default.
+    """The drive page's settings of a robot; a missing member has its default.
 
-    null stands for: of topics, found by their type; of speeds, the guard's limit, or the usual; of `width` and
-    `height`, the camera's own; of `hold_after_ms`, driving is never held because of an old picture.
+    null means: a topic is found by its type; a speed is the guard's limit, or the page's usual one; `width` and
+    `height` are the camera's own; `hold_after_ms`: driving is never paused because of old video.
     """
 
     kind: Kind = "differential"
@@ -61,7 +61,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
     max_turn_rad_s: Speed | None = None
     wheelbase_m: Annotated[float, Meta(ge=0.01, le=100)] | None = None
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
-    # What is wanted of a picture is as in docs/media.md.
+    # The stream request (docs/reference/media.md).
     quality_min: Percent = 20
     quality_max: Percent = 80
     fps: Annotated[float, Meta(ge=0.1, le=60)] = 15

@@ -101,7 +101,7 @@ def hash_password(password: str) -> str:
 
 
 def is_common(password: str) -> bool:
-    """Tell whether it is made as common passwords are: few characters, a row of keys, or common words and digits."""
+    """Tell whether it is built like common passwords: few characters, a row of keys, or common words and digits."""
     text = password.lower()
     if text.isdigit() or len(set(text)) <= FEW_CHARACTERS or any(text in row for row in ROWS):
         return True
@@ -111,7 +111,7 @@ def is_common(password: str) -> bool:
 
 
 def _is_of_words(letters: str) -> bool:
-    """Tell whether the text is common words and nothing else. A regular expression could take for ever."""
+    """Tell whether the text is common words and nothing else. A regular expression could need exponential time."""
     reached = {0}
     for place in range(len(letters)):
         if place in reached:
@@ -122,7 +122,7 @@ def _is_of_words(letters: str) -> bool:
 
 
 def matches(password: str, password_hash: str | None) -> bool:
-    """Tell whether the password is right; None: there is no such user, which takes as long."""
+    """Tell whether the password is right; None for an unknown user, which takes as long."""
     try:
         with _turn:
             _hasher.verify(password_hash or _NOBODY, password[:MAX_LENGTH])

@@ -103,7 +103,7 @@ class StoreUnavailable(StoreProblem):
 
 
 class RecordExists(StoreProblem):
-    """A unique key would stand twice; `key` is its name."""
+    """A unique key would occur twice; `key` is its name."""
 
     code = "record_exists"
     status = HTTPStatus.CONFLICT
@@ -121,7 +121,7 @@ class RecordMissing(StoreProblem):
 
 
 class RecordRefused(StoreProblem):
-    """A value does not fit its column, or a trigger refused it with a sentence."""
+    """A value is not valid for its column, or a trigger refused it with a sentence."""
 
     code = "record_refused"
     status = HTTPStatus.UNPROCESSABLE_ENTITY
@@ -140,7 +140,7 @@ class LoginMissing(Unauthorized):
 
 
 class LoginFailed(Unauthorized):
-    """User and password do not fit; says no more than that."""
+    """User or password is wrong; it does not say which."""
 
     code = "login_failed"
 
@@ -158,7 +158,7 @@ class TokenExpired(Unauthorized):
 
 
 class TokenUsedUp(Unauthorized):
-    """The join token has let in as many robots as it may, or this very one before."""
+    """The join token has no uses left, or has admitted this key before."""
 
     code = "token_used_up"
 
@@ -333,7 +333,7 @@ class LastAdmin(Problem):
 
 
 class Throttled(Problem):
-    """Too many attempts; `retry_after_s` says when the next one is heard."""
+    """Too many attempts; the next one is accepted after `retry_after_s`."""
 
     code = "throttled"
     status = HTTPStatus.TOO_MANY_REQUESTS

@@ -2,7 +2,7 @@
 
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
 line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
-the robot. docs/protocols.md describes every member. Must never take a member that it does not
+the robot. docs/reference/robot-settings.md describes every member. Must never take a member that it does not
 know, or a number without bounds: a limit with a typing error would be no limit. The page's form and the command
 line name members by paths such as guard.deadman_ms (`get_path`, `put_path`). Pure: what is given is never changed.
 """
@@ -64,7 +64,7 @@ Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
 
 
 class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
-    """What the guard on the robot holds drive commands to; null: no limit."""
+    """The limits of the guard on the robot for drive commands; null: no limit."""
 
     drive_topics: DriveTopics = field(default_factory=lambda: Globs(DEFAULT_TOPICS))
     deadman_ms: GuardTime = DEFAULT_MS
@@ -81,18 +81,18 @@ class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LevelPolicy(Struct, frozen=True):
-    """What a connection of one level may name in its operations."""
+    """The names that a connection of one level may use, by kind of operation."""
 
     subscribe: Globs = EVERYTHING
     publish: Globs = NOTHING
     call: Globs = NOTHING
     serve: Globs = NOTHING
-    # Whether the robot's drive topics belong to `publish`, whatever stands there.
+    # Whether `publish` always includes the robot's drive topics.
     drives: bool = False
 
 
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
-    """How much one connection may ask for."""
+    """Limits of one connection."""
 
     subscriptions: Annotated[int, Meta(ge=1, le=10_000)] = 100
     messages_per_s: Annotated[int, Meta(ge=1, le=100_000)] = 2000
@@ -100,20 +100,20 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ObserveNames(Struct, frozen=True, forbid_unknown_fields=True):
-    """What observers may name: what a level has no member for, it can never do."""
+    """The names that observers may use. A level can never do what it has no member for."""
 
     subscribe: GivenGlobs = field(default_factory=lambda: EVERYTHING)
 
 
 class DriveNames(ObserveNames, frozen=True):
-    """What drivers may name, beside the drive topics."""
+    """The names that drivers may use, beside the drive topics."""
 
     publish: GivenGlobs = field(default_factory=lambda: NOTHING)
     call: GivenGlobs = field(default_factory=lambda: NOTHING)
 
 
 class ManageNames(ObserveNames, frozen=True):
-    """What managers may name, beside the drive topics."""
+    """The names that managers may use, beside the drive topics."""
 
     publish: GivenGlobs = field(default_factory=lambda: EVERYTHING)
     call: GivenGlobs = field(default_factory=lambda: EVERYTHING)
@@ -121,7 +121,7 @@ class ManageNames(ObserveNames, frozen=True):
 
 
 class GivenPolicy(Struct, frozen=True, forbid_unknown_fields=True):
-    """What connections to a robot may send, by their level."""
+    """What connections to a robot may send, by level."""
 
     observe: ObserveNames = field(default_factory=ObserveNames)
     drive: DriveNames = field(default_factory=DriveNames)
@@ -138,7 +138,7 @@ LEVEL_MEMBERS: Mapping[Level, tuple[str, ...]] = {
 
 
 class Policy(Struct, frozen=True):
-    """What connections to a robot may send, by their level."""
+    """What connections to a robot may send, by level."""
 
     observe: LevelPolicy = LevelPolicy()
     drive: LevelPolicy = LevelPolicy(drives=True)
@@ -277,7 +277,7 @@ Settings = dict[str, object]
 
 
 def get_path(settings: Mapping[str, object], path: str) -> object:
-    """Return what stands at a path; None where nothing does."""
+    """Return the value at a path; None where there is none."""
     found: object = settings
     for step in path.split("."):
         found = found.get(step) if isinstance(found, Mapping) else None
@@ -285,20 +285,20 @@ def get_path(settings: Mapping[str, object], path: str) -> object:
 
 
 def is_in(settings: Mapping[str, object], path: str) -> bool:
-    """Tell whether something stands there, be it null."""
+    """Tell whether there is a value at a path, null included."""
     folder, dot, last = path.rpartition(".")
     found = get_path(settings, folder) if dot else settings
     return isinstance(found, Mapping) and last in found
 
 
 def put_path(settings: Mapping[str, object], path: str, value: object) -> Settings:
-    """Return settings in which the value stands there, in place of what stood there or in its way."""
+    """Return settings with the value at the path, replacing what is there or in its way."""
     first, dot, rest = path.partition(".")
     return {**settings, first: put_path(_inner(settings, first), rest, value) if dot else value}
 
 
 def remove_path(settings: Mapping[str, object], path: str) -> Settings:
-    """Return settings in which nothing stands there."""
+    """Return settings without a value at the path."""
     first, dot, rest = path.partition(".")
     if not is_in(settings, path):
         return dict(settings)

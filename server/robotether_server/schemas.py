@@ -1,23 +1,104 @@
-"""Reads what comes from outside into a msgspec.Struct; every refusal names the field and says what it must be.
+"""What the fields of requests, records and answers hold, and how input is parsed into them.
 
-Used by the API for bodies and queries, and by services for single values. A text loses the white space around it and
-has printable characters alone. What a value must be is said by its type (field_types.py) and nowhere else. Pure.
+Each name is a type for msgspec, by which `api.description` describes, too. `extra` says what JSON Schema does not:
+`longest` where the pattern alone describes the length, `most` for a bound of more than 63 bits, `must` for the end of
+"it must be ...", `as_typed` for a text that keeps its white space. Used by the API for bodies and queries, and by
+services for single values. A text loses the white space around it and has printable characters alone; every refusal
+names the field and says what it must be. Pure.
 """
 
+import datetime as dt
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
-from msgspec import inspect
+from msgspec import Meta, inspect
 
-from robotether_server import times
+from robotether_server import macs, ssh_keys, times
 from robotether_server.problems import FieldInvalid
 
-S = TypeVar("S", bound=msgspec.Struct)
+MAX_NAME_LENGTH = 63
+PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
+ROBOT_NAME_PATTERN = "^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?$"
+
 # As many as 64 bits have.
 MAX_DIGITS = 20
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+# A name that people choose.
+Label = Annotated[
+    str, Meta(min_length=1, max_length=MAX_NAME_LENGTH, description="Printable characters")
+]
+# For a new group or site: it is part of paths.
+NewPlainName = Annotated[
+    str,
+    Meta(
+        max_length=MAX_NAME_LENGTH,
+        pattern=PLAIN_NAME_PATTERN,
+        extra={
+            "must": f"1 to {MAX_NAME_LENGTH} characters a-z, 0-9, ., _ and -, and begin with a letter or a digit"
+        },
+    ),
+]
+# Names of what is there: one that nobody can have is not found, so the pattern is described and not checked.
+RobotName = Annotated[
+    str,
+    Meta(
+        extra_json_schema={"pattern": ROBOT_NAME_PATTERN, "examples": ["turtle"]},
+        extra={"longest": MAX_NAME_LENGTH},
+    ),
+]
+UserName = Annotated[
+    str,
+    Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
+]
+PlainName = Annotated[
+    str,
+    Meta(
+        extra_json_schema={"pattern": PLAIN_NAME_PATTERN, "maxLength": MAX_NAME_LENGTH},
+        extra={"longest": MAX_NAME_LENGTH},
+    ),
+]
+Fingerprint = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=64,
+        extra_json_schema={"examples": ["SHA256:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU"]},
+    ),
+]
+PublicKeyLine = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=ssh_keys.MAX_LINE_LENGTH,
+        description="One line as in a .pub file, without options",
+        extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
+    ),
+]
+# Robots spell their MAC in several ways; macs.normalise checks it.
+Mac = Annotated[
+    str,
+    Meta(
+        max_length=macs.MAX_TEXT_LENGTH,
+        description="MAC address of a network card, in any usual spelling",
+        extra_json_schema={"minLength": 11, "examples": ["00:1b:44:11:3a:b7"]},
+    ),
+]
+Hostname = Annotated[str, Meta(min_length=1, max_length=253)]
+AgentVersion = Annotated[str, Meta(min_length=1, max_length=32)]
+Count = Annotated[int, Meta(ge=0)]
+Amount = Annotated[float, Meta(ge=0)]
+Timestamp = Annotated[dt.datetime, Meta(tz=True)]
+# In a request.
+GivenTimestamp = Annotated[
+    dt.datetime, Meta(tz=True, extra_json_schema={"maxLength": times.MAX_TEXT_LENGTH})
+]
+# Of a body with changes.
+AT_LEAST_ONE = Meta(extra_json_schema={"minProperties": 1})
 
 
 class StructField(NamedTuple):
@@ -75,7 +156,7 @@ def read_query(given: Mapping[str, str], kind: type[S]) -> S:
 
 
 def value(name: str, given: object, hint: Any) -> Any:
-    """Return the value as its type says; raise FieldInvalid."""
+    """Return the value converted to its type; raise FieldInvalid."""
     return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
 
 
@@ -154,7 +235,7 @@ def _has_structs(kind: inspect.Type) -> bool:
 
 
 def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
-    """Return the Struct that reads an object: of several, the one whose tag stands in it."""
+    """Return the Struct for an object: of several, the one with its tag."""
     if isinstance(kind, inspect.StructType):
         return kind.cls
     tags = {one.tag: one for one in kind.types}

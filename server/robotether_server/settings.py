@@ -36,7 +36,7 @@ class TicketSettings:
 
 @dataclass(frozen=True)
 class JoinSettings:
-    """How robots join, and what they are told. `public_host` None: the host that they asked."""
+    """How robots join, and where they connect. `public_host` None: the host of their request."""
 
     policy: str
     max_pending: int
@@ -209,7 +209,7 @@ def _check_ranges(settings: MigrateSettings) -> None:
 
 
 def in_force(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return every variable with its value, secrets masked; what is not set says so."""
+    """Return every variable with its value, secrets masked; an unset one says so."""
     return {variable.name: _shown(variable, environ) for variable in v.VARIABLES}
 
 

@@ -55,7 +55,7 @@ def parse_persons(text: str) -> PublicKey:
 
 
 def comment(text: str) -> str:
-    """Return what stands after the key, or nothing."""
+    """Return the comment after the key, or an empty text."""
     return " ".join(text.split()[2:])
 
 

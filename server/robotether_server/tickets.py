@@ -1,7 +1,7 @@
 """Signs and verifies tickets: short-lived permissions to open one WebSocket to one robot.
 
 Made by web, checked by the relay, which also remembers the ids that were used. The format is in
-docs/protocols.md. Must never say more about a bad ticket than its code does.
+docs/reference/protocols.md. Must never say more about a bad ticket than its code does.
 """
 
 import datetime as dt
@@ -20,7 +20,7 @@ MODES: tuple[Mode, ...] = ("observe", "drive")
 SALT = "robotether.ticket"
 ID_BYTES = 16
 SHA256 = re.compile(r"[0-9a-f]{64}")
-PARTS = 3  # payload, moment, signature
+PARTS = 3  # payload, time, signature
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class TicketSigner:
         return text if isinstance(text, str) else text.decode("ascii")
 
     def verify(self, text: str) -> tuple[Ticket, dt.datetime]:
-        """Return the ticket and the moment of its signature, to the second.
+        """Return the ticket and the time of its signature, to the second.
 
         Raises TicketMalformed, TicketForged or TicketExpired.
         """

@@ -31,14 +31,14 @@ def rfc3339(timestamp: dt.datetime | None) -> str | None: ...
 
 
 def rfc3339(timestamp: dt.datetime | None) -> str | None:
-    """Write a moment as the contract does: UTC, whole seconds, such as 2026-01-31T12:00:00Z; None stays None."""
+    """Write a time as the API does: UTC, whole seconds, such as 2026-01-31T12:00:00Z; None stays None."""
     if timestamp is None:
         return None
     return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def timestamp(field: str, text: str) -> dt.datetime:
-    """Return a moment of RFC 3339, such as 2026-01-31T12:00:00Z, in UTC; raise FieldInvalid."""
+    """Parse an RFC 3339 time, such as 2026-01-31T12:00:00Z, into UTC; raise FieldInvalid."""
     try:
         if _TIMESTAMP.fullmatch(text):
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)
@@ -48,7 +48,7 @@ def timestamp(field: str, text: str) -> dt.datetime:
 
 
 def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
-    """Return a moment as `timestamp` does, or the begin of a day in UTC such as 2026-01-31, or its last second."""
+    """Parse a time as `timestamp` does, or a day in UTC such as 2026-01-31: its start, or its last second."""
     try:
         if _DAY.fullmatch(text):
             clock = _LAST_OF_DAY if is_end else _FIRST_OF_DAY

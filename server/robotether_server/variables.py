@@ -43,7 +43,7 @@ class Variable(Generic[T_co]):
             )
 
     def is_set(self, environ: Mapping[str, str]) -> bool:
-        """Tell whether there is a value; an empty variable counts as one that is not set."""
+        """Tell whether there is a value; an empty variable counts as unset."""
         from_file = self.secret and environ.get(f"{self.name}_FILE")
         return bool(environ.get(self.name) or from_file or self.default is not None)
 

@@ -153,7 +153,7 @@ def test_upgrade_dumps_the_database_first(server: Server) -> None:
     found = server.host.run(f"ls {dumps}").split()
     assert len(found) == 1
     server.compose("exec -T web robotether robot remove kept --yes")
-    # As docs/server.md says.
+    # As docs/howto/server.md says.
     server.compose("stop nginx web relay sshd")
     server.compose(
         f"exec -T mysql mariadb --defaults-file=/etc/mysql/mariadb.cnf < <(zcat {dumps}/{found[0]})"

@@ -1,4 +1,4 @@
-"""Pages of others: robotether-client on a page of another site, as docs/client.md tells, in a real browser.
+"""Pages of others: robotether-client on a page of another site, as docs/reference/client.md tells, in a real browser.
 
 The lab's site is a double: the browser is given its pages by the test, under the name that ALLOWED_ORIGINS has. Its
 backend, which keeps the token, is the test itself.
@@ -19,7 +19,7 @@ from stack import LAB, ROOT, Stack
 
 ROBOT = "sim1"
 ROBOTS = (ROBOT, "sim2")
-EXAMPLE = (ROOT / "docs" / "robotether_client.html").read_text()
+EXAMPLE = (ROOT / "docs" / "tutorial" / "robotether_client.html").read_text()
 EMPTY = '<!doctype html><meta charset="utf-8"><title>Lab</title><img id="picture"><p>Lab'
 # Makes `robot` with tickets of the lab's backend, and connects it.
 CONNECT = """async ([server, name, mode]) => {

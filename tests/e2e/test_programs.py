@@ -48,7 +48,7 @@ def test_roslibpy_hears_the_echo_drives_and_saves_a_picture(
 
         program = pool.submit(
             subprocess.run,
-            [sys.executable, str(ROOT / "docs" / "roslibpy_client.py"), stack.url, "sim1", token],
+            [sys.executable, str(ROOT / "docs" / "tutorial" / "roslibpy_client.py"), stack.url, "sim1", token],
             env={**os.environ, "ROBOTETHER_INSECURE": "1"}, cwd=tmp_path,
             capture_output=True, text=True, timeout=60, check=False,
         )  # fmt: skip

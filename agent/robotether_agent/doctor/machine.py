@@ -12,9 +12,8 @@ import aiohttp
 from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import keys
-from robotether_agent.enrolment.enrolment_store import EnrolmentStore
-from robotether_agent.enrolment.identity import interface_with
-from robotether_agent.enrolment.identity_store import IdentityStore
+from robotether_agent.enrolment.enroller import EnrolmentStore
+from robotether_agent.enrolment.identity import IdentityStore, interface_with
 from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
 from robotether_agent.problems import AgentProblem

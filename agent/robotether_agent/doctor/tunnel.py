@@ -6,9 +6,9 @@ import asyncio
 import socket
 
 from robotether_agent.doctor.findings import Finding, fail, ok, skipped
-from robotether_agent.enrolment import known_hosts
-from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
-from robotether_agent.enrolment.known_hosts import HostKey
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
@@ -56,7 +56,7 @@ async def check_ssh(settings: Settings) -> list[Finding]:
     """Whether the server's SSH ports answer with the pinned host key; one of them is enough."""
     store = EnrolmentStore(settings.state_dir)
     try:
-        known, pinned = store.load(settings.server), known_hosts.pinned(store.known_hosts)
+        known, pinned = store.load(settings.server), keys.pinned_host_keys(store.known_hosts)
     except AgentProblem as problem:
         return [fail("ssh", problem.message, problem.advice)]
     targets = _targets(settings, known)

@@ -1,17 +1,20 @@
-"""Makes sure that this robot is enrolled: its key, its MAC, the join, the pinned host keys.
+"""Makes sure that this robot is enrolled: its key, its MAC, the join, the kept answer, the pinned host keys.
 
 Used by the agent before each connection, and by `robotether-agent join`. An enrolled robot connects
 without asking, so that it comes up fast and while the web is down; the server is asked again only when a
-connection gave a reason to, or when this machine may be a copy of the robot.
+connection gave a reason to, or when this machine may be a copy of the robot. The answer is kept in the state
+directory, and the host keys beside it in known_hosts; remove that file and the robot joins, and pins, anew.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
+import re
 import socket
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -19,12 +22,24 @@ from robotether_common.join import PreviousKey, rotation_message
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Repeats
-from robotether_agent.enrolment import enrolment_store, identity_store, keys, known_hosts
-from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore
-from robotether_agent.enrolment.identity_store import Identity, IdentityStore
-from robotether_agent.enrolment.join import Joined, JoinRequest, join
-from robotether_agent.enrolment.keys import KeyPair
-from robotether_agent.files import LOCK, ensure_directory, only_one
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.identity import IDENTITY_FILE, Identity, IdentityStore
+from robotether_agent.enrolment.join import (
+    Joined,
+    JoinRequest,
+    SshAccess,
+    join,
+    parse_ssh,
+)
+from robotether_agent.enrolment.keys import HostKey, KeyPair
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_match,
+    get_object,
+    parse_object,
+)
+from robotether_agent.files import LOCK, ensure_directory, only_one, read_text, write_atomic
 from robotether_agent.problems import (
     AgentProblem,
     AlreadyRunning,
@@ -35,9 +50,12 @@ from robotether_agent.problems import (
     StateUnusable,
     TlsUntrusted,
 )
+from robotether_agent.setting_values import MAC, ROBOT_NAME
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
+ENROLMENT_FILE = "enrolment.json"
+SERVER = re.compile(r"\S{1,300}")
 # Tokens expire, and a token file may be gone after the first join: an enrolled robot's key needs none.
 TOKEN_USELESS = frozenset(
     {"settings_invalid", "token_invalid", "token_expired", "token_used_up", "grant_missing"}
@@ -52,7 +70,6 @@ HARMLESS_ONCE_ENROLLED = (
     SettingsInvalid,
     StateUnusable,
 )
-
 # A server that moves is rare, and one whose sshd is away hears from its whole fleet.
 ASK_ADDRESS_EVERY_S = 60.0
 # An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
@@ -63,12 +80,69 @@ FILES = (
     keys.NEXT,
     f"{keys.NAME}.pub",
     f"{keys.NEXT}.pub",
-    enrolment_store.FILE,
-    known_hosts.FILE,
-    identity_store.FILE,
+    ENROLMENT_FILE,
+    keys.KNOWN_HOSTS,
+    IDENTITY_FILE,
 )
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Enrolment:
+    """An active robot: its name, the MAC it joined with, and the server that it belongs to."""
+
+    server: str
+    robot: str
+    mac: str
+    ssh: SshAccess
+
+
+class EnrolmentStore:
+    """The two files in `state_dir` that make an enrolled robot."""
+
+    def __init__(self, state_dir: Path) -> None:
+        self.known_hosts = state_dir / keys.KNOWN_HOSTS
+        self._file = state_dir / ENROLMENT_FILE
+
+    def load(self, server: str) -> Enrolment | None:
+        """Return the enrolment at `server`, or None: never joined, or with another server."""
+        found = self._read()
+        if found is None or found.server != server or not keys.pinned_host_keys(self.known_hosts):
+            return None
+        return found
+
+    def keep(self, enrolment: Enrolment, host_keys: list[HostKey]) -> None:
+        """Keep `enrolment`; pin `host_keys` if nothing is pinned for this server yet, else compare."""
+        before = keys.pinned_host_keys(self.known_hosts)
+        if before and not self.is_of_other_server(enrolment.server):
+            keys.check_host_keys(self.known_hosts, before, host_keys)
+        else:
+            keys.pin_host_keys(self.known_hosts, host_keys)
+        text = json.dumps(asdict(enrolment), indent=1) + "\n"
+        if text != read_text(self._file):
+            write_atomic(self._file, text, 0o644)
+
+    def is_of_other_server(self, server: str) -> bool:
+        """Tell whether the settings name another server now than when the robot was enrolled."""
+        found = self._read()
+        return found is not None and found.server != server
+
+    def _read(self) -> Enrolment | None:
+        try:
+            return _parse_enrolment(parse_object(read_text(self._file) or "", ENROLMENT_FILE))
+        except FieldError:
+            # A broken file is as good as none: the server is asked again, and the pin still holds.
+            return None
+
+
+def _parse_enrolment(obj: JsonObject) -> Enrolment:
+    return Enrolment(
+        server=get_match(obj, "server", SERVER, "a host"),
+        robot=get_match(obj, "robot", ROBOT_NAME, "a robot's name"),
+        mac=get_match(obj, "mac", MAC, "a MAC address"),
+        ssh=parse_ssh(get_object(obj, "ssh")),
+    )
 
 
 class Enroller:

@@ -16,14 +16,16 @@ from http import HTTPStatus
 import aiohttp
 from robotether_common.join import PreviousKey
 
-from robotether_agent.enrolment.enrolment_store import SshAccess, parse_host_keys, parse_ssh
-from robotether_agent.enrolment.known_hosts import HostKey
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
     get_match,
     get_object,
+    get_ports,
     get_text,
+    get_texts,
     parse_object,
     printable,
 )
@@ -39,13 +41,15 @@ from robotether_agent.problems import (
     SettingsInvalid,
     TlsUntrusted,
 )
-from robotether_agent.setting_values import ROBOT_NAME
+from robotether_agent.setting_values import HOST, IPV6, ROBOT_NAME
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
 TIMEOUT_S = 15.0
 MAX_ANSWER_BYTES = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
+USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
+ADDRESS = re.compile(f"(?:{HOST.pattern})|(?:{IPV6.pattern})")
 
 # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
 WRONG_TIME = frozenset({9, 10})
@@ -110,6 +114,15 @@ class JoinRequest:
 
 
 @dataclass(frozen=True)
+class SshAccess:
+    """Where the tunnel goes; `host` None is the host that the join went to."""
+
+    user: str
+    host: str | None
+    ports: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Joined:
     """An active robot's answer."""
 
@@ -163,6 +176,19 @@ def _joined(answer: JsonObject) -> Joined:
     ssh = get_object(answer, "ssh")
     robot = get_match(answer, "robot", ROBOT_NAME, "a robot's name")
     return Joined(robot, parse_ssh(ssh), parse_host_keys(ssh))
+
+
+def parse_ssh(obj: JsonObject) -> SshAccess:
+    """Return the member `ssh` of a join answer or of the kept file."""
+    # These become arguments of the SSH client, so they must not look like options.
+    host = None if obj.get("host") is None else get_match(obj, "host", ADDRESS, "a host name")
+    user = get_match(obj, "user", USER, "a user name")
+    return SshAccess(user, host, get_ports(obj, "ports"))
+
+
+def parse_host_keys(obj: JsonObject) -> list[HostKey]:
+    """Return the list `host_keys` of a join answer."""
+    return [keys.parse_host_key(text) for text in get_texts(obj, "host_keys")]
 
 
 def _refusal(server: str, status: int, code: str, detail: str) -> AgentProblem:

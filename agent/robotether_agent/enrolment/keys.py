@@ -1,25 +1,30 @@
-"""Makes the robot's own key once, with ssh-keygen, finds it again, and replaces it by the next one.
+"""The robot's own key, made once with ssh-keygen, and the server's host keys, which the first join pins.
 
 Called by the enroller. The private half never leaves the state directory. At each moment of a change the
 key that the server knows is in one of two files, and both are shown to the server: a robot that loses its
-power then still gets in.
+power then still gets in. Nothing but the first join ever changes the pin, which OpenSSH's client reads. Its lines
+stand under one alias, so that it holds for every address and port that the server may be reached at.
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
+import binascii
+import hashlib
 import logging
 import os
 import re
 import tempfile
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_common.join import ROTATION_NAMESPACE
 
-from robotether_agent.enrolment.known_hosts import fingerprint_of
-from robotether_agent.files import read_text
-from robotether_agent.problems import KeyUnusable, SshMissing, StateUnusable
+from robotether_agent.fields import FieldError, printable
+from robotether_agent.files import read_text, write_atomic
+from robotether_agent.problems import KeyUnusable, ServerKeyChanged, SshMissing, StateUnusable
 from robotether_agent.tasks import within
 
 KEYGEN_TIMEOUT_S = 30.0
@@ -28,8 +33,17 @@ NAME = "id_ed25519"
 NEXT = "id_ed25519.next"
 # The type, in words and again inside the base64, and the 36 bytes of length and point.
 PUBLIC = re.compile(r"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5[A-Za-z0-9+/]{48}(?![A-Za-z0-9+/=])")
+ALIAS = "robotether-server"
+KNOWN_HOSTS = "known_hosts"
+KEY_TYPE = re.compile(r"ssh-ed25519|ssh-rsa|ecdsa-sha2-nistp(256|384|521)")
 
 log = logging.getLogger(__name__)
+
+
+def fingerprint_of(blob: str) -> str:
+    """Return the SHA-256 of a public key, given in base64, as `ssh-keygen -l` prints it."""
+    digest = hashlib.sha256(base64.b64decode(blob)).digest()
+    return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,19 @@ class KeyPair:
     def fingerprint(self) -> str:
         """The public key's SHA-256 as `ssh-keygen -l` prints it."""
         return fingerprint_of(self.public.split()[1])
+
+
+@dataclass(frozen=True)
+class HostKey:
+    """One public host key; `blob` is base64 as in known_hosts."""
+
+    type: str
+    blob: str
+
+    @property
+    def fingerprint(self) -> str:
+        """As OpenSSH prints it: SHA256:..."""
+        return fingerprint_of(self.blob)
 
 
 async def ensure_key(state_dir: Path) -> KeyPair:
@@ -209,3 +236,72 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
         reason = err.decode(errors="replace").strip()
         raise KeyUnusable(f"cannot run ssh-keygen on {arguments[-1]}: {reason}")
     return out.decode(errors="replace")
+
+
+def parse_host_key(text: str) -> HostKey:
+    """Return the key in `text` ("ssh-ed25519 AAAA... comment"); raise FieldError."""
+    shown = printable(text, 60)
+    kind, _, rest = text.strip().partition(" ")
+    text_of_blob = rest.partition(" ")[0]
+    if not KEY_TYPE.fullmatch(kind):
+        raise FieldError(f"field host_keys must hold SSH public keys, not {shown!r}")
+    try:
+        blob = base64.b64decode(text_of_blob, validate=True)
+    except (ValueError, binascii.Error) as error:
+        raise FieldError(f"field host_keys holds a broken key {shown!r}") from error
+    name = kind.encode()
+    if not blob.startswith(len(name).to_bytes(4, "big") + name):
+        raise FieldError(f"field host_keys holds a key of another type than it says: {shown!r}")
+    return HostKey(kind, text_of_blob)
+
+
+def pinned_host_keys(path: Path) -> list[HostKey]:
+    """Return the keys in the file `path`, none when there is no such file."""
+    text = read_text(path)
+    if text is None:
+        return []
+    lines = [line.partition(" ") for line in text.splitlines()]
+    try:
+        keys = [parse_host_key(key) for alias, _, key in lines if alias == ALIAS]
+    except FieldError as error:
+        raise _broken_pin(path, str(error)) from error
+    if not keys:
+        raise _broken_pin(path, "no key in it")
+    return keys
+
+
+def _broken_pin(path: Path, why: str) -> StateUnusable:
+    # Not the same as no file: pinning again by itself would make the pin worthless.
+    return StateUnusable(
+        f"cannot use the pinned host keys in {path}: {why}", advice=f"remove {path}"
+    )
+
+
+def pin_host_keys(path: Path, keys: Collection[HostKey]) -> None:
+    """Write `keys` as the only ones to trust."""
+    write_atomic(path, "".join(f"{ALIAS} {key.type} {key.blob}\n" for key in keys), 0o644)
+
+
+def check_host_keys(path: Path, before: Collection[HostKey], now: Collection[HostKey]) -> None:
+    """Raise ServerKeyChanged unless `now` agrees with `before` in every type of key that both have.
+
+    A type that is new is not trusted either: the pin stays as the first join made it.
+    """
+    common = {key.type for key in before} & {key.type for key in now}
+    changed = {key.type for key in set(before) ^ set(now)} & common
+    if common and not changed:
+        return
+    shown = ", ".join(sorted(key.fingerprint for key in now))
+    known = ", ".join(sorted(key.fingerprint for key in before))
+    raise ServerKeyChanged(
+        f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
+        advice=host_key_advice(path),
+    )
+
+
+def host_key_advice(path: Path) -> str:
+    """Return what a person can do about a changed host key."""
+    return (
+        "SOMEBODY MAY BE POSING AS THE SERVER, so the agent stops; ask the server's administrator, and only "
+        f"if its keys were changed on purpose: remove {path} and start the agent again"
+    )

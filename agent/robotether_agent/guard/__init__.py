@@ -1,7 +1,7 @@
 """The guard: sits in front of the robot's rosbridge and stops the robot when commands stop.
 
 Started by the agent as `python -m robotether_agent.guard`, a process of its own, so that neither the agent's
-other work nor its crash can delay a stop. docs/protocols.md, "The guard", says what it does. It must never
+other work nor its crash can delay a stop. docs/reference/protocols.md, "The guard", says what it does. It must never
 let a drive command through that it has not checked, never move the robot by itself, and never publish where
 nobody has driven through it.
 

@@ -18,8 +18,7 @@ from typing import Any, NoReturn, Protocol
 
 from robotether_common.session import Kind
 
-from robotether_agent.enrolment.enroller import Enroller
-from robotether_agent.enrolment.enrolment_store import Enrolment
+from robotether_agent.enrolment.enroller import Enroller, Enrolment
 from robotether_agent.enrolment.keys import KeyPair
 from robotether_agent.net.happy_eyeballs import combined_problem
 from robotether_agent.net.http_proxy import proxy_of

@@ -17,8 +17,7 @@ from urllib.parse import urlsplit
 
 from robotether_common.session import Kind
 
-from robotether_agent.enrolment.known_hosts import ALIAS
-from robotether_agent.enrolment.known_hosts import advice as host_key_advice
+from robotether_agent.enrolment.keys import ALIAS, host_key_advice
 from robotether_agent.fields import printable
 from robotether_agent.net.fd_passing import proxy_options
 from robotether_agent.net.server_dialer import SshAddress

@@ -1,4 +1,4 @@
-"""The session's protocol over the lines of one SSH connection (docs/protocols.md, "The session").
+"""The session's protocol over the lines of one SSH connection (docs/reference/protocols.md, "The session").
 
 Run by robotether_agent.tunnel.connection. Never trusts a field unseen, never waits for the server without a
 bound, and never holds more than 64 KiB in either direction.

@@ -1,4 +1,4 @@
-"""Checks the messages that a receiver of frames sends (docs/media.md).
+"""Checks the messages that a receiver of frames sends (docs/reference/media.md).
 
 A broken text names its field; an unknown `op` is nothing, so that the other side may be newer.
 """

@@ -1,7 +1,7 @@
 """The REST API under /api/v1, for pages, programs and robots; a module a resource, all on one blueprint.
 
-docs/protocols.md says what they agree on, and `description` every path in full. A handler says by its types what it
-takes and answers (`operations`); what may be done and what it changes is decided in `services`.
+`description` describes every path by its handlers' types (`operations`). `services` decides what may be done, and
+does it. docs/reference/protocols.md has what no type says.
 """
 
 # Each puts its paths on the blueprint when it is loaded.
@@ -10,12 +10,8 @@ from robotether_server.api import (  # noqa: F401
     description,
     drives,
     grants,
-    groups,
     join,
-    join_tokens,
-    robot_keys,
     robots,
-    sites,
     ssh_keys,
     tickets,
     tokens,

@@ -1,4 +1,4 @@
-"""/api/v1/audit: what happened; for admins."""
+"""/api/v1/audit: the audit log; for admins."""
 
 from typing import Annotated
 
@@ -12,27 +12,27 @@ from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation, plain
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent, AuditSearch
-from robotether_server.field_types import Label
+from robotether_server.schemas import Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 
 
 class AuditQuery(ListQuery):
-    """Which events."""
+    """Filters of the audit log."""
 
     actor: Label | UnsetType = UNSET
     kind: Annotated[str, Meta(min_length=1, max_length=40)] | UnsetType = UNSET
 
 
 class AuditEventList(Struct):
-    """Events, the newest first; with `format` all that fit, as a file."""
+    """Events, newest first; with `format` all that match, as a file."""
 
     events: list[AuditEvent]
 
 
 @operation("GET", "/audit", "admin", texts=exports.FILE_TYPES)
 def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Response:
-    """What happened, the newest first."""
+    """List audit events, newest first."""
     search = AuditSearch(
         robot=query.robot or None,
         actor=query.actor or None,
@@ -53,7 +53,7 @@ def download(
     before: int | None = None,
     limit: int | None = None,
 ) -> Response:
-    """Stream all events that fit; the caller has seen to it that an admin asks."""
+    """Stream all events that match; the caller has checked that the user is an admin."""
     database = context().database
 
     def fetch(last: int | None, wanted: int) -> list[AuditEvent]:

@@ -1,8 +1,8 @@
 """Finds the caller: a browser with a login, or a program with an API token.
 
-Used by every handler that needs a user. Reveals nothing about logins and tokens that do not hold. A handler of the
-API does all of a request in one transaction (`any_user`, `admin`): what fails inside leaves nothing behind, its
-audit event included.
+Used by every handler that needs a user. Reveals nothing about logins and tokens that are not valid. A handler of the
+API does a whole request in one transaction (`any_user`, `admin`): a failure undoes all of it, the audit event
+included.
 """
 
 from collections.abc import Iterator
@@ -13,12 +13,12 @@ from flask import Request, request
 from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
-from robotether_server.db import Transaction, digests, logins, tokens
+from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
-from robotether_server.services import drive_pages, enrolment_credentials
-from robotether_server.services.enrolment_credentials import EnrolmentCredential
+from robotether_server.services import drive_pages, tokens
+from robotether_server.services.tokens import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
 
 COOKIE = "__Host-robotether_login"
@@ -26,28 +26,28 @@ SCHEME = "bearer "
 
 
 def page_user(tx: Transaction, request: Request) -> User | None:
-    """Return the user whose login came with the request, if it holds; the login counts as used now."""
+    """Return the user of the request's login, if it is valid; the login counts as used now."""
     text = request.cookies.get(COOKIE)
-    user = logins.find_user(tx, text) if text else None
+    user = credentials.find_login_user(tx, text) if text else None
     if text and user is not None:
         _renew(tx, text)
     return user
 
 
 def _renew(tx: Transaction, text: str) -> None:
-    ends_at = logins.renewal(tx, text, context().login_lifetime)
+    ends_at = credentials.login_renewal(tx, text, context().login_lifetime)
     if ends_at is not None:
         # On its own: what the request does may fail, or keep its transaction open for long.
         with context().database.transaction() as own:
-            logins.renew(own, text, ends_at)
+            credentials.renew_login(own, text, ends_at)
 
 
 def api_user(tx: Transaction, request: Request) -> User:
     """Return the user of a Bearer token or else of a login; raise LoginMissing or TokenInvalid.
 
-    A token that does not hold is refused even when a login would do: the program that sent it
-    should hear of it. A login's changes need the page's own token in X-CSRFToken, as any other
-    site could send the cookie along.
+    An invalid token is refused even beside a valid login, so that the program that sent it
+    notices. A change by a login needs the page's token in X-CSRFToken, as any other site could
+    make the browser send the cookie.
     """
     header = request.headers.get("Authorization")
     if header is not None:
@@ -60,27 +60,27 @@ def api_user(tx: Transaction, request: Request) -> User:
 
 
 def enrolment_credential(tx: Transaction, request: Request) -> EnrolmentCredential:
-    """Return what lets a robot in: a join token, or an API token or login of an admin.
+    """Return the enrolment credential: a join token, or an API token or login of an admin.
 
     Raises LoginMissing, TokenInvalid, TokenExpired or GrantMissing.
     """
     header = request.headers.get("Authorization")
     if header is not None:
-        return enrolment_credentials.find(tx, _bearer(header))
-    return enrolment_credentials.of_admin(api_user(tx, request))
+        return tokens.find_credential(tx, _bearer(header))
+    return tokens.credential_of_admin(api_user(tx, request))
 
 
 def credential_of(request: Request) -> tuple[CredentialKind, str]:
-    """Return the kind and the SHA-256, in hex, of what `api_user` knows the user of a request by."""
+    """Return the kind and the SHA-256, in hex, of the credential that `api_user` accepts."""
     header = request.headers.get("Authorization")
     if header is not None:
-        return "token", digests.digest(_bearer(header)).hex()
-    return "login", digests.digest(request.cookies.get(COOKIE, "")).hex()
+        return "token", credentials.digest(_bearer(header)).hex()
+    return "login", credentials.digest(request.cookies.get(COOKIE, "")).hex()
 
 
 def token_user(tx: Transaction, text: str) -> User:
     """Return the user of an API token; raise TokenInvalid."""
-    user = tokens.find_user(tx, text)
+    user = credentials.find_token_user(tx, text)
     if user is None:
         raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
     return user
@@ -99,7 +99,7 @@ def set_login(response: Response, text: str) -> None:
 
 
 def clear_login(response: Response) -> None:
-    """Make the browser forget its login."""
+    """Delete the browser's login."""
     response.delete_cookie(COOKIE, secure=True, httponly=True, samesite="Lax")
 
 
@@ -114,7 +114,7 @@ class Caller:
 
 @contextmanager
 def any_user() -> Iterator[Caller]:
-    """Let in whoever has a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
+    """Admit a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
     with context().database.transaction() as tx:
         user = api_user(tx, request)
         yield Caller(tx, user, Source(user.name, request.remote_addr))
@@ -131,7 +131,7 @@ class EnrolmentCaller:
 
 @contextmanager
 def enroller() -> Iterator[EnrolmentCaller]:
-    """Let in whoever may enrol a robot; raise what `enrolment_credential` raises."""
+    """Admit an enrolment credential; raise what `enrolment_credential` raises."""
     with context().database.transaction() as tx:
         credential = enrolment_credential(tx, request)
         yield EnrolmentCaller(tx, credential, Source(credential.actor, request.remote_addr))
@@ -139,7 +139,7 @@ def enroller() -> Iterator[EnrolmentCaller]:
 
 @contextmanager
 def manager(robot: str) -> Iterator[Caller]:
-    """Let in who manages the robot; raise RobotUnknown where they may not see it, else GrantMissing."""
+    """Admit managers of the robot; raise RobotUnknown for users who may not see it, else GrantMissing."""
     with any_user() as caller:
         drive_pages.find_managed(caller.tx, caller.user, robot)
         yield caller
@@ -147,7 +147,7 @@ def manager(robot: str) -> Iterator[Caller]:
 
 @contextmanager
 def admin() -> Iterator[Caller]:
-    """Let in admins alone; raise GrantMissing, which tells the others nothing of what they asked for."""
+    """Admit admins; raise GrantMissing, which reveals nothing about what others asked for."""
     with any_user() as caller:
         check_admin(caller.user)
         yield caller

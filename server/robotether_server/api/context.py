@@ -7,9 +7,9 @@ from flask import current_app
 from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
 
 from robotether_server.db import Database
-from robotether_server.db.logins import Lifetime
+from robotether_server.db.credentials import Lifetime
+from robotether_server.install_line import SiteCertificates
 from robotether_server.settings import JoinSettings
-from robotether_server.site_certificate import SiteCertificates
 from robotether_server.tickets import TicketSigner
 
 csrf = CSRFProtect()

@@ -1,6 +1,6 @@
 """Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
-What the operations take and answer is described by their own types (`operations`, `relayed`, `field_types`); only what
+What the operations take and answer is described by their own types (`operations`, `relayed`, `schemas`); only what
 they have in common stands here.
 """
 
@@ -18,12 +18,12 @@ from msgspec import Meta
 from robotether_server import __version__
 from robotether_server.api.operations import OPERATIONS, ApiOperation, Who, operation
 from robotether_server.api.relayed import RELAYED
-from robotether_server.field_types import PlainName, RobotName, UserName
 from robotether_server.robot_settings import GivenSettings
+from robotether_server.schemas import PlainName, RobotName, UserName
 
 REF = "#/components/{kind}/{name}"
 Id = Annotated[int, Meta(ge=1)]
-# What stands in paths.
+# Names and ids in paths.
 PATH_TYPES: dict[str, Any] = {
     "robot": RobotName,
     "user": UserName,
@@ -40,40 +40,40 @@ SECURITY: dict[Who, list[Object]] = {
     "anybody": [],
     "enroller": [{"token": []}, {"join_token": []}, {"login": []}],
 }
-# What problems have in common, by their status.
+# The problems of each status.
 PROBLEMS = {
     401: ("Unauthorized", "login_missing, token_invalid, token_expired or token_used_up"),
     403: (
         "Forbidden",
-        "grant_missing: the user's role or grant does not do; csrf_refused: a login's change without its token",
+        "grant_missing: the user's role or grant is not enough; csrf_refused: a change by a login without X-CSRFToken",
     ),
     404: (
         "NotFound",
-        "robot_unknown or record_missing: there is none, can be none, or none that the user may see; "
+        "robot_unknown or record_missing: it does not exist, or the user may not see it; "
         "not_found: no such path",
     ),
-    409: ("Conflict", "The records say otherwise; the code and the detail say which"),
+    409: ("Conflict", "The request contradicts a record: see `code` and `detail`"),
     413: ("TooLarge", "request_entity_too_large: over 64 KB"),
     415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
-    422: ("Invalid", "field_invalid or record_refused: the detail names the field"),
-    429: ("TooMany", "As many as may be: the code and the detail say of what"),
+    422: ("Invalid", "field_invalid or record_refused: `detail` names the field"),
+    429: ("TooMany", "A limit is reached: see `code` and `detail`"),
     503: ("Unavailable", "store_unavailable or front_unavailable: try again shortly"),
     504: ("GuardSilent", "guard_silent: the robot did not confirm it and stays stopped"),
 }
+AUTHENTICATE = {"WWW-Authenticate": {"required": True, "schema": {"const": "Bearer"}}}
 BASE: Object = {
     "openapi": "3.1.0",
     "info": {
         "title": "Robotether",
         "version": __version__,
         "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
-        "description": "Robots, who may do what with them, and how they join. The WebSockets that a ticket opens are "
-        "described in docs/protocols.md. A body must be sent as application/json, and may have no members but those "
-        "that are described (a join may). Operations with the tag admin are for users with that role: for others they "
-        "answer 403, whatever they name.",
+        "description": "Robots, rights and joins. docs/reference/protocols.md describes the WebSockets that a ticket "
+        "opens. A body must be sent as application/json. Undescribed members are refused (a join ignores them). "
+        "Operations with the tag admin answer 403 to users without that role, whatever they name.",
     },
     "servers": [{"url": "/"}],
     "security": [{"token": []}, {"login": []}],
-    "tags": [{"name": "admin", "description": "For admins alone"}],
+    "tags": [{"name": "admin", "description": "For admins only"}],
     "components": {
         "securitySchemes": {
             "token": {"type": "http", "scheme": "bearer", "description": "An API token, rt_..."},
@@ -86,17 +86,18 @@ BASE: Object = {
                 "type": "apiKey",
                 "in": "cookie",
                 "name": "__Host-robotether_login",
-                "description": "A browser's login; changes need the page's own token in the header X-CSRFToken too",
+                "description": "A browser's login; a change also needs the page's token in the header X-CSRFToken",
             },
         },
         "responses": {
             name: {
                 "description": description,
+                **({"headers": AUTHENTICATE} if status == HTTPStatus.UNAUTHORIZED else {}),
                 "content": {
                     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
                 },
             }
-            for name, description in PROBLEMS.values()
+            for status, (name, description) in PROBLEMS.items()
         },
         "schemas": {
             "Problem": {
@@ -106,7 +107,7 @@ BASE: Object = {
                     **{name: {"type": "string"} for name in ("type", "title", "code", "detail")},
                     "status": {"type": "integer"},
                 },
-                "description": "RFC 9457; `code` is short and stays, `detail` is a sentence for people",
+                "description": "RFC 9457; `code` is stable, `detail` is a sentence for people",
             }
         },
     },
@@ -155,7 +156,7 @@ def document() -> Object:
 
 
 def _without_defaults(component: Object) -> None:
-    # They are said in docs/protocols.md; of a record, every member is there.
+    # docs/reference/robot-settings.md has the defaults of settings; a record has every member.
     for member in component.get("properties", {}).values():
         member.pop("default", None)
 
@@ -214,7 +215,7 @@ def _responses(one: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[
 
 
 def _problems(one: ApiOperation) -> set[int]:
-    """Return the statuses of what can go wrong."""
+    """Return the statuses of its problems."""
     if one.who == "anybody" and one.body is None:
         return set(one.problems)
     found = {*one.problems, 401, 503}

@@ -1,4 +1,4 @@
-"""/api/v1/drives: who drove which robot, and how; everybody's own, managers' of their robots, admins' all."""
+"""/api/v1/drives: records of who drove which robot; the user's own, of robots that the user manages, all for admins."""
 
 from dataclasses import fields as members_of
 from typing import Annotated
@@ -14,14 +14,14 @@ from robotether_server.api.operations import operation, plain, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.db.users import User
-from robotether_server.field_types import Label
+from robotether_server.schemas import Label
 
 MAX_FENCE = 2**64 - 1
 COLUMNS = tuple(member.name for member in members_of(Drive))
 
 
 class DriveQuery(ListQuery):
-    """Which drives."""
+    """Filters of the drives."""
 
     user: Label | UnsetType = UNSET
     fence: (
@@ -29,7 +29,7 @@ class DriveQuery(ListQuery):
             int,
             Meta(
                 ge=0,
-                description="The number of the lease, which with the robot names one drive",
+                description="The number of the lease. With the robot it names one drive",
                 extra_json_schema={"maximum": MAX_FENCE},
                 extra={"most": MAX_FENCE},
             ),
@@ -39,17 +39,17 @@ class DriveQuery(ListQuery):
 
 
 class DriveList(Struct):
-    """Drives, the newest first; with `format` all that fit, as a file."""
+    """Drives, newest first; with `format` all that match, as a file."""
 
     drives: list[Drive]
 
 
 @operation("GET", "/drives", "user", tag="robots", texts=exports.FILE_TYPES)
 def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
-    """Who drove which robot and how, the newest first.
+    """List drives, newest first.
 
-    Everybody's own; those of the robots that one manages; for admins all. Distance, turn and speeds are what was
-    commanded. A drive that never moved the robot is listed only when asked for by its fence.
+    The caller's own and those of robots that the caller manages; for admins all. Distance, turn and speeds
+    are those commanded. A drive that never moved the robot is listed only if `fence` asks for it.
     """
     search = DriveSearch(
         robot=query.robot or None,
@@ -68,7 +68,7 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
 
 @operation("GET", "/drives/<int:drive_id>", "user", tag="robots")
 def get_drive(caller: Caller, drive_id: int) -> Drive | Response:
-    """One drive, as a file."""
+    """Get one drive, as a file."""
     found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
     answer = respond(found)
     name = f"robotether-drive-{found.id}.json"
@@ -84,7 +84,7 @@ def download(
     before: int | None = None,
     limit: int | None = None,
 ) -> Response:
-    """Stream all drives that fit and that this user may know of."""
+    """Stream all drives that match and that this user may see."""
     database = context().database
 
     def fetch(last: int | None, wanted: int) -> list[Drive]:

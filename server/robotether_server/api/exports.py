@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Protocol, TypeVar
 from flask import Response
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.field_types import GivenTimestamp, Label
+from robotether_server.schemas import GivenTimestamp, Label
 
 Format = Literal["csv", "jsonl"]
 FORMATS: tuple[Format, ...] = ("csv", "jsonl")
@@ -22,9 +22,14 @@ FILE_TYPES = ("text/csv", "application/jsonl")
 USUAL_LIMIT = 100
 Limit = Annotated[
     int,
-    Meta(ge=1, le=500, description="At most so many", extra_json_schema={"default": USUAL_LIMIT}),
+    Meta(
+        ge=1,
+        le=500,
+        description="The most entries in the answer",
+        extra_json_schema={"default": USUAL_LIMIT},
+    ),
 ]
-FORMAT_WORDS = "All that fit (limit at most, if given) as CSV, or as one JSON object a line"
+FORMAT_WORDS = "All entries that match (up to limit, if given) as CSV, or as one JSON object a line"
 TYPES: Mapping[Format, str] = {"csv": "text/csv; charset=utf-8", "jsonl": "application/jsonl"}
 PIECE = 500
 # With one of these a spreadsheet takes the text for a formula.
@@ -34,13 +39,13 @@ Object = Mapping[str, object]
 
 
 class ListQuery(Struct, forbid_unknown_fields=True):
-    """What is looked for, and how much of it; `before` goes on where an earlier answer ended."""
+    """Filters and size of a list; `before` continues where an earlier answer ended."""
 
     robot: Label | UnsetType = UNSET
-    since: Annotated[GivenTimestamp, Meta(description="From this moment on")] | UnsetType = UNSET
-    until: Annotated[GivenTimestamp, Meta(description="Before this moment")] | UnsetType = UNSET
+    since: Annotated[GivenTimestamp, Meta(description="From this time on")] | UnsetType = UNSET
+    until: Annotated[GivenTimestamp, Meta(description="Before this time")] | UnsetType = UNSET
     before: (
-        Annotated[int, Meta(ge=1, le=MAX_ID, description="Go on after the one of this id")]
+        Annotated[int, Meta(ge=1, le=MAX_ID, description="Continue after the entry with this id")]
         | UnsetType
     ) = UNSET
     limit: Limit | UnsetType = UNSET
@@ -106,7 +111,7 @@ def _csv_line(cells: Sequence[str]) -> str:
 
 
 def _cell(value: object) -> str:
-    """Return what stands in a cell; a text that a spreadsheet would run begins with an apostrophe."""
+    """Return the text of a cell; one that a spreadsheet would run begins with an apostrophe."""
     if value is None:
         return ""
     if isinstance(value, str):

@@ -1,20 +1,26 @@
-"""/api/v1/grants: who may do what with which robots, and until when; for admins, who need no grant themselves."""
+"""/api/v1/grants: who may use which robots, at which level, until when; for admins, who need no grant.
+
+/api/v1/groups: groups of users; members have the grants of the group. /api/v1/sites: sites of robots; a grant can be
+for all robots of a site. A robot is put at a site by PATCH /api/v1/robots/NAME.
+"""
 
 from typing import Annotated, Literal, TypeVar
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.auth import Caller
-from robotether_server.api.operations import operation
-from robotether_server.db.grants import Grant, Level
-from robotether_server.field_types import (
+from robotether_server.api.operations import Created, operation
+from robotether_server.db import grants
+from robotether_server.db.grants import Grant, Group, Level, Site
+from robotether_server.problems import FieldInvalid
+from robotether_server.schemas import (
     GivenTimestamp,
+    NewPlainName,
     PlainName,
     RobotName,
     Timestamp,
     UserName,
 )
-from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants as grant_service
 from robotether_server.services.grants import ALL, Grantee, Scope
 
@@ -34,7 +40,7 @@ EXACTLY_ONE_OF_EACH = Meta(
 
 
 class GivenLevel(Struct, forbid_unknown_fields=True):
-    """What a user may do with a robot."""
+    """The level of a user for a robot."""
 
     level: Level
     ends_at: End | UnsetType | None = UNSET
@@ -51,7 +57,7 @@ class NewGrant(GivenLevel):
 
 
 class ShownGrant(Struct):
-    """A grant: of user and group one is null; of robot and site one or, for all robots, both."""
+    """A grant: either user or group is null; either robot or site is null, both for all robots."""
 
     id: int
     user: str | None
@@ -64,14 +70,38 @@ class ShownGrant(Struct):
 
 
 class GrantList(Struct):
-    """Grants, ended ones too. Of several that fit, the highest level holds."""
+    """Grants, ended ones included. Of several for one robot, the highest level counts."""
 
     grants: list[ShownGrant]
 
 
+class NewGroup(Struct, forbid_unknown_fields=True):
+    """A new group."""
+
+    name: NewPlainName
+
+
+class GroupList(Struct):
+    """Groups, by name."""
+
+    groups: list[Group]
+
+
+class NewSite(Struct, forbid_unknown_fields=True):
+    """A new site."""
+
+    name: NewPlainName
+
+
+class SiteList(Struct):
+    """Sites, by name."""
+
+    sites: list[Site]
+
+
 @operation("GET", "/grants", "admin")
 def list_grants(caller: Caller) -> GrantList:
-    """Who may do what with which robots; admins manage all."""
+    """List grants; admins need none."""
     return GrantList([_shown(one) for one in grant_service.list_all(caller.tx)])
 
 
@@ -79,9 +109,9 @@ def list_grants(caller: Caller) -> GrantList:
 def add_grant(
     caller: Caller, body: Annotated[NewGrant, EXACTLY_ONE_OF_EACH]
 ) -> tuple[ShownGrant, Literal[200, 201]]:
-    """Give a grant, in place of an earlier one of the same two.
+    """Add a grant; it replaces an earlier one with the same subject and object.
 
-    200: it took the place of another.
+    200: it replaced another.
     """
     given, is_new = _give(caller, _grantee(body), _scope(body), body)
     return given, 201 if is_new else 200
@@ -89,20 +119,20 @@ def add_grant(
 
 @operation("DELETE", "/grants/<int:grant_id>", "admin")
 def delete_grant(caller: Caller, grant_id: int) -> None:
-    """Take one grant away."""
+    """Delete a grant."""
     grant_service.revoke_by_id(caller.tx, caller.source, grant_id)
 
 
 @operation("PUT", "/grants/<user>/<robot>", "admin")
 def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> ShownGrant:
-    """Let the user do this with the robot, in place of an earlier grant."""
+    """Set the user's level for the robot."""
     given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
     return given
 
 
 @operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant", problems=(409,))
 def revoke_grant(caller: Caller, user: str, robot: str) -> None:
-    """Take the grant away."""
+    """Delete the user's grant for the robot."""
     grant_service.revoke(caller.tx, caller.source, user, robot)
 
 
@@ -146,3 +176,63 @@ def _shown(grant: Grant) -> ShownGrant:
         level=grant.level,
         ends_at=grant.ends_at,
     )
+
+
+@operation("GET", "/groups", "admin")
+def list_groups(caller: Caller) -> GroupList:
+    """List groups; members have the grants of the group."""
+    return GroupList(grants.list_groups(caller.tx))
+
+
+@operation("POST", "/groups", "admin", problems=(409,))
+def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
+    """Add a group."""
+    return grant_service.add_group(caller.tx, caller.source, body.name), 201
+
+
+@operation("GET", "/groups/<group>", "admin")
+def show_group(caller: Caller, group: str) -> Group:
+    """Get a group."""
+    return grants.get_group(caller.tx, group)
+
+
+@operation("DELETE", "/groups/<group>", "admin")
+def remove_group(caller: Caller, group: str) -> None:
+    """Remove the group with its grants; its members stay users."""
+    grant_service.remove_group(caller.tx, caller.source, group)
+
+
+@operation("PUT", "/groups/<group>/members/<user>", "admin")
+def add_member(caller: Caller, group: str, user: str) -> Group:
+    """Add the user to the group."""
+    return grant_service.add_member(caller.tx, caller.source, group, user)
+
+
+@operation("DELETE", "/groups/<group>/members/<user>", "admin")
+def remove_member(caller: Caller, group: str, user: str) -> None:
+    """Remove the user from the group."""
+    grant_service.remove_member(caller.tx, caller.source, group, user)
+
+
+@operation("GET", "/sites", "admin")
+def list_sites(caller: Caller) -> SiteList:
+    """List sites of robots."""
+    return SiteList(grants.list_sites(caller.tx))
+
+
+@operation("POST", "/sites", "admin", problems=(409,))
+def add_site(caller: Caller, body: NewSite) -> Created[Site]:
+    """Add a site."""
+    return grant_service.add_site(caller.tx, caller.source, body.name), 201
+
+
+@operation("GET", "/sites/<site>", "admin")
+def show_site(caller: Caller, site: str) -> Site:
+    """Get a site."""
+    return grants.get_site(caller.tx, site)
+
+
+@operation("DELETE", "/sites/<site>", "admin")
+def remove_site(caller: Caller, site: str) -> None:
+    """Remove the site with its grants; its robots stay, without a site."""
+    grant_service.remove_site(caller.tx, caller.source, site)

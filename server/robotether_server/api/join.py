@@ -1,5 +1,6 @@
-"""/api/v1/join: what a robot asks at its first start, and whenever it is not admitted."""
+"""/api/v1/join: a robot's request at its first start, and while it is not admitted."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from flask import request
@@ -8,13 +9,23 @@ from robotether_common.join import PreviousKey
 
 from robotether_server import macs, ssh_keys
 from robotether_server.api.context import context
-from robotether_server.api.objects import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.db.robots import Report
-from robotether_server.field_types import AgentVersion, Hostname, Mac, PublicKeyLine, RobotName
+from robotether_server.problems import StoreUnavailable
+from robotether_server.schemas import (
+    AgentVersion,
+    Hostname,
+    Mac,
+    PublicKeyLine,
+    RobotName,
+)
 from robotether_server.services import joining
-from robotether_server.services.enrolment import PresentedKey
+from robotether_server.services.joining import PresentedKey
 from robotether_server.services.pending import Reason
+from robotether_server.settings import JoinSettings
+
+SSH_USER = "tunnel"
+KEY_WORDS = 2
 
 Signature = Annotated[
     str,
@@ -30,16 +41,16 @@ Signature = Annotated[
 
 
 class GivenPreviousKey(Struct):
-    """The key that the robot had until now: it rotates the key."""
+    """The robot's previous key, when it rotates its key."""
 
     fingerprint: Annotated[str, Meta(extra={"longest": 64})]
     signature: Signature
 
 
 class RobotJoin(Struct):
-    """What a robot says. It may have more members: an agent may be newer than this server.
+    """A robot's request. Unknown members are ignored, as an agent may be newer than this server.
 
-    `token`: a join token, or an API token of an admin; approves at once. `name`: a wish, heard with a token alone.
+    `token`: a join token, or an API token of an admin; it approves at once. `name` counts only with a token.
     `mac_present` false: no interface has this MAC any more.
     """
 
@@ -51,6 +62,15 @@ class RobotJoin(Struct):
     name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
     mac_present: bool | UnsetType | None = UNSET
     previous_key: GivenPreviousKey | UnsetType | None = UNSET
+
+
+class Ssh(Struct):
+    """Where the robot's tunnel goes; `host` null: the host of this request. `host_keys`: TYPE BASE64, to be pinned."""
+
+    user: str
+    host: str | None
+    ports: list[int]
+    host_keys: list[str]
 
 
 class JoinedRobot(Struct):
@@ -72,7 +92,7 @@ class WaitingRobot(Struct):
 
 @operation("POST", "/join", "anybody", any_type=True, problems=(409, 429))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
-    """A robot asks to be let in."""
+    """Ask for admission as a robot."""
     asked = _asked(body)
     with context().database.transaction() as tx:
         answer = joining.is_in(tx, asked)
@@ -97,3 +117,23 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
         mac_present=body.mac_present is not False,
         previous=previous and PreviousKey(previous.fingerprint, previous.signature),
     )
+
+
+def ssh_of(settings: JoinSettings) -> Ssh:
+    """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailable."""
+    host_keys = read_host_keys(settings.ssh_host_keys_dir)
+    return Ssh(SSH_USER, settings.public_host, list(settings.ssh_ports), host_keys)
+
+
+def read_host_keys(folder: Path) -> list[str]:
+    """Return each key as `TYPE BASE64`, by file name; raise StoreUnavailable when there is none."""
+    lines = []
+    for path in sorted(folder.glob("*.pub")):
+        words = path.read_text(encoding="ascii").split()
+        if len(words) >= KEY_WORDS:
+            lines.append(" ".join(words[:KEY_WORDS]))
+    if not lines:
+        raise StoreUnavailable(
+            f"cannot read sshd's host keys: {folder} has no *.pub file yet; try again shortly"
+        )
+    return lines

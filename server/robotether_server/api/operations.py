@@ -1,9 +1,9 @@
 """Puts a handler on its path, and keeps what it takes and answers for the description of the API.
 
-A handler says by its types what it takes and answers: `body` and `query` are Structs (`schemas` reads them), and what
-it returns is sent as JSON: a Struct, a record, `Created[...]`, None, or a `Response` of its own. Its docstring is the
-operation's `summary` and `description`. Who asks is found out first, and all is done in one transaction: what fails
-inside leaves nothing behind.
+A handler's types describe its request and its answer: `body` and `query` are Structs (`schemas` reads them), and its
+return value is sent as JSON: a Struct, a record, `Created[...]`, None, or a `Response` of its own. Its docstring is the
+operation's `summary` and `description`. The caller is identified first. A request is one transaction: a failure undoes
+all of it.
 """
 
 import datetime as dt
@@ -25,7 +25,7 @@ from robotether_server.problems import FieldInvalid, HttpProblem, RecordMissing,
 from robotether_server.times import rfc3339
 
 Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
-# Who may ask. `manager`: of the robot in the path. `enroller`: a join token may, too.
+# Who may call. `manager`: of the robot in the path. `enroller`: also a join token.
 Who = Literal["admin", "manager", "user", "enroller", "anybody"]
 Handler = Callable[..., object]
 H = TypeVar("H", bound=Handler)
@@ -36,9 +36,9 @@ Created = tuple[T, Literal[201]]
 
 @dataclass(frozen=True, kw_only=True)
 class ApiOperation:
-    """What the description says of a method of a path.
+    """One operation of the API: a method of a path.
 
-    `texts`: the types of answers that are texts. `problems`: the statuses that follow from nothing else.
+    `texts`: content types of plain answers. `problems`: statuses that `who`, `path`, `body` and `query` do not imply.
     """
 
     method: Method
@@ -57,7 +57,7 @@ class ApiOperation:
 
     @property
     def names(self) -> list[str]:
-        """The names that stand in the path."""
+        """The names in the path."""
         return re.findall(r"<(?:\w+:)?(\w+)>", self.path)
 
 
@@ -76,11 +76,10 @@ def operation(
     texts: tuple[str, ...] = (),
     problems: tuple[int, ...] = (),
 ) -> Callable[[H], H]:
-    """Let a handler answer this method of this path, under /api/v1.
+    """Register a handler for this method of this path, under /api/v1.
 
-    It gets who asks as `caller`, unless that may be anybody, and the names in the path. `name`: the
-    operation's, where it is not the handler's. `any_type`: the body may call itself whatever it likes, as `curl -d`
-    sends it.
+    It gets the `caller`, unless `who` is anybody, and the names in the path. `name`: the operation's, if it is not the
+    handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`.
     """
 
     def put(handler: H) -> H:
@@ -114,7 +113,7 @@ def operation(
 
 
 def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
-    """Yield each status with what is answered by it; None: nothing."""
+    """Yield each status with the type of its answer; None: no content."""
     for one in get_args(returned) if isinstance(returned, UnionType) else (returned,):
         if get_origin(one) is tuple:
             kind, statuses = get_args(one)
@@ -146,7 +145,7 @@ def _caller(who: Who, names: dict[str, Any]) -> Iterator[dict[str, object]]:
 
 @blueprint.url_value_preprocessor
 def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
-    """Refuse names that nobody can have, as the database would take `sim1 ` for sim1."""
+    """Refuse names that nobody can have: the database would read `sim1 ` as sim1."""
     for kind in ("robot", "user", "group", "site"):
         name = (values or {}).get(kind, "")
         if name != name.strip():
@@ -186,7 +185,7 @@ def _query() -> dict[str, str]:
 
 
 def respond(found: object) -> Response:
-    """Return the response to what a handler returned."""
+    """Return the response for a handler's return value."""
     if isinstance(found, Response):
         return found
     if found is None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.operations import ApiOperation
-from robotether_server.field_types import PlainName, RobotName, Timestamp
+from robotether_server.schemas import PlainName, RobotName, Timestamp
 
 
 class ShownDriver(Struct):
@@ -20,7 +20,7 @@ class ShownDriver(Struct):
 
 
 class ShownWaiting(Struct):
-    """Who asks for the control, and when it passes by itself."""
+    """Who asks for control, and when it passes without an answer."""
 
     user: str
     since: Timestamp
@@ -28,14 +28,14 @@ class ShownWaiting(Struct):
 
 
 class ShownReservation(Struct):
-    """For whom the control is kept, and until when."""
+    """For whom control is reserved, and until when."""
 
     user: str
     until: Timestamp
 
 
 class ConfirmedStop(Struct):
-    """Who stopped the robot, and whether its guard has it."""
+    """Who stopped the robot, and whether its guard has confirmed it."""
 
     by: str
     at: Timestamp
@@ -43,7 +43,7 @@ class ConfirmedStop(Struct):
 
 
 class ShownControl(Struct):
-    """Who drives, who waits and whether it is stopped."""
+    """The control object: who drives, who asks, who stopped the robot."""
 
     driver: ShownDriver | None
     waiting: ShownWaiting | None
@@ -53,33 +53,33 @@ class ShownControl(Struct):
 
 
 class LeaseAction(Struct):
-    """What to do; `to`, with hand_over: who must be asking, else 409 nobody_asks."""
+    """An action on the lease; `to`, with hand_over: who must be asking, else 409 nobody_asks."""
 
     action: Literal["ask", "withdraw", "hand_over", "refuse", "take"]
     to: str | UnsetType = UNSET
 
 
 class StopReason(Struct):
-    """Why, if it is to be told."""
+    """A reason for people to read."""
 
     reason: Annotated[str, Meta(max_length=255)] | UnsetType = UNSET
 
 
 class ReleasedStop(Struct):
-    """Which stop, as the control object shows it."""
+    """The stop that is meant, as the control object shows it."""
 
     by: str | UnsetType = UNSET
     at: Timestamp | UnsetType = UNSET
 
 
 class StoppedSite(Struct):
-    """Where, if not everywhere."""
+    """The site, if not all."""
 
     site: PlainName | UnsetType = UNSET
 
 
 class StoppedRobot(Struct):
-    """What became of a robot; `confirmed`: its guard has it."""
+    """The result for one robot; `confirmed`: its guard has the stop."""
 
     name: RobotName
     stopped: bool
@@ -87,7 +87,7 @@ class StoppedRobot(Struct):
 
 
 class StoppedRobotList(Struct):
-    """What became of each."""
+    """The result for each robot."""
 
     robots: list[StoppedRobot]
 
@@ -100,8 +100,8 @@ RELAYED = (
         method="GET",
         path="/events",
         name="events",
-        summary="The fleet, live",
-        details="Server-sent events fleet, robot and removed; it does not end.",
+        summary="Follow the fleet, live",
+        details="Server-sent events `fleet`, `robot` and `removed`, without an end.",
         who="user",
         answers={200: None},
         texts=("text/event-stream",),
@@ -111,7 +111,7 @@ RELAYED = (
         method="GET",
         path="/robots/<robot>/control",
         name="showControl",
-        summary="Who drives, who waits and whether it is stopped",
+        summary="Get the control object: who drives, who asks, who stopped the robot",
         who="user",
         tag="control",
         answers=CONTROL,
@@ -120,9 +120,9 @@ RELAYED = (
         method="POST",
         path="/robots/<robot>/lease",
         name="changeLease",
-        summary="Ask for the control, answer who asks, or take it",
-        details="ask and withdraw: whoever may drive; 429 throttled after three questions in a row, with Retry-After. "
-        "hand_over and refuse: the driver. take: whoever manages the robot.",
+        summary="Ask for control, answer a request for it, or take it",
+        details="`ask`, `withdraw`: level drive; 429 throttled after three requests in a row, with Retry-After. "
+        "`hand_over`, `refuse`: the driver. `take`: level manage.",
         who="user",
         tag="control",
         body=LeaseAction,
@@ -133,9 +133,9 @@ RELAYED = (
         method="POST",
         path="/robots/<robot>/stop",
         name="stopRobot",
-        summary="Stop the robot; whoever may see it",
-        details="Ends the control, and takes the place of somebody else's stop; the robot stays stopped until a driver "
-        "releases it. No safety-rated emergency stop.",
+        summary="Stop the robot; for everybody who may see it",
+        details="Ends the lease, and replaces another user's stop. The robot stays stopped until a driver releases it. "
+        "This is no safety-rated emergency stop.",
         who="user",
         tag="control",
         body=StopReason,
@@ -146,9 +146,9 @@ RELAYED = (
         method="POST",
         path="/robots/<robot>/release",
         name="releaseRobot",
-        summary="Let a stopped robot be driven again; whoever may drive it",
-        details="With by and at, as the control object shows them, only that stop; 409 not_possible says whose stop it "
-        "is by then.",
+        summary="Release a stopped robot; level drive",
+        details="With `by` and `at`, as the control object shows them, it ends only that stop, else 409 not_possible "
+        "names the stop that holds.",
         who="user",
         tag="control",
         body=Annotated[ReleasedStop, BOTH_OR_NEITHER],

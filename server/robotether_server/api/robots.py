@@ -1,4 +1,7 @@
-"""/api/v1/robots and /api/v1/robots/NAME: robots as a user may see them, and as admins change them."""
+"""/api/v1/robots: what users see of robots, and what admins change, with the keys that wait.
+
+What only admins may know of a robot stands in `_for_admins`, and nowhere else.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -8,34 +11,84 @@ from msgspec import UNSET, Meta, Struct, UnsetType, structs
 from robotether_server.api.auth import Caller, EnrolmentCaller
 from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
-from robotether_server.api.objects import SettingsObject, ShownRobot, Ssh, shown_robot, ssh_of
+from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.buttons import GivenButtons
-from robotether_server.db import control_states, robots, sessions
-from robotether_server.db.sessions import RecordedSession
-from robotether_server.field_types import (
+from robotether_server.db import robots, seen_robots
+from robotether_server.db.grants import Level
+from robotether_server.db.robots import State
+from robotether_server.db.seen_robots import (
+    ControlState,
+    DrivenBy,
+    RecordedSession,
+    SeenRobot,
+    Stopped,
+)
+from robotether_server.page_settings import PageSettings
+from robotether_server.problems import RobotUnknown
+from robotether_server.schemas import (
     AT_LEAST_ONE,
     MAX_NAME_LENGTH,
     PLAIN_NAME_PATTERN,
     AgentVersion,
+    Fingerprint,
     Hostname,
     Mac,
     PublicKeyLine,
     RobotName,
+    Timestamp,
 )
-from robotether_server.page_settings import PageSettings
-from robotether_server.problems import RobotUnknown
-from robotether_server.services import drive_pages, sites
+from robotether_server.services import drive_pages, grants, pending
 from robotether_server.services import robots as robot_service
-from robotether_server.services.enrolment import Registration
+from robotether_server.services.pending import PendingKey, RejectedKey
+from robotether_server.services.robots import Registration
+
+CLOSED = Meta(extra_json_schema={"additionalProperties": False})
+# Described by this type; the service parses them.
+SettingsObject = Annotated[
+    dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/GivenSettings"})
+]
 
 SiteName = Annotated[
     str,
     Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),
 ]
+
 PageObject = Annotated[
     dict[str, Any], Meta(extra_json_schema={"$ref": "#/components/schemas/PageSettings"})
 ]
+
+
+class ShownRobot(Struct, kw_only=True):
+    """A robot, as the caller may see it.
+
+    `since`: the last change of `online`, null if it was never seen. `level`: the user's, null for a join token.
+    `shell_port` null: no shell. `driver` and `stopped` are the database's, null for nobody, and missing in the answer
+    to a join token; /control and /events say whether the guard has confirmed a stop. Members after `stopped` are for
+    admins only. `agent_version` and `address` are the newest session's, else the join's. `rotate_key`: the robot is
+    asked for a new key.
+    """
+
+    name: RobotName
+    mac: str
+    state: State
+    online: bool
+    since: Timestamp | None
+    level: Level | None
+    ros_port: int
+    video_port: int
+    shell_port: int | None
+    settings: SettingsObject
+    site: str | None
+    driver: Annotated[DrivenBy, CLOSED] | UnsetType | None = UNSET
+    stopped: Annotated[Stopped, CLOSED] | UnsetType | None = UNSET
+    fingerprint: str | UnsetType | None = UNSET
+    hostname: str | UnsetType | None = UNSET
+    agent_version: str | UnsetType | None = UNSET
+    join_address: str | UnsetType | None = UNSET
+    joined_at: Timestamp | UnsetType | None = UNSET
+    address: str | UnsetType | None = UNSET
+    rotate_key: bool | UnsetType = UNSET
 
 
 class RobotList(Struct):
@@ -45,7 +98,7 @@ class RobotList(Struct):
 
 
 class NewRegistration(Struct, forbid_unknown_fields=True):
-    """A robot with its key."""
+    """A robot to enrol, with its key."""
 
     mac: Mac
     public_key: PublicKeyLine
@@ -60,9 +113,9 @@ class RegisteredRobot(ShownRobot, kw_only=True):
 
 
 class RobotChanges(Struct, forbid_unknown_fields=True):
-    """What is to be changed.
+    """Changes of a robot.
 
-    `settings`: in place of all earlier ones. `site` null: at no site. `shell`: a port for the robot's own sshd.
+    `settings` replaces all settings. `site` null: no site. `shell`: whether the robot has a port for its own sshd.
     """
 
     name: RobotName | UnsetType = UNSET
@@ -74,48 +127,66 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
 
 
 class SessionQuery(Struct, forbid_unknown_fields=True):
-    """How many sessions."""
+    """The size of the list."""
 
     limit: Limit | UnsetType = UNSET
 
 
 class SessionList(Struct):
-    """Sessions, the newest first."""
+    """Sessions, newest first."""
 
     sessions: list[RecordedSession]
 
 
 class ButtonList(Struct, forbid_unknown_fields=True):
-    """The buttons of a drive page."""
+    """The buttons of the drive page."""
 
     buttons: GivenButtons
 
 
+class KeyChoice(Struct, forbid_unknown_fields=True):
+    """The key that is meant; another key that came since is not affected."""
+
+    fingerprint: Fingerprint
+
+
+class PendingKeyList(Struct):
+    """Keys that wait, oldest first."""
+
+    pending: list[PendingKey]
+
+
+class RejectedKeyList(Struct):
+    """Rejected keys, newest first."""
+
+    rejected_keys: list[RejectedKey]
+
+
 @operation("GET", "/robots", "user")
 def list_robots(caller: Caller) -> RobotList:
-    """The robots that the user may see, with who drives and who stopped each."""
-    control = control_states.of_all(caller.tx)
+    """List the robots that the user may see, each with its driver and its stop."""
+    control = seen_robots.control_of_all(caller.tx)
     return RobotList(
         [
             shown_robot(
                 one,
-                control.get(one.robot.id, control_states.FREE),
+                control.get(one.robot.id, seen_robots.FREE),
                 for_admin=caller.user.is_admin,
             )
-            for one in robots.list_seen(caller.tx, caller.user)
+            for one in seen_robots.list_seen(caller.tx, caller.user)
         ]
     )
 
 
 @operation("GET", "/robots/<robot>", "user")
 def show_robot(caller: Caller, robot: str) -> ShownRobot:
-    """One robot that the user may see."""
-    seen = robots.find_seen(caller.tx, caller.user, robot)
+    """Get a robot that the user may see."""
+    seen = seen_robots.find_seen(caller.tx, caller.user, robot)
     if seen is None:
         raise RobotUnknown(
             f"cannot show robot {robot}: there is none of that name that you may see"
         )
-    control = control_states.of_robot(caller.tx, seen.robot.id)
+    control = seen_robots.control_of(caller.tx, seen.robot.id)
     return shown_robot(seen, control, for_admin=caller.user.is_admin)
 
 
@@ -125,8 +196,8 @@ def register_robot(
 ) -> tuple[RegisteredRobot, Literal[200, 201]]:
     """Enrol a robot with its key, as a playbook does.
 
-    With a join token, or as an admin. Asking again changes nothing and uses no token up. 200: it was so already, or its
-    row took the key.
+    With a join token, or as an admin. Repeating the request changes nothing and uses no token up. 200: the robot
+    was enrolled already, or its row took the key.
     """
     tx, admin = caller.tx, caller.credential.admin
     registration = Registration(
@@ -140,9 +211,9 @@ def register_robot(
     )
     ssh = ssh_of(context().join)
     _, is_new = robot_service.register(tx, caller.source, registration)
-    seen = robots.get_seen(tx, robot)
-    # A join token lets robots in; it may not see who drives them.
-    control = control_states.of_robot(tx, seen.robot.id) if admin else None
+    seen = seen_robots.get_seen(tx, robot)
+    # A join token admits robots; it may not see who drives them.
+    control = seen_robots.control_of(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
     if admin is None:
         shown["level"] = None
@@ -153,28 +224,26 @@ def register_robot(
 def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
-    """Change what is given, all or nothing."""
-    seen = robots.get_seen(caller.tx, _change(caller, robot, body))
-    control = control_states.of_robot(caller.tx, seen.robot.id)
-    return shown_robot(seen, control, for_admin=True)
+    """Change the given members, all or none."""
+    return _shown(caller, _change(caller, robot, body))
 
 
 @operation("DELETE", "/robots/<robot>", "admin")
 def remove_robot(caller: Caller, robot: str) -> None:
-    """Remove the robot with its grants and sessions; its connection ends."""
+    """Remove the robot with its grants and sessions, and end its connection."""
     robot_service.remove(caller.tx, caller.source, robot)
 
 
 @operation("GET", "/robots/<robot>/sessions", "admin")
 def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionList:
-    """The robot's connections, the newest first."""
-    robot_id = robots.get_seen(caller.tx, robot).robot.id
-    return SessionList(sessions.of_robot(caller.tx, robot_id, query.limit or USUAL_LIMIT))
+    """List the robot's connections, newest first."""
+    robot_id = seen_robots.get_seen(caller.tx, robot).robot.id
+    return SessionList(seen_robots.sessions_of(caller.tx, robot_id, query.limit or USUAL_LIMIT))
 
 
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
 def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
-    """Set what the drive page makes of the robot; for its managers."""
+    """Set the robot's settings of the drive page; for its managers."""
     return drive_pages.set_page(caller.tx, caller.source, robot, body).page
 
 
@@ -188,7 +257,7 @@ def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
 
 
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:
-    """Do what the body says; return the robot's name afterwards, which is changed last."""
+    """Apply the changes, the name last; return the robot's name afterwards."""
     tx, source = caller.tx, caller.source
     if body.mac is not UNSET:
         allow_local_mac = context().join.allow_local_macs
@@ -196,7 +265,7 @@ def _change(caller: Caller, name: str, body: RobotChanges) -> str:
     if body.settings is not UNSET:
         robot_service.set_settings(tx, source, name, body.settings)
     if body.site is not UNSET:
-        sites.place(tx, source, name, body.site)
+        grants.place_robot(tx, source, name, body.site)
     if body.shell is not UNSET:
         robot_service.set_shell(tx, source, name, body.shell)
     if body.state is not UNSET:
@@ -211,3 +280,97 @@ def _change_state(caller: Caller, name: str, state: str) -> None:
         robot_service.disable(caller.tx, caller.source, name)
     elif robots.get(caller.tx, name).state != "active":
         robot_service.enable(caller.tx, caller.source, name)
+
+
+def shown_robot(seen: SeenRobot, control: ControlState | None, *, for_admin: bool) -> ShownRobot:
+    """Return a robot as its caller may see it.
+
+    `control` is None for a caller who may not see who drives and who stopped it.
+    """
+    robot = seen.robot
+    return ShownRobot(
+        name=robot.name,
+        mac=robot.mac,
+        state=robot.state,
+        online=seen.online,
+        since=seen.since,
+        level=seen.level,
+        ros_port=robot.ros_port,
+        video_port=robot.video_port,
+        shell_port=robot.shell_port,
+        settings=robot.settings,
+        site=robot.site,
+        driver=control.driver if control else UNSET,
+        stopped=control.stopped if control else UNSET,
+        **(_for_admins(seen) if for_admin else {}),
+    )
+
+
+def _for_admins(seen: SeenRobot) -> dict[str, Any]:
+    robot, report = seen.robot, seen.robot.report
+    return {
+        "fingerprint": robot.fingerprint,
+        "hostname": report.hostname if report else None,
+        "agent_version": seen.agent_version,
+        "join_address": report.address if report else None,
+        "joined_at": robot.joined_at,
+        "address": seen.address,
+        "rotate_key": robot.rotate_requested_at is not None,
+    }
+
+
+def _shown(caller: Caller, robot: str) -> ShownRobot:
+    seen = seen_robots.get_seen(caller.tx, robot)
+    return shown_robot(seen, seen_robots.control_of(caller.tx, seen.robot.id), for_admin=True)
+
+
+@operation("POST", "/robots/<robot>/approve", "admin", problems=(409,))
+def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
+    """Approve a waiting key, and no other."""
+    robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
+def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
+    """Reject a waiting key, and remember it."""
+    robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
+
+
+@operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
+def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
+    """Forget the key and end the robot's connection; the next key waits for approval."""
+    robot_service.rekey(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
+def rotate_key(caller: Caller, robot: str) -> ShownRobot:
+    """Ask the robot's agent for a new key; the connection stays."""
+    robot_service.rotate_key(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
+def move_ports(caller: Caller, robot: str) -> ShownRobot:
+    """Assign another free pair of ports; the robot reconnects."""
+    robot_service.move_ports(caller.tx, caller.source, robot)
+    return _shown(caller, robot)
+
+
+@operation("GET", "/pending", "admin")
+def list_pending(caller: Caller) -> PendingKeyList:
+    """List keys that wait for approval."""
+    return PendingKeyList(pending.waiting(caller.tx))
+
+
+@operation("GET", "/rejected-keys", "admin")
+def list_rejected_keys(caller: Caller) -> RejectedKeyList:
+    """List rejected keys."""
+    return RejectedKeyList(pending.rejected(caller.tx))
+
+
+@operation("DELETE", "/rejected-keys/<int:key_id>", "admin")
+def forgive_key(caller: Caller, key_id: int) -> None:
+    """Forget the rejection: the key may join again."""
+    pending.forgive(caller.tx, caller.source, key_id)

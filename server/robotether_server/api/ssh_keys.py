@@ -6,15 +6,15 @@ from msgspec import Struct
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db.user_keys import SshKey
-from robotether_server.field_types import Label, PublicKeyLine
+from robotether_server.db.users import SshKey
 from robotether_server.install_line import site_of
-from robotether_server.services import ssh_config as ssh_config_service
+from robotether_server.schemas import Label, PublicKeyLine
+from robotether_server.services import ssh_keys
 from robotether_server.services import ssh_keys as ssh_key_service
 
 
 class NewSshKey(Struct, forbid_unknown_fields=True):
-    """A key to be added."""
+    """A new key."""
 
     name: Label
     public_key: PublicKeyLine
@@ -28,7 +28,7 @@ class SshKeyList(Struct):
 
 @operation("GET", "/me/ssh-keys", "user")
 def list_ssh_keys(caller: Caller) -> SshKeyList:
-    """The user's SSH keys, for shells on robots."""
+    """List the user's SSH keys, for shells on robots."""
     return SshKeyList(ssh_key_service.list_of(caller.tx, caller.user))
 
 
@@ -41,14 +41,14 @@ def add_ssh_key(caller: Caller, body: NewSshKey) -> Created[SshKey]:
 
 @operation("DELETE", "/me/ssh-keys/<int:key_id>", "user")
 def delete_ssh_key(caller: Caller, key_id: int) -> None:
-    """Delete a key; connections that it opened end."""
+    """Delete an SSH key, and end the connections that it opened."""
     ssh_key_service.delete(caller.tx, caller.source, caller.user, key_id)
 
 
 @operation("GET", "/ssh-config", "user", texts=("text/plain",))
 def ssh_config(caller: Caller) -> Response:
-    """Entries for ~/.ssh/config, one a robot whose shell the user may reach."""
-    entries = ssh_config_service.entries(caller.tx, caller.user)
+    """Get entries for ~/.ssh/config: a Host for each robot whose shell the user may reach."""
+    entries = ssh_keys.shell_entries(caller.tx, caller.user)
     host = site_of(context().site_certificates.settings, request.host).host
-    text = ssh_config_service.render(entries, host, context().join.ssh_ports[0])
+    text = ssh_keys.render_config(entries, host, context().join.ssh_ports[0])
     return Response(text, content_type="text/plain; charset=utf-8")

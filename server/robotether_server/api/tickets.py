@@ -7,21 +7,21 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import grants, robots
-from robotether_server.field_types import RobotName
+from robotether_server.db import grants, seen_robots
 from robotether_server.problems import GrantMissing, RobotUnknown
+from robotether_server.schemas import RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
 
 
 class NewTicket(Struct, forbid_unknown_fields=True):
-    """A ticket to be made."""
+    """A new ticket."""
 
     robot: RobotName
     mode: Mode
 
 
 class SignedTicket(Struct):
-    """A ticket, and where it opens what."""
+    """A ticket, and the path of the WebSocket that it opens."""
 
     ticket: str
     robot: RobotName
@@ -32,9 +32,9 @@ class SignedTicket(Struct):
 
 @operation("POST", "/tickets", "user", any_type=True, problems=(404,))
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
-    """A permission to open one WebSocket to one robot."""
+    """Create a ticket, which opens one WebSocket to one robot."""
     name, mode, user = body.robot, body.mode, caller.user
-    seen = robots.find_seen(caller.tx, user, name)
+    seen = seen_robots.find_seen(caller.tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
     if not grants.includes(seen.level, mode):

@@ -1,26 +1,30 @@
-"""/api/v1/tokens: API tokens; everybody's own, and all of them for admins."""
+"""/api/v1/tokens: API tokens; the user's own, and all for admins. /api/v1/join-tokens: tokens that admit robots."""
 
 import datetime as dt
 from dataclasses import dataclass
 from typing import Annotated
 
+from flask import request
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import auth
 from robotether_server.api.auth import Caller
+from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import users
-from robotether_server.db.tokens import Token
+from robotether_server.db import credentials, users
+from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.db.users import User
-from robotether_server.field_types import Label, UserName
-from robotether_server.problems import RecordMissing
+from robotether_server.install_line import install_line
+from robotether_server.problems import RecordMissing, StoreUnavailable
+from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 
 MAX_DAYS = 3650
+MAX_HOURS = 8760
 
 
 class NewToken(Struct, forbid_unknown_fields=True):
-    """A token to be made; without `days` it does not end."""
+    """A new API token; without `days` it does not expire."""
 
     name: Label
     days: Annotated[int, Meta(ge=1, le=MAX_DAYS)] | UnsetType = UNSET
@@ -29,7 +33,7 @@ class NewToken(Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class CreatedToken(Token):
-    """A token with its text, which is told this one time."""
+    """An API token with its text, which is shown once."""
 
     token: str
 
@@ -40,9 +44,31 @@ class TokenList(Struct):
     tokens: list[Token]
 
 
+class NewJoinToken(Struct, forbid_unknown_fields=True):
+    """A new join token: how many robots it admits, and for how long."""
+
+    name: Label
+    uses: Annotated[int, Meta(ge=1, le=token_service.MAX_USES)]
+    hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
+
+
+@dataclass(frozen=True)
+class CreatedJoinToken(JoinToken):
+    """A join token with its text and the install line, which are shown once."""
+
+    token: str
+    command: str
+
+
+class JoinTokenList(Struct):
+    """Join tokens, newest first."""
+
+    join_tokens: list[JoinToken]
+
+
 @operation("GET", "/tokens", "user")
 def list_tokens(caller: Caller) -> TokenList:
-    """The user's API tokens, without their texts; admins see everybody's."""
+    """List the user's API tokens, without their texts; for admins everybody's."""
     if caller.user.is_admin:
         return TokenList(token_service.list_all(caller.tx))
     return TokenList(token_service.list_of(caller.tx, caller.user))
@@ -50,18 +76,18 @@ def list_tokens(caller: Caller) -> TokenList:
 
 @operation("POST", "/tokens", "user", problems=(404, 409))
 def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
-    """An API token for the user, or for another one if the user is an admin."""
+    """Create an API token for the user; an admin may name another user."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=body.days) if body.days else None
     owner = _owner(caller, body.user or caller.user.name)
     text = token_service.create(caller.tx, caller.source, owner, body.name, expires_at)
-    # A name is a user's only once.
+    # A name is unique among the user's tokens.
     [made] = [one for one in token_service.list_of(caller.tx, owner) if one.name == body.name]
     return CreatedToken(**vars(made), token=text), 201
 
 
 @operation("DELETE", "/tokens/<int:token_id>", "user")
 def delete_token(caller: Caller, token_id: int) -> None:
-    """Delete a token of the user's own, or any as an admin."""
+    """Delete an API token of the user; an admin may delete any."""
     token = token_service.get(caller.tx, token_id)
     if token.user != caller.user.name and not caller.user.is_admin:
         raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
@@ -73,3 +99,30 @@ def _owner(caller: Caller, name: str) -> User:
         return caller.user
     auth.check_admin(caller.user)
     return users.get(caller.tx, name)
+
+
+@operation("GET", "/join-tokens", "admin")
+def list_join_tokens(caller: Caller) -> JoinTokenList:
+    """List join tokens, without their texts."""
+    return JoinTokenList(token_service.list_join_tokens(caller.tx))
+
+
+@operation("POST", "/join-tokens", "admin", problems=(409,))
+def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
+    """Create a token that admits robots, and the line that installs one."""
+    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
+    text = token_service.create_join_token(
+        caller.tx, caller.source, body.name, body.uses, expires_at
+    )
+    made = credentials.find_join_token(caller.tx, text)
+    if made is None:
+        raise StoreUnavailable("cannot make the join token: it is gone already; try again")
+    # This may raise: without an install line there is no token.
+    command = install_line(context().site_certificates, request.host, text)
+    return CreatedJoinToken(**vars(made), token=text, command=command), 201
+
+
+@operation("DELETE", "/join-tokens/<int:token_id>", "admin")
+def delete_join_token(caller: Caller, token_id: int) -> None:
+    """Delete the token; robots that it admitted stay."""
+    token_service.delete_join_token(caller.tx, caller.source, token_id)

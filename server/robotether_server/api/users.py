@@ -1,4 +1,4 @@
-"""/api/v1/users: who may log in; for admins. /api/v1/me: who asks."""
+"""/api/v1/users: who may log in; for admins. /api/v1/me: the caller."""
 
 from typing import Annotated
 
@@ -9,10 +9,10 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import users
 from robotether_server.db.users import Role, User
-from robotether_server.field_types import AT_LEAST_ONE, UserName
+from robotether_server.schemas import AT_LEAST_ONE, UserName
 from robotether_server.services import users as user_service
 
-# passwords.hash_password judges it, and says more than that it is short.
+# passwords.hash_password checks it, with better messages.
 Password = Annotated[
     str,
     Meta(
@@ -23,7 +23,7 @@ Password = Annotated[
 
 
 class NewUser(Struct, forbid_unknown_fields=True):
-    """A user to be added."""
+    """A new user; without `password` one is made."""
 
     name: UserName
     role: Role
@@ -31,7 +31,7 @@ class NewUser(Struct, forbid_unknown_fields=True):
 
 
 class UserChanges(Struct, forbid_unknown_fields=True):
-    """What is to be changed."""
+    """Changes of a user."""
 
     role: Role | UnsetType = UNSET
     disabled: bool | UnsetType = UNSET
@@ -39,7 +39,7 @@ class UserChanges(Struct, forbid_unknown_fields=True):
 
 
 class ShownUser(Struct):
-    """A user, as admins may know one."""
+    """A user, as admins see one."""
 
     name: UserName
     role: Role
@@ -47,7 +47,7 @@ class ShownUser(Struct):
 
 
 class AddedUser(ShownUser):
-    """A user, with the password where none was given: it is told this one time."""
+    """A user, with the password if it was made: it is shown once."""
 
     password: str | UnsetType = UNSET
 
@@ -59,7 +59,7 @@ class UserList(Struct):
 
 
 class Me(Struct):
-    """The user who asks."""
+    """The caller."""
 
     name: UserName
     role: Role
@@ -67,7 +67,7 @@ class Me(Struct):
 
 @operation("GET", "/users", "admin")
 def list_users(caller: Caller) -> UserList:
-    """Users."""
+    """List users."""
     return UserList([_shown(one) for one in users.list_all(caller.tx)])
 
 
@@ -83,15 +83,15 @@ def add_user(caller: Caller, body: NewUser) -> Created[AddedUser]:
 
 @operation("GET", "/users/<user>", "admin")
 def show_user(caller: Caller, user: str) -> ShownUser:
-    """One user."""
+    """Get a user."""
     return _shown(users.get(caller.tx, user))
 
 
 @operation("PATCH", "/users/<user>", "admin", problems=(409,))
 def change_user(caller: Caller, user: str, body: Annotated[UserChanges, AT_LEAST_ONE]) -> ShownUser:
-    """Change what is given, all or nothing.
+    """Change the given members, all or none.
 
-    The last enabled admin can be neither disabled nor made a user. A new password ends all logins.
+    The last enabled admin can neither be disabled nor lose the role. A new password ends all logins.
     """
     tx, source = caller.tx, caller.source
     if body.role is not UNSET:
@@ -105,7 +105,7 @@ def change_user(caller: Caller, user: str, body: Annotated[UserChanges, AT_LEAST
 
 @operation("DELETE", "/users/<user>", "admin", problems=(409,))
 def remove_user(caller: Caller, user: str) -> None:
-    """Remove the user with grants, tokens and keys."""
+    """Remove the user with grants, API tokens and SSH keys."""
     user_service.remove(caller.tx, caller.source, user)
 
 
@@ -117,7 +117,7 @@ def log_out_everywhere(caller: Caller, user: str) -> None:
 
 @operation("GET", "/me", "user")
 def me(caller: Caller) -> Me:
-    """Who asks."""
+    """Get the caller's name and role."""
     return Me(caller.user.name, caller.user.role)
 
 

@@ -71,12 +71,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, err: boo
 
 
 def print_json(value: object) -> None:
-    """Print for programs; moments are ISO 8601."""
+    """Print for programs; times are ISO 8601."""
     click.echo(json.dumps(value, indent=2, default=_as_text))
 
 
 def timestamp(at: dt.datetime | None, otherwise: str) -> str:
-    """Return a moment as people read it, in UTC."""
+    """Return a time as people read it, in UTC."""
     return f"{at:%Y-%m-%d %H:%M:%S}" if at else otherwise
 
 

@@ -33,7 +33,7 @@ class GiveOrList(click.Group):
 
 
 def _who_and_what(command: Command) -> Command:
-    """Add the words, and the options that stand in for USER and ROBOT."""
+    """Add the words, and the options that replace USER and ROBOT."""
     for option in (
         click.option("--all", "everything", is_flag=True, help="All robots, instead of ROBOT."),
         click.option("--site", metavar="SITE", help="A site's robots, instead of ROBOT."),
@@ -46,7 +46,7 @@ def _who_and_what(command: Command) -> Command:
 
 @click.group(
     cls=GiveOrList,
-    # So that an option may stand first: it is one of the hidden command's.
+    # So that an option may come first: it is one of the hidden command's.
     context_settings={"ignore_unknown_options": True},
     subcommand_metavar="USER ROBOT LEVEL [--until END] | list",
     short_help="Give a user or a group rights on a robot; list grants.",
@@ -54,9 +54,9 @@ def _who_and_what(command: Command) -> Command:
 def grant() -> None:
     """Let USER observe, drive or manage ROBOT, in place of an earlier grant; or list the grants.
 
-    LEVEL is observe, drive or manage; each includes the ones before it. Admins may do everything without. Instead of
-    USER: --group GROUP. Instead of ROBOT: --site SITE or --all. --until is a moment such as 2026-01-31T12:00:00Z, or
-    a day, at whose end in UTC the grant ends. Who has several grants for a robot has the highest.
+    LEVEL is observe, drive or manage; each includes the ones before it. Admins need no grant. Instead of
+    USER: --group GROUP. Instead of ROBOT: --site SITE or --all. --until is a time such as 2026-01-31T12:00:00Z, or
+    a day, at whose end in UTC the grant ends. Of several grants for a robot, the highest level counts.
     """
 
 
@@ -66,7 +66,7 @@ def grant() -> None:
 def give(
     words: tuple[str, ...], group: str | None, site: str | None, everything: bool, until: str | None
 ) -> None:
-    """Let somebody observe, drive or manage something."""
+    """Add a grant."""
     grantee, scope, rest = _pair(words, group, site, everything)
     level = _level(_next(rest, "LEVEL"))
     _check_end(rest)
@@ -106,7 +106,7 @@ def revoke(words: tuple[str, ...], group: str | None, site: str | None, everythi
 def _pair(
     words: Sequence[str], group: str | None, site: str | None, everything: bool
 ) -> tuple[Grantee, Scope, list[str]]:
-    """Return who and what, of the words in their order and of the options that stand in for one; and what is left."""
+    """Return subject and object, from the words in order and the options that replace one; and the other words."""
     if site is not None and everything:
         raise click.UsageError("--site and --all exclude each other.")
     rest = list(words)

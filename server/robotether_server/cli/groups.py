@@ -10,8 +10,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.db import groups as db_groups
-from robotether_server.services import groups
+from robotether_server.db import grants
+from robotether_server.services import grants as grant_service
 
 
 @click.group()
@@ -24,7 +24,7 @@ def group() -> None:
 def add(name: str) -> None:
     """Add a group without members. Give it grants with: grant --group NAME ROBOT LEVEL."""
     with open_database().transaction() as tx:
-        groups.add(tx, SOURCE, name)
+        grant_service.add_group(tx, SOURCE, name)
     click.echo(f"added group {name}")
 
 
@@ -33,7 +33,7 @@ def add(name: str) -> None:
 def list_groups(as_json: bool) -> None:
     """List the groups with their members."""
     with open_database().transaction() as tx:
-        found = db_groups.list_all(tx)
+        found = grants.list_groups(tx)
     if as_json:
         print_json([{"name": one.name, "members": list(one.members)} for one in found])
         return
@@ -46,7 +46,7 @@ def list_groups(as_json: bool) -> None:
 def join(name: str, user: str) -> None:
     """Make USER a member of group NAME."""
     with open_database().transaction() as tx:
-        groups.add_member(tx, SOURCE, name, user)
+        grant_service.add_member(tx, SOURCE, name, user)
     click.echo(f"user {user} is a member of group {name}")
 
 
@@ -56,7 +56,7 @@ def join(name: str, user: str) -> None:
 def leave(name: str, user: str) -> None:
     """End USER's membership in group NAME; what only its grants opened ends."""
     with open_database().transaction() as tx:
-        groups.remove_member(tx, SOURCE, name, user)
+        grant_service.remove_member(tx, SOURCE, name, user)
     click.echo(f"user {user} is no longer a member of group {name}")
 
 
@@ -67,7 +67,7 @@ def remove(name: str, yes: bool) -> None:
     """Remove a group with its grants. Its members stay users."""
     database = open_database()
     with database.transaction() as tx:
-        db_groups.get(tx, name)
+        grants.get_group(tx, name)
     if not yes:
         agree(
             f"remove group {name}",
@@ -75,5 +75,5 @@ def remove(name: str, yes: bool) -> None:
             "say --yes to remove the group",
         )
     with database.transaction() as tx:
-        groups.remove(tx, SOURCE, name)
+        grant_service.remove_group(tx, SOURCE, name)
     click.echo(f"removed group {name}")

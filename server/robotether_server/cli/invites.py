@@ -16,9 +16,14 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
-from robotether_server.install_line import HTTPS_PORT, SiteAddress, install_line, parse_site_address
-from robotether_server.services import join_tokens
-from robotether_server.site_certificate import SiteCertificates
+from robotether_server.install_line import (
+    HTTPS_PORT,
+    SiteAddress,
+    SiteCertificates,
+    install_line,
+    parse_site_address,
+)
+from robotether_server.services import tokens
 
 MAX_HOURS = 8760
 
@@ -26,7 +31,7 @@ MAX_HOURS = 8760
 @click.command()
 @click.option(
     "--uses",
-    type=click.IntRange(1, join_tokens.MAX_USES),
+    type=click.IntRange(1, tokens.MAX_USES),
     default=1,
     show_default=True,
     help="How many robots it admits.",
@@ -45,15 +50,15 @@ MAX_HOURS = 8760
 def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
     """Print the line that makes a machine a robot.
 
-    It is the last line that is printed, and holds a new join token. Whoever has it can let in that many robots until
-    its time is over, or until: robotether join-token delete.
+    The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
+    robots until it expires, or until: robotether join-token delete.
     """
     now = dt.datetime.now(dt.UTC)
     called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
     ends = now + dt.timedelta(hours=hours)
     certificates, asked = _site(host)
     with open_database().transaction() as tx:
-        token = join_tokens.create(tx, SOURCE, called, uses, ends)
+        token = tokens.create_join_token(tx, SOURCE, called, uses, ends)
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
         line = install_line(certificates, asked, token)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
@@ -76,7 +81,7 @@ def join_token() -> None:
 def list_tokens(as_json: bool) -> None:
     """List the join tokens, without their texts, the newest first."""
     with open_database().transaction() as tx:
-        found = join_tokens.list_all(tx)
+        found = tokens.list_join_tokens(tx)
     if as_json:
         print_json([vars(one) for one in found])
         return
@@ -96,17 +101,17 @@ def list_tokens(as_json: bool) -> None:
 @join_token.command()
 @click.argument("name")
 def delete(name: str) -> None:
-    """Delete a join token; the robots that it let in stay."""
+    """Delete a join token; robots that it admitted stay."""
     with open_database().transaction() as tx:
-        token_id = next((one.id for one in join_tokens.list_all(tx) if one.name == name), None)
+        token_id = next((one.id for one in tokens.list_join_tokens(tx) if one.name == name), None)
         if token_id is None:
             raise NotDone(f"cannot delete join token {name}: there is none of that name")
-        join_tokens.delete(tx, SOURCE, token_id)
+        tokens.delete_join_token(tx, SOURCE, token_id)
     click.echo(f"deleted join token {name}")
 
 
 def _site(host: str | None) -> tuple[SiteCertificates, str]:
-    """Return what knows the certificate, and where robots reach it; --host goes before PUBLIC_HOST."""
+    """Return the certificates, and the address for robots; --host wins over PUBLIC_HOST."""
     loaded = settings.load_site_address(os.environ)
     if host is None:
         if loaded.public_host is None:

@@ -57,9 +57,9 @@ def list_pending(as_json: bool) -> None:
     "--yes", is_flag=True, help="Approve the key that waits, whichever it is, without asking."
 )
 def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) -> None:
-    """Let a robot in: the key that it showed is its own.
+    """Approve a robot: the key that it showed is its own.
 
-    It takes the place of one that the robot had. Anybody who knows the robot's MAC can join in its name, so
+    The key replaces one that the robot had. Anybody who knows the robot's MAC can join in its name, so
     compare the key first.
     """
     database = open_database()
@@ -75,9 +75,9 @@ def approve(name: str, wait_for_key: float, fingerprint: str | None, yes: bool) 
 @click.argument("name")
 @click.option("--fingerprint", metavar="SHA256:...", help="Reject this key, without asking.")
 def reject(name: str, fingerprint: str | None) -> None:
-    """Turn away a key that waits, for good.
+    """Reject a waiting key, for good.
 
-    A robot that nobody had added goes with it. Undone with: robotether rejected forgive.
+    This also removes a robot that nobody had added. To undo it: robotether rejected forgive.
     """
     database = open_database()
     chosen = fingerprint
@@ -171,13 +171,13 @@ def _only(waiting: list[PendingKey], robot: Robot, action: str) -> PendingKey:
 
 @click.group()
 def rejected() -> None:
-    """List keys that were turned away, and let them ask again."""
+    """List rejected keys, or let them join again."""
 
 
 @rejected.command("list")
 @JSON
 def list_rejected(as_json: bool) -> None:
-    """List the keys that were turned away, the newest first."""
+    """List rejected keys, newest first."""
     with open_database().transaction() as tx:
         found = pending.rejected(tx)
     if as_json:
@@ -202,7 +202,7 @@ def list_rejected(as_json: bool) -> None:
 @rejected.command()
 @click.argument("rejected_id", metavar="ID", type=int)
 def forgive(rejected_id: int) -> None:
-    """Let a rejected key ask again; it waits for approval then."""
+    """Forget a rejection; the key may join again, and waits for approval."""
     with open_database().transaction() as tx:
         forgiven = pending.forgive(tx, SOURCE, rejected_id)
     click.echo(f"key {forgiven.fingerprint} may ask again")

@@ -1,6 +1,6 @@
 """robotether robot settings, set: a robot's policy, its guard's limits and the account of its shell.
 
-docs/protocols.md describes every setting. Relay and guard follow a change by themselves.
+docs/reference/robot-settings.md describes every setting. Relay and guard follow a change by themselves.
 """
 
 import json
@@ -10,7 +10,7 @@ import click
 
 from robotether_server import robot_settings
 from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
-from robotether_server.db import robots as db_robots
+from robotether_server.db import seen_robots
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
@@ -20,7 +20,7 @@ SHELL_USER = "shell_user"
 # Where null is a value of its own, and not the default.
 MEANT_NULLS = ("page.hold_after_ms",)
 
-# A path such as guard.deadman_ms, and the value that is to stand there; None: its default.
+# A path such as guard.deadman_ms, and its new value; None: its default.
 Change = tuple[str, object]
 
 
@@ -32,7 +32,7 @@ def show_settings(name: str) -> None:
     All of them as JSON, the defaults included. To change them: set.
     """
     with open_database().transaction() as tx:
-        present = db_robots.get_seen(tx, name).robot.settings
+        present = seen_robots.get_seen(tx, name).robot.settings
     try:
         in_force = robot_settings.parse(present).as_dict()
     except FieldInvalid as problem:
@@ -52,16 +52,16 @@ def show_settings(name: str) -> None:
     help="Account on the robot that ssh takes; '' for none in particular.",
 )
 def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> None:
-    """Change a robot's settings, all that are given or none.
+    """Change a robot's settings, all given ones or none.
 
-    A KEY is a path into what robot settings prints, a VALUE is JSON or else a plain text. null takes the setting
-    back to its default; but page.hold_after_ms=null never holds driving because of an old picture.
+    A KEY is a path in the output of robot settings, a VALUE is JSON or else a plain text. null restores the default,
+    except that page.hold_after_ms=null never pauses driving because of old video.
 
     robotether robot set sim1 guard.max_speed_m_s=0.5 guard.deadman_ms=400
 
     robotether robot set sim1 'guard.drive_topics=["/cmd_vel"]' guard.max_speed_m_s=null
 
-    It holds at once. With other drive topics, another max_age_ms or another policy, who is connected has to
+    A change is in force at once. A change of drive topics, max_age_ms or policy disconnects operators, who
     connect again.
     """
     asked = [_change(name, text) for text in changes]
@@ -87,7 +87,7 @@ def _change(name: str, text: str) -> Change:
 
 
 def _value(text: str) -> object:
-    """Return what JSON says, or else the text itself; whether it is right is for the settings to say."""
+    """Return the text parsed as JSON, or else the text itself; the settings check the value."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):

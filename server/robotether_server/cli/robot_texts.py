@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping
 
 from robotether_server.cli.common import timestamp
-from robotether_server.db.robots import Robot, SeenRobot
-from robotether_server.db.sessions import RecordedSession
+from robotether_server.db.robots import Robot
+from robotether_server.db.seen_robots import RecordedSession, SeenRobot
 from robotether_server.services.pending import PendingKey
 
 HEADS = ("NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "SHELL", "KEY")
@@ -18,7 +18,7 @@ NOT_JOINED = "not joined yet"
 
 
 def identity(robot: Robot) -> Fields:
-    """Return what tells a person which robot this is."""
+    """Return lines by which a person recognises the robot."""
     report = robot.report
     return [
         ("robot", f"{robot.name} ({robot.state})"),
@@ -31,7 +31,7 @@ def identity(robot: Robot) -> Fields:
 
 
 def waiting_identity(one: PendingKey, robot: Robot) -> Fields:
-    """Return what tells a person whose key waits; the last line is what is to be compared."""
+    """Return lines about a waiting key; the last one is the key to compare."""
     fields = [
         ("robot", f"{robot.name} ({robot.state})"),
         ("MAC", one.mac),

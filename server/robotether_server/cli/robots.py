@@ -1,6 +1,6 @@
 """robotether robot ...: the list of commands about robots; those that add, show, change, watch and remove one.
 
-A live tunnel follows a change within 2 s: it is cut, or told of its new settings.
+A change reaches a live tunnel within 2 s: it is cut, or gets its new settings.
 """
 
 from dataclasses import asdict
@@ -28,7 +28,7 @@ from robotether_server.cli.robot_keys import (
     rotate_key,
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
-from robotether_server.db import Database, sessions
+from robotether_server.db import Database, seen_robots
 from robotether_server.db import robots as db_robots
 from robotether_server.services import pending, robots
 
@@ -53,7 +53,7 @@ def disable(name: str) -> None:
 @click.command()
 @click.argument("name")
 def enable(name: str) -> None:
-    """Let a disabled robot in again."""
+    """Enable a disabled robot."""
     with open_database().transaction() as tx:
         enabled = robots.enable(tx, SOURCE, name)
     click.echo(f"robot {name} is {enabled.state}")
@@ -142,7 +142,7 @@ def add(name: str, mac: str, allow_local_mac: bool) -> None:
 def list_robots(as_json: bool) -> None:
     """List the robots."""
     with open_database().transaction() as tx:
-        found = db_robots.list_all(tx)
+        found = seen_robots.list_all(tx)
     if as_json:
         print_json([robot_texts.as_dict(seen) for seen in found])
         return
@@ -158,9 +158,9 @@ def show(name: str, as_json: bool) -> None:
     Its record, the keys that wait there, and its last sessions.
     """
     with open_database().transaction() as tx:
-        seen = db_robots.get_seen(tx, name)
+        seen = seen_robots.get_seen(tx, name)
         waiting = [one for one in pending.waiting(tx) if one.robot == name]
-        last = sessions.of_robot(tx, seen.robot.id, SESSIONS_SHOWN)
+        last = seen_robots.sessions_of(tx, seen.robot.id, SESSIONS_SHOWN)
     if as_json:
         more = {
             "waiting": [vars(one) for one in waiting],
@@ -183,8 +183,8 @@ def show(name: str, as_json: bool) -> None:
 def remove(name: str, yes: bool) -> None:
     """Remove a robot with its grants and its history.
 
-    Its MAC and ports are free again. Its connection ends. An agent that still runs joins anew, and waits as any
-    unknown robot does. There is no undo.
+    Its MAC and ports become free, and its connection ends. An agent that still runs joins again, and waits like any
+    unknown robot. There is no undo.
     """
     database = open_database()
     with database.transaction() as tx:
@@ -210,7 +210,7 @@ def wait_online(name: str, timeout: float) -> None:
 
 def _online(database: Database, name: str) -> bool | None:
     with database.transaction() as tx:
-        return db_robots.get_seen(tx, name).online or None
+        return seen_robots.get_seen(tx, name).online or None
 
 
 for command in (

@@ -1,4 +1,4 @@
-"""robotether site ...: sites of robots, so that a grant can be for all robots of one."""
+"""robotether site ...: sites of robots; a grant can be for all robots of a site."""
 
 import click
 
@@ -10,8 +10,8 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.db import sites as db_sites
-from robotether_server.services import sites
+from robotether_server.db import grants
+from robotether_server.services import grants as grant_service
 
 
 @click.group()
@@ -24,7 +24,7 @@ def site() -> None:
 def add(name: str) -> None:
     """Add a site without robots. Give grants for it with: grant USER --site NAME LEVEL."""
     with open_database().transaction() as tx:
-        sites.add(tx, SOURCE, name)
+        grant_service.add_site(tx, SOURCE, name)
     click.echo(f"added site {name}")
 
 
@@ -33,7 +33,7 @@ def add(name: str) -> None:
 def list_sites(as_json: bool) -> None:
     """List the sites with their robots."""
     with open_database().transaction() as tx:
-        found = db_sites.list_all(tx)
+        found = grants.list_sites(tx)
     if as_json:
         print_json([{"name": one.name, "robots": list(one.robots)} for one in found])
         return
@@ -46,7 +46,7 @@ def list_sites(as_json: bool) -> None:
 def place(robot: str, name: str | None) -> None:
     """Put ROBOT at site NAME; without NAME at none. It leaves the site where it was."""
     with open_database().transaction() as tx:
-        sites.place(tx, SOURCE, robot, name)
+        grant_service.place_robot(tx, SOURCE, robot, name)
     click.echo(f"robot {robot} is at {'no site' if name is None else f'site {name}'}")
 
 
@@ -57,7 +57,7 @@ def remove(name: str, yes: bool) -> None:
     """Remove a site with its grants. Its robots stay, at no site."""
     database = open_database()
     with database.transaction() as tx:
-        db_sites.get(tx, name)
+        grants.get_site(tx, name)
     if not yes:
         agree(
             f"remove site {name}",
@@ -65,5 +65,5 @@ def remove(name: str, yes: bool) -> None:
             "say --yes to remove the site",
         )
     with database.transaction() as tx:
-        sites.remove(tx, SOURCE, name)
+        grant_service.remove_site(tx, SOURCE, name)
     click.echo(f"removed site {name}")

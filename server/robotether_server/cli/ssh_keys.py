@@ -15,7 +15,7 @@ from robotether_server.cli.common import (
     print_table,
 )
 from robotether_server.db import users
-from robotether_server.services import ssh_config, ssh_keys
+from robotether_server.services import ssh_keys
 
 USER = click.option("--user", "user_name", required=True, help="Whose key it is.")
 
@@ -83,10 +83,10 @@ def print_ssh_config(user_name: str, host: str | None) -> None:
             "cannot print entries: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
         )
     with open_database().transaction() as tx:
-        found = ssh_config.entries(tx, users.get(tx, user_name))
+        found = ssh_keys.shell_entries(tx, users.get(tx, user_name))
     if not found:
         raise NotDone(
             f"cannot print entries: user {user_name} manages no active robot whose shell is on; "
             f"see: robotether robot shell, robotether grant"
         )
-    click.echo(ssh_config.render(found, where, join.ssh_ports[0]), nl=False)
+    click.echo(ssh_keys.render_config(found, where, join.ssh_ports[0]), nl=False)

@@ -31,7 +31,7 @@ def token() -> None:
 @NAME
 @click.option("--days", type=click.IntRange(1, MAX_DAYS), help="Ends after so many days.")
 def create(user_name: str, name: str, days: int | None) -> None:
-    """Create a token and print it, this one time, as the last word."""
+    """Create a token and print it once, as the last word."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
     with open_database().transaction() as tx:
         text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, expires_at)

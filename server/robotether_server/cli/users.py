@@ -117,7 +117,7 @@ def disable(name: str) -> None:
 @user.command()
 @click.argument("name")
 def enable(name: str) -> None:
-    """Let a disabled user in again."""
+    """Enable a disabled user."""
     with open_database().transaction() as tx:
         users.set_disabled(tx, SOURCE, name, disabled=False)
     click.echo(f"enabled user {name}")

@@ -1,4 +1,4 @@
-"""All SQL of the server, one module a table, one function a question or a change.
+"""All SQL of the server, one module a group of tables, one function a query or a change.
 
 Used by web, relay and cli. Every function takes the open Transaction to work in, so that a change
 and its audit event are one. Nothing here decides who may do what.

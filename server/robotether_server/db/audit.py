@@ -1,24 +1,29 @@
 """The audit log: who changed what, and who was refused. Entries are only added; the database prunes old ones.
 
-Written by web and cli in the transaction of the change that it tells of. Never holds a secret.
+Written by web and cli in the transaction of the change itself. Never holds a secret.
 """
 
 import datetime as dt
 import json
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any
 
 from robotether_server.db.database import Transaction
-from robotether_server.field_types import Timestamp
-from robotether_server.networks import Network
+from robotether_server.schemas import Timestamp
 
 MAX_ACTOR_LENGTH = 63
+
+# One customer holds a whole /64 of IPv6, so for limits its addresses count as one.
+Network = IPv4Network | IPv6Network
+IPV6_PREFIX = 64
+NOBODYS = ip_network("::")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Who does something, and from where: a user's name or `cli`, and an IP address."""
+    """The author of a change: a user's name or `cli`, and an IP address."""
 
     actor: str
     address: str | None = None
@@ -35,7 +40,7 @@ class Event:
 
 @dataclass(frozen=True)
 class AuditEvent:
-    """One event of the log as an admin reads it."""
+    """One event of the audit log, as an admin sees it."""
 
     id: int
     at: Timestamp
@@ -48,7 +53,7 @@ class AuditEvent:
 
 @dataclass(frozen=True)
 class AuditSearch:
-    """What is looked for: events that fit all that is given."""
+    """A filter of events: all given members must match."""
 
     robot: str | None = None
     actor: str | None = None
@@ -81,6 +86,18 @@ def record(tx: Transaction, source: Source, event: Event) -> None:
     )
 
 
+def network_of(address: str) -> Network:
+    """Return the network that an address counts for; texts that are no address count for one, too."""
+    try:
+        parsed = ip_address(address)
+    except ValueError:
+        return NOBODYS
+    # An IPv4 address in IPv6 spelling: a /64 would throw all of them together.
+    if isinstance(parsed, IPv6Address) and parsed.ipv4_mapped is None:
+        return ip_network((parsed, IPV6_PREFIX), strict=False)
+    return ip_network(parsed)
+
+
 def find(
     tx: Transaction,
     search: AuditSearch = AuditSearch(),
@@ -88,7 +105,7 @@ def find(
     before: int | None = None,
     limit: int = 100,
 ) -> list[AuditEvent]:
-    """Return the events that fit all that is given, the newest first; `before` is the id to go on from."""
+    """Return the matching events, newest first; `before` is the id to continue from."""
     given = {
         "robot = %s": search.robot,
         "actor = %s": search.actor,

@@ -1,7 +1,7 @@
 """Leases with their numbers, drives and stops, as the relay writes and reads them.
 
-Used by the relay alone, with account relay. Nothing here decides who drives. A robot or user that is
-gone meanwhile is no error: what happened stays written, or there is nothing left to write.
+Used by the relay alone, with account relay. Nothing here decides who drives. A robot or user that was
+removed meanwhile is no error: what is written stays, or there is nothing left to write.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class LeaseEnd:
 
 @dataclass(frozen=True)
 class Stop:
-    """A robot that is stopped; `by` is a user's name, or what the robot itself told (relay/control/stops.py)."""
+    """A robot that is stopped; `by` is a user's name, or what the robot itself reported (relay/control/stops.py)."""
 
     robot_id: int
     at: datetime
@@ -39,7 +39,7 @@ class Stop:
 
 @dataclass
 class StopEntry:
-    """Whether a robot is stopped, None: it is not; one object a robot, so that only its newest state is written."""
+    """The stop of a robot, None: not stopped; one object a robot, so that only its newest state is written."""
 
     robot_id: int
     stop: Stop | None = None
@@ -179,7 +179,7 @@ PROGRESS = (
 
 
 def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
-    """Write a drive as it stands; return the id of a new row."""
+    """Write the current record of a drive; return the id of a new row."""
     if drive.row_id is None:
         return _add_drive(tx, drive)
     changes = ", ".join(f"{column} = %s" for column in PROGRESS)

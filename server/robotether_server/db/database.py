@@ -1,4 +1,4 @@
-"""Opens transactions on MariaDB, and says what went wrong in this package's own problems.
+"""Opens transactions on MariaDB, and translates its errors to this package's problems.
 
 Made once by web, relay and cli. Must never log or raise a password or a statement's values.
 """

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.users import User
-from robotether_server.field_types import Amount, Count, Timestamp
 from robotether_server.problems import RecordMissing
+from robotether_server.schemas import Amount, Count, Timestamp
 
 COLUMNS = (
     "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "
@@ -20,12 +20,12 @@ MOVED = "(top_speed_m_s > 0 OR top_turn_rad_s > 0)"
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive; without `ended_at` it goes on.
+    """One drive; `ended_at` is None while it lasts.
 
-    Distance, turn and speeds are what was commanded. `dropped_old` counts the commands that came too late,
-    `refused` the operations that the policy refused, by their kind, and those of the robot's guard (`guard_...`).
-    `latency_...`: round trip from the driver to the robot. `bytes`: rosbridge's, both ways. `viewed_s`: for so long
-    the driver had a video open. None of these: nobody measured it.
+    Distance, turn and speeds are those commanded. `dropped_old` counts commands that came too late, `refused` the
+    operations that the policy refused, by kind, and what the robot's guard refused (`guard_...`). `latency_...` are
+    round trips from the driver to the robot, `bytes` rosbridge's in both directions, `pictures` and `picture_bytes` the
+    driver's video, `viewed_s` the time with a video open. None: not measured.
     """
 
     id: Count
@@ -53,7 +53,7 @@ class Drive:
 
     @property
     def frames_per_s(self) -> float | None:
-        """How many pictures came while a video was open; None: none was."""
+        """The frame rate while a video was open; None: none was."""
         if not self.pictures or not self.viewed_s:
             return None
         return self.pictures / self.viewed_s
@@ -61,9 +61,9 @@ class Drive:
 
 @dataclass(frozen=True)
 class DriveSearch:
-    """What is looked for: drives that fit all that is given, by the moment at which they began.
+    """A filter of drives: all given members must match; times compare with the start.
 
-    Those that never moved the robot are found by their `fence` alone.
+    A drive that never moved the robot is found only by its `fence`.
     """
 
     robot: str | None = None
@@ -74,7 +74,7 @@ class DriveSearch:
 
 
 def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
-    """Return one drive; raise RecordMissing when the viewer may not know of it, or there is none."""
+    """Return one drive; raise RecordMissing when there is none that the viewer may see."""
     found = _select(tx, viewer, "id = %s", (drive_id,), 1)
     if not found:
         raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
@@ -89,9 +89,9 @@ def find(
     before: int | None = None,
     limit: int = 100,
 ) -> list[Drive]:
-    """Return the drives that fit and that the viewer may know of, the newest first.
+    """Return the matching drives that the viewer may see, newest first.
 
-    Admins know of all; others of their own, and of all drives of the robots that they manage now.
+    Admins see all; others see their own, and all drives of the robots that they manage now.
     """
     given = {
         "robot = %s": search.robot,

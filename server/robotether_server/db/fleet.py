@@ -1,7 +1,7 @@
 """What the relay reads (robots, rights, credentials) and writes (sessions, audit lines, and what `control` has).
 
 Used by the relay alone, with account relay: it reads views and writes tables that nobody else writes.
-Moments are aware datetimes in UTC. Nothing here decides who may do what.
+Times are aware datetimes in UTC. Nothing here decides who may do what.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Changes:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All robots and all rights that hold, at one moment."""
+    """All robots and all rights in force, of one point in time."""
 
     robots: Mapping[int, RelayRobot]
     grants: Mapping[tuple[int, int], Level]
@@ -142,7 +142,7 @@ _CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "tok
 
 
 def changes(tx: Transaction) -> Changes:
-    """Read the texts that tell whether anything changed; cheap enough for once a second."""
+    """Read the texts that change with every change of the fleet; cheap enough for once a second."""
     row = tx.row("SELECT version FROM relay_changes") or {}
     robots, users, grants, *credentials = str(row.get("version", "//")).split("/")
     return Changes(
@@ -151,9 +151,9 @@ def changes(tx: Transaction) -> Changes:
 
 
 def load(tx: Transaction) -> Snapshot:
-    """Read robots and rights, all of the same moment as the version in it; the first of its transaction.
+    """Read robots and rights, all as of the version in it; must be the first read of its transaction.
 
-    Were they newer, a grant that is given and taken away around this moment would stay: its end leaves this version.
+    If they were newer, a grant that is added and deleted meanwhile would stay: deleting it restores this version.
     """
     tx.change("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
     rights = changes(tx).rights

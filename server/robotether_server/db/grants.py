@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import PlainName, RobotName, UserName
 
 Level = Literal["observe", "drive", "manage"]
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")  # each includes the ones before it
@@ -35,12 +36,12 @@ class Grant:
 
     @property
     def is_for_all(self) -> bool:
-        """Tell whether it is for all robots, those included that are still to come."""
+        """Tell whether it is for all robots, future ones included."""
         return self.robot is None and self.site is None
 
     @property
     def has_ended(self) -> bool:
-        """Tell whether its time is over."""
+        """Tell whether it has ended."""
         return self.ends_at is not None and self.ends_at <= dt.datetime.now(dt.UTC)
 
     @property
@@ -57,6 +58,24 @@ class Grant:
 
 
 @dataclass(frozen=True)
+class Group:
+    """A group and its members' names."""
+
+    id: int
+    name: PlainName
+    members: tuple[UserName, ...]
+
+
+@dataclass(frozen=True)
+class Site:
+    """A site and its robots' names."""
+
+    id: int
+    name: PlainName
+    robots: tuple[RobotName, ...]
+
+
+@dataclass(frozen=True)
 class Pair:
     """Who and what a grant is for, by their ids: one of the first two, one of the last three."""
 
@@ -68,7 +87,7 @@ class Pair:
 
 
 def includes(held: Level, asked: Level) -> bool:
-    """Tell whether who holds one level may do what asks for the other."""
+    """Tell whether one level includes what the other allows."""
     return LEVELS.index(held) >= LEVELS.index(asked)
 
 
@@ -124,3 +143,99 @@ def list_all(tx: Transaction) -> list[Grant]:
 
 def _grant(row: Row) -> Grant:
     return Grant(**row)
+
+
+def add_group(tx: Transaction, name: str) -> int:
+    """Add a group without members; return its id. Raises RecordExists or RecordRefused."""
+    try:
+        return tx.insert("INSERT INTO user_groups (name) VALUES (%s)", (name,))
+    except RecordExists as error:
+        raise RecordExists(f"cannot add group {name}: the name is taken") from error
+
+
+def get_group(tx: Transaction, name: str) -> Group:
+    """Return the group of that name; raise RecordMissing."""
+    row = tx.row("SELECT id, name FROM user_groups WHERE name = %s", (name,))
+    if row is None:
+        raise RecordMissing(
+            f"cannot find group {name}: no such group; add one with: group add {name}"
+        )
+    members = tx.rows(
+        "SELECT u.name FROM user_group_members m JOIN users u ON u.id = m.user_id "
+        "WHERE m.group_id = %s ORDER BY u.name",
+        (row["id"],),
+    )
+    return Group(row["id"], row["name"], tuple(member["name"] for member in members))
+
+
+def list_groups(tx: Transaction) -> list[Group]:
+    """Return every group, by name."""
+    members: dict[int, list[str]] = {}
+    for row in tx.rows(
+        "SELECT m.group_id, u.name FROM user_group_members m JOIN users u ON u.id = m.user_id "
+        "ORDER BY u.name"
+    ):
+        members.setdefault(row["group_id"], []).append(row["name"])
+    rows = tx.rows("SELECT id, name FROM user_groups ORDER BY name")
+    return [Group(row["id"], row["name"], tuple(members.get(row["id"], ()))) for row in rows]
+
+
+def remove_group(tx: Transaction, group_id: int) -> None:
+    """Remove a group with its grants; its members stay users."""
+    tx.change("DELETE FROM user_groups WHERE id = %s", (group_id,))
+
+
+def add_member(tx: Transaction, group_id: int, user_id: int) -> bool:
+    """Make a user a member; return whether the user was none before."""
+    return bool(
+        tx.change(
+            "INSERT IGNORE INTO user_group_members (group_id, user_id) VALUES (%s, %s)",
+            (group_id, user_id),
+        )
+    )
+
+
+def remove_member(tx: Transaction, group_id: int, user_id: int) -> bool:
+    """End a membership; return whether there was one."""
+    return bool(
+        tx.change(
+            "DELETE FROM user_group_members WHERE group_id = %s AND user_id = %s",
+            (group_id, user_id),
+        )
+    )
+
+
+def add_site(tx: Transaction, name: str) -> int:
+    """Add a site without robots; return its id. Raises RecordExists or RecordRefused."""
+    try:
+        return tx.insert("INSERT INTO sites (name) VALUES (%s)", (name,))
+    except RecordExists as error:
+        raise RecordExists(f"cannot add site {name}: the name is taken") from error
+
+
+def get_site(tx: Transaction, name: str) -> Site:
+    """Return the site of that name; raise RecordMissing."""
+    row = tx.row("SELECT id, name FROM sites WHERE name = %s", (name,))
+    if row is None:
+        raise RecordMissing(f"cannot find site {name}: no such site; add one with: site add {name}")
+    robots = tx.rows("SELECT name FROM robots WHERE site_id = %s ORDER BY name", (row["id"],))
+    return Site(row["id"], row["name"], tuple(robot["name"] for robot in robots))
+
+
+def list_sites(tx: Transaction) -> list[Site]:
+    """Return every site, by name."""
+    robots: dict[int, list[str]] = {}
+    for row in tx.rows("SELECT site_id, name FROM robots WHERE site_id IS NOT NULL ORDER BY name"):
+        robots.setdefault(row["site_id"], []).append(row["name"])
+    rows = tx.rows("SELECT id, name FROM sites ORDER BY name")
+    return [Site(row["id"], row["name"], tuple(robots.get(row["id"], ()))) for row in rows]
+
+
+def remove_site(tx: Transaction, site_id: int) -> None:
+    """Remove a site with its grants; its robots stay, at no site."""
+    tx.change("DELETE FROM sites WHERE id = %s", (site_id,))
+
+
+def place_robot(tx: Transaction, robot_id: int, site_id: int | None) -> None:
+    """Put a robot at a site, or at none."""
+    tx.change("UPDATE robots SET site_id = %s WHERE id = %s", (site_id, robot_id))

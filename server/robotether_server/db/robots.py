@@ -1,6 +1,7 @@
-"""Robots: their records, and the fleet as one user may see it.
+"""Robots: their records and their keys. Written by services; the database itself normalises MACs and allots ports.
 
-Written by services. The database itself normalises MACs and allots ports.
+A key that no robot has is a claim, which waits because the MAC's robot has another key and goes with that robot's row;
+or it was rejected, and outlives the row.
 """
 
 import datetime as dt
@@ -9,12 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from robotether_server.db.database import Row, Transaction
-from robotether_server.db.grants import Level
-from robotether_server.db.users import User
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.problems import RecordExists, RecordMissing, StoreUnavailable
 from robotether_server.ssh_keys import PublicKey
 
 State = Literal["pending", "active", "disabled"]
+
+# A turn takes milliseconds. Who waits holds one of web's few threads, which the pages need too.
+LOCK_WAIT_S = 3
 
 COLUMNS = (
     "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
@@ -23,21 +25,11 @@ COLUMNS = (
     "(SELECT name FROM sites WHERE id = r.site_id) AS site"
 )
 SELECT = f"SELECT {COLUMNS} FROM robots r "  # noqa: S608 - the module's own text
-# The newest session tells presence: one that has not ended is a robot that is online.
-SELECT_SEEN = (
-    f"SELECT {COLUMNS}, "  # noqa: S608 - the module's own text
-    "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
-    "COALESCE(s.ended_at, s.started_at) AS since, "
-    "COALESCE(s.address, r.join_address) AS seen_address, "
-    "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
-    "s.ended_at IS NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
-    "IF(%(admin)s, 'manage', g.level) AS level "
-    "FROM robots r "
-    "LEFT JOIN robot_sessions s "
-    "ON s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id) "
-    "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
-    "ON g.robot_id = r.id "
-    "WHERE (%(admin)s OR g.level IS NOT NULL) "
+# While a claim waits its robot may get another name; a rejected key keeps the name of its time.
+SELECT_CLAIM = (
+    "SELECT c.id, c.fingerprint, c.public_key, c.robot_id, COALESCE(r.name, c.robot) AS robot, c.mac, "
+    "c.hostname, c.agent_version, c.address, c.claimed_at, c.rejected_at, c.rejected_by "
+    "FROM key_claims c LEFT JOIN robots r ON r.id = c.robot_id "
 )
 
 
@@ -85,23 +77,42 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class SeenRobot:
-    """A robot as one user sees it.
+class Claim:
+    """A key that waits (`robot_id`) or was turned away (`rejected_at`, `rejected_by`)."""
 
-    `since`: the last change of `online`; None: never seen. `address` and `agent_version` are the newest
-    session's, or else the join's. `ros_exposed`: everybody in the robot's own network reaches its rosbridge.
+    id: int
+    key: PublicKey
+    robot_id: int | None
+    robot: str
+    mac: str
+    report: Report
+    claimed_at: dt.datetime
+    rejected_at: dt.datetime | None
+    rejected_by: str | None
+
+    @property
+    def is_rejected(self) -> bool:
+        """Whether an admin turned the key away."""
+        return self.rejected_at is not None
+
+
+def lock_enrolment(tx: Transaction) -> None:
+    """Make joins, and what admins do to robots' rows and keys, take turns; raise StoreUnavailable.
+
+    Held until the transaction's connection closes, after its commit. A join decides by several rows at once: whose the
+    MAC is, whether another row or a claim has the key, how many wait, which name is free. Row locks in changing order
+    would end some of those who join at the same moment with a deadlock; with this lock each finds what the one before
+    it left. Who needs it takes it first, before any row.
     """
-
-    robot: Robot
-    online: bool
-    since: dt.datetime | None
-    level: Level
-    address: str | None = None
-    agent_version: str | None = None
-    ros_exposed: bool = False
+    row = tx.row("SELECT GET_LOCK('robotether.enrolment', %s) AS held", (LOCK_WAIT_S,))
+    if not row or row["held"] != 1:
+        raise StoreUnavailable(
+            f"cannot change robots: other changes have been running for {LOCK_WAIT_S} s; try again shortly"
+        )
 
 
-def _robot(row: Row) -> Robot:
+def from_row(row: Row) -> Robot:
+    """Make a robot of a row of SELECT."""
     return Robot(
         id=row["id"],
         mac=row["mac"],
@@ -129,80 +140,35 @@ def _report(row: Row) -> Report | None:
     return Report(row["hostname"], row["agent_version"], row["join_address"])
 
 
-def _seen(row: Row) -> SeenRobot:
-    return SeenRobot(
-        robot=_robot(row),
-        online=bool(row["online"]),
-        since=row["since"],
-        level=row["level"],
-        address=row["seen_address"],
-        agent_version=row["seen_version"],
-        ros_exposed=bool(row["ros_exposed"]),
-    )
-
-
-def list_seen(tx: Transaction, user: User) -> list[SeenRobot]:
-    """Return the robots that the user may see, by name; admins see all, as managers."""
-    values = {"admin": user.is_admin, "user_id": user.id}
-    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
-
-
-def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
-    """Return one robot, if there is one of that name that the user may see."""
-    values = {"admin": user.is_admin, "user_id": user.id, "name": name}
-    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
-    return _seen(row) if row else None
-
-
-def list_all(tx: Transaction) -> list[SeenRobot]:
-    """Return every robot, by name, as an admin sees it."""
-    values = {"admin": True, "user_id": 0}
-    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
-
-
-def count_seen(tx: Transaction) -> dict[int, int]:
-    """Return how many robots each user may see, by the user's id; nothing for who sees none."""
-    rows = tx.rows("SELECT user_id, COUNT(*) AS robots FROM relay_grants GROUP BY user_id")
-    return {row["user_id"]: row["robots"] for row in rows}
-
-
-def get_seen(tx: Transaction, name: str) -> SeenRobot:
-    """Return one robot as an admin sees it; raise RecordMissing."""
-    values = {"admin": True, "user_id": 0, "name": name}
-    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
-    if row is None:
-        raise _missing(name)
-    return _seen(row)
-
-
 def get(tx: Transaction, name: str) -> Robot:
     """Return the robot of that name, locked until the transaction ends; raise RecordMissing."""
     row = tx.row(SELECT + "WHERE r.name = %s FOR UPDATE", (name,))
     if row is None:
-        raise _missing(name)
-    return _robot(row)
+        raise missing(name)
+    return from_row(row)
 
 
-def _missing(name: str) -> RecordMissing:
+def missing(name: str) -> RecordMissing:
+    """Return the problem of a name that no robot has."""
     return RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
 
 
 def find_by_mac(tx: Transaction, mac: str) -> Robot | None:
     """Return the robot of that MAC, locked until the transaction ends."""
     row = tx.row(SELECT + "WHERE r.mac = %s FOR UPDATE", (mac,))
-    return _robot(row) if row else None
+    return from_row(row) if row else None
 
 
 def find_by_key(tx: Transaction, fingerprint: str) -> Robot | None:
     """Return the robot whose row holds that key, locked until the transaction ends."""
     row = tx.row(SELECT + "WHERE r.fingerprint = %s FOR UPDATE", (fingerprint,))
-    return _robot(row) if row else None
+    return from_row(row) if row else None
 
 
 def peek_by_mac(tx: Transaction, mac: str) -> Robot | None:
     """Return the robot of that MAC without locking it."""
     row = tx.row(SELECT + "WHERE r.mac = %s", (mac,))
-    return _robot(row) if row else None
+    return from_row(row) if row else None
 
 
 def list_waiting(tx: Transaction) -> list[Robot]:
@@ -211,7 +177,7 @@ def list_waiting(tx: Transaction) -> list[Robot]:
         SELECT
         + "WHERE r.state = 'pending' AND r.fingerprint IS NOT NULL ORDER BY r.joined_at, r.id"
     )
-    return [_robot(row) for row in rows]
+    return [from_row(row) for row in rows]
 
 
 def name_is_taken(tx: Transaction, name: str) -> bool:
@@ -357,3 +323,105 @@ def set_settings(tx: Transaction, robot_id: int, settings: dict[str, Any]) -> No
 def remove(tx: Transaction, robot_id: int) -> None:
     """Remove a robot with its grants and its sessions; its ports are free again."""
     tx.change("DELETE FROM robots WHERE id = %s", (robot_id,))
+
+
+def _claim(row: Row) -> Claim:
+    return Claim(
+        id=row["id"],
+        key=PublicKey(row["public_key"], row["fingerprint"]),
+        robot_id=row["robot_id"],
+        robot=row["robot"],
+        mac=row["mac"],
+        report=Report(row["hostname"] or "", row["agent_version"] or "", row["address"] or ""),
+        claimed_at=row["claimed_at"],
+        rejected_at=row["rejected_at"],
+        rejected_by=row["rejected_by"],
+    )
+
+
+def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
+    """Return the claim or rejected key of that fingerprint, locked until the transaction ends."""
+    row = tx.row(SELECT_CLAIM + "WHERE c.fingerprint = %s FOR UPDATE", (fingerprint,))
+    return _claim(row) if row else None
+
+
+def add_claim(tx: Transaction, robot: Robot, key: PublicKey, report: Report) -> None:
+    """Write down that a key wants to be the one of that robot. Raises RecordExists."""
+    tx.insert(
+        "INSERT INTO key_claims "
+        "(robot_id, robot, mac, fingerprint, public_key, hostname, agent_version, address) "
+        "VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
+        (
+            robot.id,
+            robot.name,
+            robot.mac,
+            key.fingerprint,
+            key.line,
+            report.hostname,
+            report.agent_version,
+            report.address,
+        ),
+    )
+
+
+def add_rejected_key(tx: Transaction, robot: Robot, by: str) -> None:
+    """Remember the key that this robot's row had as turned away. Raises RecordExists."""
+    report = robot.report
+    tx.insert(
+        "INSERT INTO key_claims (robot, mac, fingerprint, public_key, hostname, agent_version, address, "
+        "rejected_at, rejected_by) VALUES (%s, %s, %s, %s, %s, %s, %s, CURRENT_TIMESTAMP(6), %s)",
+        (
+            robot.name,
+            robot.mac,
+            robot.fingerprint,
+            robot.public_key,
+            report.hostname if report else None,
+            report.agent_version if report else None,
+            report.address if report else None,
+            by,
+        ),
+    )
+
+
+def reject_claim(tx: Transaction, claim_id: int, robot: str, by: str) -> None:
+    """Turn a claim away; its key is remembered."""
+    tx.change(
+        "UPDATE key_claims SET robot_id = NULL, robot = %s, rejected_at = CURRENT_TIMESTAMP(6), "
+        "rejected_by = %s WHERE id = %s",
+        (robot, by, claim_id),
+    )
+
+
+def remove_claim(tx: Transaction, claim_id: int) -> None:
+    """Forget a claim or a rejected key."""
+    tx.change("DELETE FROM key_claims WHERE id = %s", (claim_id,))
+
+
+def remove_old_claims(tx: Transaction, before: dt.datetime) -> None:
+    """Remove the claims that came before that moment; rejected keys stay."""
+    tx.change("DELETE FROM key_claims WHERE rejected_at IS NULL AND claimed_at < %s", (before,))
+
+
+def list_claims(tx: Transaction) -> list[Claim]:
+    """Return the claims, the oldest first."""
+    return [
+        _claim(row) for row in tx.rows(SELECT_CLAIM + "WHERE c.rejected_at IS NULL ORDER BY c.id")
+    ]
+
+
+def list_rejected_keys(tx: Transaction) -> list[Claim]:
+    """Return the keys that were turned away, the newest first."""
+    rows = tx.rows(
+        SELECT_CLAIM + "WHERE c.rejected_at IS NOT NULL ORDER BY c.rejected_at DESC, c.id DESC"
+    )
+    return [_claim(row) for row in rows]
+
+
+def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
+    """Return the rejected key of that id; raise RecordMissing."""
+    row = tx.row(
+        SELECT_CLAIM + "WHERE c.id = %s AND c.rejected_at IS NOT NULL FOR UPDATE", (claim_id,)
+    )
+    if row is None:
+        raise RecordMissing(f"cannot find rejected key {claim_id}: there is none of that number")
+    return _claim(row)

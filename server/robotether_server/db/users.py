@@ -1,15 +1,21 @@
-"""Users: who may log in. Written by services; read by web."""
+"""Users: who may log in; and their SSH public keys, by which they reach the shells of robots.
+
+Written by services, read by web. sshd's account `jump` reads the keys of who manages robots through the view jump_keys.
+"""
 
 from dataclasses import dataclass, field
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
 from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import Fingerprint, Label, Timestamp
+from robotether_server.ssh_keys import PublicKey
 
 Role = Literal["admin", "user"]
 ROLES: tuple[Role, ...] = ("admin", "user")
 
 SELECT = "SELECT u.id, u.name, u.role, u.disabled, u.password_hash FROM users u "
+SELECT_SSH_KEY = "SELECT id, name, fingerprint, public_key, created_at FROM user_ssh_keys "
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,17 @@ class User:
     def is_admin(self) -> bool:
         """Admins manage every robot."""
         return self.role == "admin"
+
+
+@dataclass(frozen=True)
+class SshKey:
+    """One key; `public_key` is `TYPE BASE64`."""
+
+    id: int
+    name: Label
+    fingerprint: Fingerprint
+    public_key: str
+    created_at: Timestamp
 
 
 def from_row(row: Row) -> User:
@@ -76,7 +93,7 @@ def list_all(tx: Transaction) -> list[User]:
 
 
 def set_disabled(tx: Transaction, user_id: int, *, disabled: bool) -> None:
-    """Keep a user out, or let the user in again; logins end with the first."""
+    """Disable a user, which ends the logins, or enable the user again."""
     tx.change("UPDATE users SET disabled = %s WHERE id = %s", (disabled, user_id))
     if disabled:
         tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))
@@ -96,3 +113,39 @@ def enabled_admins(tx: Transaction) -> list[str]:
     """Return the names of those who can administer this site, locked until the transaction ends."""
     rows = tx.rows("SELECT name FROM users WHERE role = 'admin' AND NOT disabled FOR UPDATE")
     return [row["name"] for row in rows]
+
+
+def add_ssh_key(tx: Transaction, user: User, name: str, key: PublicKey) -> SshKey:
+    """Add a key; raise RecordExists when the user has it, or one of that name."""
+    try:
+        key_id = tx.insert(
+            "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) VALUES (%s, %s, %s, %s)",
+            (user.id, name, key.fingerprint, key.line),
+        )
+    except RecordExists as error:
+        taken = "a key of that name" if error.key == "user_ssh_keys_name" else "this very key"
+        raise RecordExists(
+            f"cannot add SSH key {name}: user {user.name} has {taken} already", error.key
+        ) from error
+    return get_ssh_key(tx, user, key_id)
+
+
+def get_ssh_key(tx: Transaction, user: User, key_id: int) -> SshKey:
+    """Return a key of that user; raise RecordMissing."""
+    row = tx.row(SELECT_SSH_KEY + "WHERE user_id = %s AND id = %s", (user.id, key_id))
+    if row is None:
+        raise RecordMissing(
+            f"cannot find SSH key {key_id}: user {user.name} has none of that number"
+        )
+    return SshKey(**row)
+
+
+def list_ssh_keys(tx: Transaction, user: User) -> list[SshKey]:
+    """Return the user's keys, by name."""
+    rows = tx.rows(SELECT_SSH_KEY + "WHERE user_id = %s ORDER BY name", (user.id,))
+    return [SshKey(**row) for row in rows]
+
+
+def delete_ssh_key(tx: Transaction, key_id: int) -> None:
+    """Delete a key."""
+    tx.change("DELETE FROM user_ssh_keys WHERE id = %s", (key_id,))

@@ -2,6 +2,6 @@
 
 Used by web and cli, which ask the person and show the outcome. Every function takes the open Transaction
 first, so that several actions of one request are done together or not at all, and raises Problems whose detail
-is the sentence for that person. Who may do it at all the caller has decided. Log-ins (logging_in.py) open their
+is the sentence for that person. The caller has checked the right to do it. Log-ins (logging_in.py) open their
 transactions themselves.
 """

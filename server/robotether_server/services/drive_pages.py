@@ -1,8 +1,7 @@
 """Sets a robot's drive page for its managers: kind, cameras, video and buttons.
 
-The rest of its settings are admins' (robots.py). Whoever calls has found out with `find_managed` that the user
-manages the robot, and for `allow` that it is an admin. Connections go on; the page takes a change when it is opened
-anew.
+The rest of its settings are admins' (robots.py). The caller has checked with `find_managed` that the user manages
+the robot, and for `allow` that it is an admin. Connections stay; a page applies a change when it is opened next.
 """
 
 import json
@@ -12,9 +11,9 @@ from dataclasses import replace
 from robotether_server import buttons as button_settings
 from robotether_server import robot_settings
 from robotether_server.buttons import Button
-from robotether_server.db import Transaction, audit, locks, robots
+from robotether_server.db import Transaction, audit, robots, seen_robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.robots import SeenRobot
+from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, RobotUnknown
 from robotether_server.robot_settings import RobotSettings, Settings, put_path
@@ -35,15 +34,15 @@ def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> 
 
 
 def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> RobotSettings:
-    """Replace `buttons` by what `change` makes of the present ones; no other change comes in between."""
-    locks.enrolment(tx)
+    """Replace `buttons` by the result of `change`; no other change comes in between."""
+    robots.lock_enrolment(tx)
     present = button_settings.parse(robots.get(tx, name).settings.get("buttons", []))
     changed = [button.as_dict() for button in change(list(present))]
     return set_buttons(tx, source, name, changed)
 
 
 def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
-    """Add what the button sends to what the policy lets drivers send, if it is not; raise FieldInvalid."""
+    """Add what the button sends to the drivers' policy, if it is missing; raise FieldInvalid."""
 
     def change(present: Settings) -> Settings:
         settings = robot_settings.parse(present)
@@ -66,7 +65,7 @@ def placed(buttons: list[Button], place: int, name: str) -> int:
 
 
 def read(text: str) -> dict[str, object]:
-    """Return the JSON object that somebody typed; raise FieldInvalid, which says where it goes wrong."""
+    """Parse a JSON object from a form; raise FieldInvalid, which names the place of the error."""
     try:
         found = json.loads(text or "{}", object_pairs_hook=_once)
     except json.JSONDecodeError as error:
@@ -93,7 +92,7 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
 def _set(
     tx: Transaction, source: Source, event: Event, member: str, value: object
 ) -> RobotSettings:
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     found = robots.get(tx, event.robot or "")
     settings = robot_settings.parse({**found.settings, member: value})
     given = settings.as_given()
@@ -108,7 +107,7 @@ def _set(
 
 def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
     """Return the robot if this user manages it; raise RobotUnknown when they may not see it, else GrantMissing."""
-    seen = robots.find_seen(tx, user, name)
+    seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
     if seen.level != "manage":

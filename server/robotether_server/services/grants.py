@@ -1,13 +1,18 @@
-"""Grants: which user or group may observe, drive or manage which robot, site or all, and until when."""
+"""Grants: which user or group may observe, drive or manage which robot, site or all, and until when.
+
+Groups of users and sites of robots are made, filled and removed by admins.
+"""
 
 import datetime as dt
 from typing import Literal, NamedTuple
 
-from robotether_server import times
-from robotether_server.db import Transaction, audit, grants, groups, robots, sites, users
+from robotether_server import schemas, times
+from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.grants import Grant, Level, Pair
-from robotether_server.problems import RecordMissing
+from robotether_server.db.grants import Grant, Group, Level, Pair, Site
+from robotether_server.db.robots import Robot
+from robotether_server.problems import NotPossible, RecordMissing
+from robotether_server.schemas import NewPlainName
 
 
 class Grantee(NamedTuple):
@@ -36,9 +41,9 @@ def give(
     *,
     ends_at: dt.datetime | None = None,
 ) -> tuple[Grant, bool]:
-    """Give a grant, in place of an earlier one of the same two; tell whether there was none before.
+    """Add a grant, which replaces an earlier one of the same pair; tell whether there was none before.
 
-    Raises RecordMissing, or FieldInvalid for an end that is no good.
+    Raises RecordMissing, or FieldInvalid for an invalid end.
     """
     if ends_at is not None:
         times.check_end("ends_at", ends_at)
@@ -61,7 +66,7 @@ def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
 
 
 def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
-    """Take the grant of these two away; raise RecordMissing when there is none."""
+    """Delete the grant of this pair; raise RecordMissing when there is none."""
     found = grants.find(tx, _pair(tx, grantee, scope))
     if found is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
@@ -70,7 +75,7 @@ def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope)
 
 
 def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
-    """Let a user do this with a robot, without an end, in place of an earlier grant; raise RecordMissing."""
+    """Give a user this level for a robot, without an end, replacing an earlier grant; raise RecordMissing."""
     give(tx, source, Grantee("user", user), Scope("robot", robot), level)
 
 
@@ -88,15 +93,15 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
     is_user = grantee.kind == "user"
     return Pair(
         robot_id=robots.get(tx, scope.name).id if scope.kind == "robot" else None,
-        site_id=sites.get(tx, scope.name).id if scope.kind == "site" else None,
+        site_id=grants.get_site(tx, scope.name).id if scope.kind == "site" else None,
         all_robots=scope.kind == "all",
         user_id=users.get(tx, grantee.name).id if is_user else None,
-        group_id=None if is_user else groups.get(tx, grantee.name).id,
+        group_id=None if is_user else grants.get_group(tx, grantee.name).id,
     )
 
 
 def _about(given: Grant) -> dict[str, object]:
-    """Return what the audit log tells of a grant; the robot has a column of its own there."""
+    """Return a grant's details for the audit log, which has a column of its own for the robot."""
     known = {"user": given.user, "group": given.group, "site": given.site}
     about: dict[str, object] = {name: value for name, value in known.items() if value is not None}
     if given.is_for_all:
@@ -109,3 +114,71 @@ def _about(given: Grant) -> dict[str, object]:
 
 def _text(timestamp: dt.datetime | None) -> str | None:
     return timestamp.isoformat(timespec="seconds") if timestamp else None
+
+
+def add_group(tx: Transaction, source: Source, name: str) -> Group:
+    """Add a group without members; raise FieldInvalid or RecordExists."""
+    schemas.check("name", name, NewPlainName)
+    grants.add_group(tx, name)
+    audit.record(tx, source, Event("group_added", details={"group": name}))
+    return grants.get_group(tx, name)
+
+
+def remove_group(tx: Transaction, source: Source, name: str) -> Group:
+    """Remove a group with its grants; return it as it was. Raises RecordMissing."""
+    found = grants.get_group(tx, name)
+    grants.remove_group(tx, found.id)
+    details: dict[str, object] = {"group": name, "members": list(found.members)}
+    audit.record(tx, source, Event("group_removed", details=details))
+    return found
+
+
+def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
+    """Give a user the grants of a group; raise RecordMissing. Who is a member already stays one."""
+    if grants.add_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
+        details: dict[str, object] = {"group": name, "user": user}
+        audit.record(tx, source, Event("group_member_added", details=details))
+    return grants.get_group(tx, name)
+
+
+def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
+    """Remove a user from a group; raise RecordMissing."""
+    if not grants.remove_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
+        raise RecordMissing(f"cannot remove user {user} from group {name}: the user is no member")
+    details: dict[str, object] = {"group": name, "user": user}
+    audit.record(tx, source, Event("group_member_removed", details=details))
+    return grants.get_group(tx, name)
+
+
+def add_site(tx: Transaction, source: Source, name: str) -> Site:
+    """Add a site without robots; raise FieldInvalid or RecordExists."""
+    schemas.check("name", name, NewPlainName)
+    grants.add_site(tx, name)
+    audit.record(tx, source, Event("site_added", details={"site": name}))
+    return grants.get_site(tx, name)
+
+
+def remove_site(tx: Transaction, source: Source, name: str) -> Site:
+    """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissing."""
+    found = grants.get_site(tx, name)
+    grants.remove_site(tx, found.id)
+    details: dict[str, object] = {"site": name, "robots": list(found.robots)}
+    audit.record(tx, source, Event("site_removed", details=details))
+    return found
+
+
+def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> Robot:
+    """Put a robot at a site, or at none; raise RecordMissing."""
+    found = robots.get(tx, robot)
+    if found.site != site:
+        grants.place_robot(tx, found.id, None if site is None else grants.get_site(tx, site).id)
+        details: dict[str, object] = {"was": found.site, "site": site}
+        audit.record(tx, source, Event("robot_site_set", robot, details))
+    return robots.get(tx, robot)
+
+
+def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
+    """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
+    if robots.get(tx, robot).site != site:
+        raise NotPossible(f"cannot remove robot {robot} from site {site}: it is not there")
+    return place_robot(tx, source, robot, None)

@@ -1,40 +1,56 @@
-"""Decides what a robot that joins with a MAC and a key is told.
+"""Decides what becomes of the key that a robot joins with, or that a playbook brings (robots.py).
 
-Used by api/join.py. A MAC only names a robot; its key is what proves it. Without a token JOIN_POLICY says
-what becomes of a new key. A join proves no possession of the key, so one with a key that is known already
-must never change the row, and only the old key's signature (`rotate`) or an admin changes the key of an active
-robot.
+A MAC only names a robot; its key is what proves it, and a join proves no possession of the key. So without a
+credential (tokens.py) JOIN_POLICY says what becomes of a new key, mostly it waits, and nothing that waits may keep a
+robot out that comes with a credential. A join with a known key must never change the row, and only the old key's
+signature (`rotate`) or an admin changes the key of an active robot.
 """
 
 import datetime as dt
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain, count
 from typing import Literal
 
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
 
 from robotether_server import macs, ssh_keys
-from robotether_server.db import Transaction, audit, claims, locks, robots, sessions
-from robotether_server.db.audit import Event, Source
-from robotether_server.db.robots import Robot
-from robotether_server.networks import network_of
+from robotether_server.db import Transaction, audit, credentials, robots, seen_robots
+from robotether_server.db.audit import Event, Source, network_of
+from robotether_server.db.robots import Claim, Report, Robot
 from robotether_server.problems import (
     FieldInvalid,
+    KeyInUse,
+    KeyRejected,
     MacElsewhere,
+    RecordExists,
     RobotDisabled,
     TokenRequired,
     TokenUsedUp,
     TooManyPending,
 )
-from robotether_server.services import enrolment, enrolment_credentials
-from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.enrolment_credentials import EnrolmentCredential
+from robotether_server.services.tokens import ROBOT, EnrolmentCredential, find_credential
 from robotether_server.settings import JoinSettings
+from robotether_server.ssh_keys import PublicKey
 
 # What nobody announced: how much one network may leave waiting, and for how long.
 MAX_UNKNOWN_PER_NETWORK = 10
 UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
 # A join proves nothing, so it may not fill the audit log either.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
+ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
+MIN_SUFFIX_LENGTH = 6
+MAC_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class PresentedKey:
+    """What a robot shows and tells: its MAC (normalised), its key, and about itself."""
+
+    mac: str
+    key: PublicKey
+    report: Report
 
 
 @dataclass(frozen=True)
@@ -74,10 +90,10 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
     Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
     KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
     """
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     _forget_old(tx)
     presented = request.presented
-    enrolment.check_not_rejected(tx, presented.key)
+    check_not_rejected(tx, presented.key)
     robot = robots.find_by_mac(tx, presented.mac)
     if robot is not None:
         is_known = robot.fingerprint == presented.key.fingerprint
@@ -86,10 +102,8 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
             return _still_active(tx, request, robot)
         if request.previous is not None and rotate(tx, robot, presented, request.previous):
             return _active(robot)
-    credential = _credential(tx, request, rules)
-    source = Source(
-        credential.actor if credential else enrolment_credentials.ROBOT, presented.report.address
-    )
+    credential = _credential_of(tx, request, rules)
+    source = Source(credential.actor if credential else ROBOT, presented.report.address)
     return _Joining(tx, source, request, rules, credential).decide(robot)
 
 
@@ -105,7 +119,7 @@ class _Joining:
 
     def decide(self, robot: Robot | None) -> Answer:
         """Let the key in, let it wait, or note that it claims another key's place."""
-        enrolment.check_key_is_free(
+        check_key_is_free(
             self.tx, self.source, self.request.presented, is_authorized=self.credential is not None
         )
         if robot is None:
@@ -115,9 +129,7 @@ class _Joining:
             return self._claim(robot)
         if self.credential is not None or self._is_first_key(robot):
             return _active(
-                enrolment.let_in(
-                    self.tx, self.source, robot, self.request.presented, self.credential
-                )
+                let_in(self.tx, self.source, robot, self.request.presented, self.credential)
             )
         return self._wait(robot)
 
@@ -128,7 +140,7 @@ class _Joining:
             macs.check_universal(mac)
         if self.credential is None:
             self._check_room()
-        name = enrolment.free_name(self.tx, mac, self.request.name if self.credential else None)
+        name = free_name(self.tx, mac, self.request.name if self.credential else None)
         robots.add(self.tx, mac, name, unknown=self.credential is None)
         return robots.get(self.tx, name)
 
@@ -139,7 +151,7 @@ class _Joining:
     def _wait(self, robot: Robot) -> Answer:
         presented = self.request.presented
         if robot.fingerprint != presented.key.fingerprint:
-            enrolment.adopt_key(self.tx, robot, presented)
+            adopt_key(self.tx, robot, presented)
             # The key is new, so it waits even in a row that was active without one.
             robots.set_state(self.tx, robot.id, "pending")
             audit.record(
@@ -155,14 +167,14 @@ class _Joining:
     def _claim(self, robot: Robot) -> Answer:
         """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
         presented = self.request.presented
-        if claims.find(self.tx, presented.key.fingerprint) is None:
+        if robots.find_claim(self.tx, presented.key.fingerprint) is None:
             self._check_room()
-            claims.add(self.tx, robot, presented.key, presented.report)
+            robots.add_claim(self.tx, robot, presented.key, presented.report)
             audit.record(
                 self.tx, self.source, Event("key_claimed", robot.name, _details(presented))
             )
         return Answer(
-            next(enrolment.usual_names(presented.mac)),
+            next(usual_names(presented.mac)),
             "mac_in_use",
             f"the robot with MAC {presented.mac} has another key and keeps it; an admin "
             f"decides about this key, {presented.key.fingerprint}, in the page of waiting robots",
@@ -171,7 +183,7 @@ class _Joining:
     def _check_room(self) -> None:
         """Raise TooManyPending when all, or one network, have as much waiting as may."""
         waiting = robots.unknown_addresses(self.tx)
-        waiting += [claim.report.address for claim in claims.waiting(self.tx)]
+        waiting += [claim.report.address for claim in robots.list_claims(self.tx)]
         network = network_of(self.request.presented.report.address)
         from_there = sum(network_of(other) == network for other in waiting)
         is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
@@ -186,7 +198,7 @@ class _Joining:
 def _forget_old(tx: Transaction) -> None:
     before = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
     robots.remove_unknown(tx, before)
-    claims.remove_old(tx, before)
+    robots.remove_old_claims(tx, before)
 
 
 def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
@@ -210,7 +222,7 @@ def _still_active(tx: Transaction, request: JoinAttempt, robot: Robot) -> Answer
 
 def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
-    if sessions.is_online(tx, robot.id):
+    if seen_robots.is_online(tx, robot.id):
         raise MacElsewhere(
             f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
             "copy of that robot's disk, and must join with its own MAC and a new key"
@@ -218,16 +230,16 @@ def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
     last = audit.find(tx, audit.AuditSearch(robot.name, kind="mac_changed"), limit=1)
     if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
         return
-    source = Source(enrolment_credentials.ROBOT, request.presented.report.address)
+    source = Source(ROBOT, request.presented.report.address)
     audit.record(tx, source, Event("mac_changed", robot.name, _details(request.presented)))
 
 
-def _credential(
+def _credential_of(
     tx: Transaction, request: JoinAttempt, rules: JoinSettings
 ) -> EnrolmentCredential | None:
     """Return the credential of a robot that is not in yet; None: it has none, so it may only wait."""
-    credential = enrolment_credentials.find(tx, request.token) if request.token else None
-    if credential is not None and not enrolment.is_spent(tx, credential, request.presented.key):
+    credential = find_credential(tx, request.token) if request.token else None
+    if credential is not None and not is_spent(tx, credential, request.presented.key):
         return credential
     if rules.policy != "token-only":
         return None
@@ -246,14 +258,6 @@ def _active(robot: Robot) -> Answer:
     return Answer(robot.name, "active")
 
 
-def _details(presented: PresentedKey) -> dict[str, object]:
-    return {
-        "mac": presented.mac,
-        "fingerprint": presented.key.fingerprint,
-        "hostname": presented.report.hostname,
-    }
-
-
 def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: PreviousKey) -> bool:
     """Put the new key in place of the one that signed it; False: the robot is not active with that one.
 
@@ -268,12 +272,141 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
             f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"
         )
-    source = Source(enrolment_credentials.ROBOT, presented.report.address)
-    enrolment.check_key_is_free(tx, source, presented, is_authorized=True)
-    claim = claims.find(tx, presented.key.fingerprint)
+    source = Source(ROBOT, presented.report.address)
+    check_key_is_free(tx, source, presented, is_authorized=True)
+    claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
     robots.rotate_key(tx, robot.id, presented.key)
     details: dict[str, object] = {"was": old.fingerprint, "fingerprint": presented.key.fingerprint}
     audit.record(tx, source, Event("key_rotated", robot.name, details))
     return True
+
+
+def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
+    """Raise KeyRejected for a key that an admin turned away."""
+    claim = robots.find_claim(tx, key.fingerprint)
+    if claim is not None and claim.is_rejected:
+        raise KeyRejected(
+            f"cannot join with key {key.fingerprint}: an admin rejected it; make a new key on the robot "
+            "(sudo robotether-agent forget), or ask an admin to remove it from the list of rejected keys"
+        )
+
+
+def check_key_is_free(
+    tx: Transaction, source: Source, presented: PresentedKey, *, is_authorized: bool
+) -> None:
+    """Raise KeyInUse when the key stands at another MAC; where it only waits there, an authorized robot gets it."""
+    holder = robots.find_by_key(tx, presented.key.fingerprint)
+    claim = robots.find_claim(tx, presented.key.fingerprint)
+    waits_elsewhere = holder is not None and holder.mac != presented.mac
+    claimed_elsewhere = claim is not None and claim.mac != presented.mac
+    if not waits_elsewhere and not claimed_elsewhere:
+        return
+    if not is_authorized or (waits_elsewhere and holder is not None and holder.state != "pending"):
+        raise KeyInUse(
+            f"cannot join with MAC {presented.mac}: the key belongs to a robot with another MAC; "
+            "make a new key on this one"
+        )
+    _release(tx, source, holder, claim)
+
+
+def let_in(
+    tx: Transaction,
+    source: Source,
+    robot: Robot,
+    presented: PresentedKey,
+    credential: EnrolmentCredential | None,
+) -> Robot:
+    """Make the key the robot's own, and the robot active; None: JOIN_POLICY lets first keys in.
+
+    Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
+    """
+    if credential is not None and credential.token is not None:
+        _count_use(tx, credential.token, presented.key)
+    adopt_key(tx, robot, presented)
+    robots.set_state(tx, robot.id, "active")
+    details: dict[str, object] = {
+        "was": robot.state,
+        "mac": presented.mac,
+        "fingerprint": presented.key.fingerprint,
+        "hostname": presented.report.hostname,
+        **(credential.details if credential else {"by": "first key"}),
+    }
+    audit.record(tx, source, Event("robot_approved", robot.name, details))
+    return robots.get(tx, robot.name)
+
+
+def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
+    """Write the key into the row, unless it stands there: a known key changes nothing. Raises KeyInUse."""
+    claim = robots.find_claim(tx, presented.key.fingerprint)
+    if claim is not None:
+        robots.remove_claim(tx, claim.id)
+    if robot.fingerprint == presented.key.fingerprint:
+        return
+    try:
+        robots.set_key(tx, robot.id, presented.key, presented.report)
+    except RecordExists as error:
+        # Only SQL written by hand comes in between: joins and admins hold the lock.
+        raise KeyInUse(
+            f"cannot join with MAC {presented.mac}: another robot has the key"
+        ) from error
+
+
+def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
+    """Tell whether the join token let this key in before, which an admin has undone since."""
+    return credential.token is not None and credentials.has_let_in(
+        tx, credential.token.id, key.fingerprint
+    )
+
+
+def free_name(tx: Transaction, mac: str, requested: str | None = None) -> str:
+    """Return the requested name if it can be had, or robot- and as many of the MAC's digits as make it a new name."""
+    requested_names = (
+        [requested] if requested is not None and ROBOT_NAME.fullmatch(requested) else []
+    )
+    names = chain(requested_names, usual_names(mac))
+    return next(name for name in names if not robots.name_is_taken(tx, name))
+
+
+def usual_names(mac: str) -> Iterator[str]:
+    """Return names for an unknown robot, the shortest first; there is always another."""
+    digits = mac.replace(":", "")
+    for length in range(MIN_SUFFIX_LENGTH, MAC_DIGITS + 1):
+        yield f"robot-{digits[-length:]}"
+    for number in count(2):
+        yield f"robot-{digits}-{number}"
+
+
+def _count_use(tx: Transaction, token: credentials.JoinToken, key: PublicKey) -> None:
+    if credentials.has_let_in(tx, token.id, key.fingerprint):
+        raise TokenUsedUp(
+            f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
+            "that; get another token, or an admin's approval"
+        )
+    if not credentials.use_join_token(tx, token.id, key.fingerprint):
+        raise TokenUsedUp(
+            f"cannot join with this token: it was good for {token.uses} "
+            f"{'robot' if token.uses == 1 else 'robots'}, which are in; make another"
+        )
+
+
+def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim | None) -> None:
+    if claim is not None:
+        robots.remove_claim(tx, claim.id)
+    if holder is None:
+        return
+    if holder.is_unknown:
+        robots.remove(tx, holder.id)
+    else:
+        robots.forget_key(tx, holder.id)
+    details: dict[str, object] = {"mac": holder.mac, "fingerprint": holder.fingerprint}
+    audit.record(tx, source, Event("key_released", holder.name, details))
+
+
+def _details(presented: PresentedKey) -> dict[str, object]:
+    return {
+        "mac": presented.mac,
+        "fingerprint": presented.key.fingerprint,
+        "hostname": presented.report.hostname,
+    }

@@ -2,28 +2,34 @@
 
 Used by the log-in page and the profile. An unknown name, a disabled user and a wrong password look the same, and
 take as long. A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at
-once would all pass the throttle before the first of them is recorded.
+once would all pass the throttle before the first of them is recorded. Three limits, each against one attacker:
+
+* one network that tries many passwords of one user; a success clears the failures of that pair;
+* one network that tries many users;
+* many networks that try one user. This one does not count where that user has logged in before, so that
+  nobody can lock a user out of the usual places by failing on purpose.
 """
 
 import datetime as dt
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
 
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, audit, logins, users
-from robotether_server.db.audit import Event, Occurrence, Source
+from robotether_server.db import Database, Transaction, audit, credentials, users
+from robotether_server.db.audit import Event, Network, Occurrence, Source, network_of
 from robotether_server.db.users import User
-from robotether_server.networks import Network, network_of
 from robotether_server.problems import LoginFailed, Throttled
-from robotether_server.services import throttle
-from robotether_server.services.throttle import Failures
 
 FAILED = "login_failed"
 SUCCEEDED = "login"
+WINDOW = dt.timedelta(minutes=10)
+PER_USER_AND_NETWORK = 5
+PER_NETWORK = 30
+PER_USER = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,19 @@ class Guess:
     user: str
     network: Network
     at: dt.datetime
+
+
+@dataclass(frozen=True)
+class Failures:
+    """Moments within WINDOW, the oldest first.
+
+    `of_pair`: of this user from this network since they last fitted; `of_network`: of any user from it;
+    `of_user`: of this user from anywhere, empty where the user has logged in before.
+    """
+
+    of_pair: Sequence[dt.datetime] = ()
+    of_network: Sequence[dt.datetime] = ()
+    of_user: Sequence[dt.datetime] = ()
 
 
 class OpenGuesses:
@@ -63,7 +82,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
     with _guessed(database, source, password) as user, database.transaction() as tx:
         if user is not None:
             audit.record(tx, source, Event(SUCCEEDED))
-            return logins.create(tx, user, source.address or "", lifetime)
+            return credentials.create_login(tx, user, source.address or "", lifetime)
         audit.record(tx, source, Event(FAILED))
     raise LoginFailed("cannot log in: the name or the password is wrong")
 
@@ -99,17 +118,17 @@ def _guessed(database: Database, source: Source, password: str) -> Iterator[User
 def log_out(database: Database, source: Source, text: str) -> None:
     """End one login."""
     with database.transaction() as tx:
-        if logins.end(tx, text):
+        if credentials.end_login(tx, text):
             audit.record(tx, source, Event("logout"))
 
 
 def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:
-    free_at = throttle.free_at(_failures(tx, guess, before))
-    if free_at is None or free_at <= guess.at:
+    allowed_at = free_at(_failures(tx, guess, before))
+    if allowed_at is None or allowed_at <= guess.at:
         return
-    wait_s = math.ceil((free_at - guess.at).total_seconds())
+    wait_s = math.ceil((allowed_at - guess.at).total_seconds())
     raise Throttled(
-        f"cannot log in now: too many attempts failed; try again at {free_at:%H:%M:%S} UTC "
+        f"cannot log in now: too many attempts failed; try again at {allowed_at:%H:%M:%S} UTC "
         f"(in {math.ceil(wait_s / 60)} min)",
         wait_s,
     )
@@ -117,7 +136,7 @@ def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:
 
 def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
     """Return the failures of the log, and as the newest of them the guesses that are open."""
-    user, network, since = guess.user, guess.network, guess.at - throttle.WINDOW
+    user, network, since = guess.user, guess.network, guess.at - WINDOW
     tries = audit.recent_from(tx, (FAILED, SUCCEEDED), network, since)
     tries += [Occurrence(FAILED, one.user, one.at) for one in before if one.network == network]
     own = [one for one in tries if one.actor == user]
@@ -131,3 +150,18 @@ def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
         of_network=[one.at for one in tries if one.kind == FAILED],
         of_user=of_user,
     )
+
+
+def free_at(failures: Failures) -> dt.datetime | None:
+    """Return the time from which an attempt is accepted, or None when it is accepted now."""
+    ends = (
+        _free_at_limit(failures.of_pair, PER_USER_AND_NETWORK),
+        _free_at_limit(failures.of_network, PER_NETWORK),
+        _free_at_limit(failures.of_user, PER_USER),
+    )
+    return max((end for end in ends if end is not None), default=None)
+
+
+def _free_at_limit(timestamps: Sequence[dt.datetime], limit: int) -> dt.datetime | None:
+    # Fewer than `limit` are left in the window once the one at this place has gone out of it.
+    return timestamps[-limit] + WINDOW if len(timestamps) >= limit else None

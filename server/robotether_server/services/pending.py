@@ -4,11 +4,10 @@ import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.db import Transaction, audit, claims, robots
+from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.claims import Claim
-from robotether_server.db.robots import Robot
-from robotether_server.field_types import Fingerprint, RobotName, Timestamp
+from robotether_server.db.robots import Claim, Robot
+from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 
 Reason = Literal["approval_pending", "mac_in_use"]
 
@@ -44,19 +43,19 @@ class RejectedKey:
 def waiting(tx: Transaction) -> list[PendingKey]:
     """Return every key that waits, the oldest first."""
     own = [_of_robot(robot) for robot in robots.list_waiting(tx)]
-    claimed = [_of_claim(claim) for claim in claims.waiting(tx)]
+    claimed = [_of_claim(claim) for claim in robots.list_claims(tx)]
     return sorted((*own, *claimed), key=lambda one: one.joined_at)
 
 
 def rejected(tx: Transaction) -> list[RejectedKey]:
     """Return every key that was turned away, the newest first."""
-    return [_rejected(claim) for claim in claims.rejected(tx)]
+    return [_rejected(claim) for claim in robots.list_rejected_keys(tx)]
 
 
 def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
     """Let a rejected key ask again, and return it; raise RecordMissing."""
-    claim = claims.get_rejected(tx, rejected_id)
-    claims.remove(tx, claim.id)
+    claim = robots.get_rejected_key(tx, rejected_id)
+    robots.remove_claim(tx, claim.id)
     details: dict[str, object] = {"mac": claim.mac, "fingerprint": claim.key.fingerprint}
     audit.record(tx, source, Event("key_forgiven", claim.robot, details))
     return _rejected(claim)

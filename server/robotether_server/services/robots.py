@@ -1,20 +1,38 @@
-"""Robots' rows: added, approved, disabled, moved and removed by admins.
+"""Robots' rows: added, registered, approved, disabled, moved and removed by admins.
 
 Every action takes the enrolment lock first: joins and other actions wait for the end of its transaction.
 """
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from robotether_server import macs, robot_settings
-from robotether_server.db import Transaction, audit, claims, locks, robots
+from robotether_server import macs, robot_settings, ssh_keys
+from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.claims import Claim
-from robotether_server.db.robots import Robot, State
-from robotether_server.problems import NotPossible
+from robotether_server.db.robots import Claim, Report, Robot, State
+from robotether_server.problems import (
+    MacInUse,
+    NotPossible,
+    RecordExists,
+    RobotDisabled,
+)
 from robotether_server.robot_settings import Settings
-from robotether_server.services import enrolment
-from robotether_server.services.enrolment import Registration
+from robotether_server.services import joining
+from robotether_server.services.tokens import EnrolmentCredential
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What PUT /api/v1/robots/NAME says. `credential` is of who may."""
+
+    name: str
+    mac: str
+    public_key: str
+    credential: EnrolmentCredential
+    hostname: str | None = None
+    agent_version: str | None = None
+    allow_local_mac: bool = False
 
 
 def add(
@@ -24,7 +42,7 @@ def add(
 
     An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
     """
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     normal = macs.normalise(mac, allow_local=allow_local_mac)
     found = robots.find_by_mac(tx, normal)
     if found is not None and found.is_unknown:
@@ -41,8 +59,26 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
 
     Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
     """
-    locks.enrolment(tx)
-    return enrolment.register(tx, source, registration)
+    robots.lock_enrolment(tx)
+    presented = joining.PresentedKey(
+        mac=macs.normalise(registration.mac),
+        key=ssh_keys.parse(registration.public_key),
+        report=Report(
+            registration.hostname or "", registration.agent_version or "", source.address or ""
+        ),
+    )
+    joining.check_not_rejected(tx, presented.key)
+    found = robots.find_by_mac(tx, presented.mac)
+    if found is not None:
+        _check_may_register(found, presented)
+        found = _named(tx, source, found, registration.name)
+        if found.state == "active" and found.fingerprint == presented.key.fingerprint:
+            return found, False
+    elif not registration.allow_local_mac:
+        macs.check_universal(presented.mac)
+    joining.check_key_is_free(tx, source, presented, is_authorized=True)
+    row = found or _add(tx, presented.mac, registration.name)
+    return joining.let_in(tx, source, row, presented, registration.credential), found is None
 
 
 def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Robot:
@@ -54,7 +90,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
     _check_not_disabled(found)
     claim = _claim_of(tx, found, fingerprint)
     if claim is not None:
-        claims.remove(tx, claim.id)
+        robots.remove_claim(tx, claim.id)
         robots.set_key(tx, found.id, claim.key, claim.report)
     elif found.fingerprint != fingerprint:
         raise NotPossible(_no_such_key(found, fingerprint))
@@ -76,7 +112,7 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
     found = _get(tx, name)
     claim = _claim_of(tx, found, fingerprint)
     if claim is not None:
-        claims.reject(tx, claim.id, found.name, source.actor)
+        robots.reject_claim(tx, claim.id, found.name, source.actor)
     else:
         _reject_own(tx, source, found, fingerprint)
     details: dict[str, object] = {"mac": found.mac, "fingerprint": fingerprint}
@@ -230,12 +266,12 @@ def remove(tx: Transaction, source: Source, name: str) -> Robot:
 
 
 def _get(tx: Transaction, name: str) -> Robot:
-    locks.enrolment(tx)
+    robots.lock_enrolment(tx)
     return robots.get(tx, name)
 
 
 def _claim_of(tx: Transaction, found: Robot, fingerprint: str) -> Claim | None:
-    claim = claims.find(tx, fingerprint)
+    claim = robots.find_claim(tx, fingerprint)
     return claim if claim is not None and claim.robot_id == found.id else None
 
 
@@ -271,10 +307,43 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
         robots.remove(tx, found.id)
     else:
         robots.forget_key(tx, found.id)
-    claims.add_rejected(tx, found, source.actor)
+    robots.add_rejected_key(tx, found, source.actor)
 
 
 def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:
     robots.set_state(tx, found.id, state)
     details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
     audit.record(tx, source, Event(kind, found.name, details))
+
+
+def _add(tx: Transaction, mac: str, name: str) -> Robot:
+    robots.add(tx, mac, name)
+    return robots.get(tx, name)
+
+
+def _check_may_register(found: Robot, presented: joining.PresentedKey) -> None:
+    if found.state == "disabled":
+        raise RobotDisabled(
+            f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
+            f"robotether robot enable {found.name}"
+        )
+    is_other = found.fingerprint not in (None, presented.key.fingerprint)
+    if found.state == "active" and is_other:
+        raise MacInUse(
+            f"cannot enrol MAC {presented.mac}: robot {found.name} has it, with another key; if this is that robot "
+            f"with a new disk, an admin forgets the old key with: robotether robot rekey {found.name}"
+        )
+
+
+def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
+    """Return the robot under the name that the playbook gives; only an unknown robot is renamed for it."""
+    if found.name == name:
+        return found
+    if not found.is_unknown:
+        raise RecordExists(
+            f"cannot enrol robot {name}: MAC {found.mac} belongs to robot {found.name}; use that name, or "
+            f"rename it first"
+        )
+    robots.rename(tx, found.id, name)
+    audit.record(tx, source, Event("robot_renamed", name, {"was": found.name}))
+    return robots.get(tx, name)

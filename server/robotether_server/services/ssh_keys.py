@@ -1,14 +1,29 @@
-"""People's SSH public keys, for shells on the robots that they manage."""
+"""People's SSH public keys, for shells on the robots that they manage, and what their ssh needs to reach these."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from robotether_server import schemas, ssh_keys
-from robotether_server.db import Transaction, audit, user_keys
+from robotether_server.db import Transaction, audit, seen_robots, users
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.user_keys import SshKey
-from robotether_server.db.users import User
-from robotether_server.field_types import MAX_NAME_LENGTH, Label
-from robotether_server.problems import NotPossible
+from robotether_server.db.grants import includes
+from robotether_server.db.robots import Robot
+from robotether_server.db.users import SshKey, User
+from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.robot_settings import ShellUser
+from robotether_server.schemas import MAX_NAME_LENGTH, Label
 
 MAX_KEYS = 20
+JUMP_USER = "jump"
+
+
+@dataclass(frozen=True)
+class ShellEntry:
+    """A robot's shell; `shell_user` None: the account that ssh would take anyway."""
+
+    robot: str
+    shell_port: int
+    shell_user: str | None
 
 
 def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
@@ -16,27 +31,67 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
     key = ssh_keys.parse_persons(line)
     chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
     schemas.check("name", chosen, Label)
-    if len(user_keys.list_of(tx, user)) >= MAX_KEYS:
+    if len(users.list_ssh_keys(tx, user)) >= MAX_KEYS:
         raise NotPossible(
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
-    added = user_keys.add(tx, user, chosen, key)
+    added = users.add_ssh_key(tx, user, chosen, key)
     audit.record(tx, source, Event("ssh_key_added", details=_details(user, added)))
     return added
 
 
 def list_of(tx: Transaction, user: User) -> list[SshKey]:
     """Return the user's keys, by name."""
-    return user_keys.list_of(tx, user)
+    return users.list_ssh_keys(tx, user)
 
 
 def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
     """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
-    key = user_keys.get(tx, user, key_id)
-    user_keys.delete(tx, key.id)
+    key = users.get_ssh_key(tx, user, key_id)
+    users.delete_ssh_key(tx, key.id)
     audit.record(tx, source, Event("ssh_key_deleted", details=_details(user, key)))
     return key
 
 
 def _details(user: User, key: SshKey) -> dict[str, object]:
     return {"user": user.name, "key": key.name, "fingerprint": key.fingerprint}
+
+
+def shell_entries(tx: Transaction, user: User) -> list[ShellEntry]:
+    """Return the shells that this user may reach, by the robots' names."""
+    return [
+        ShellEntry(seen.robot.name, seen.robot.shell_port, _shell_user(seen.robot))
+        for seen in seen_robots.list_seen(tx, user)
+        if seen.robot.shell_port is not None
+        and seen.robot.state == "active"
+        and includes(seen.level, "manage")
+    ]
+
+
+def render_config(entries: Sequence[ShellEntry], host: str, port: int) -> str:
+    """Return the text for ~/.ssh/config; `host` and `port` are where this site's sshd is reached."""
+    shown = f"[{host}]" if ":" in host else host
+    return "\n".join(_entry(entry, f"{JUMP_USER}@{shown}:{port}") for entry in entries)
+
+
+def _entry(entry: ShellEntry, jump: str) -> str:
+    lines = [
+        f"Host {entry.robot}",
+        "    HostName 127.0.0.1",
+        f"    Port {entry.shell_port}",
+        f"    HostKeyAlias robotether-{entry.robot}",
+        f"    ProxyJump {jump}",
+    ]
+    if entry.shell_user is not None:
+        lines.append(f"    User {entry.shell_user}")
+    return "\n".join(lines) + "\n"
+
+
+def _shell_user(robot: Robot) -> str | None:
+    """Return the setting; a text that somebody wrote by SQL must not become a line of its own."""
+    found = robot.settings.get("shell_user")
+    try:
+        schemas.check("shell_user", found, ShellUser)
+    except FieldInvalid:
+        return None
+    return str(found)

@@ -1,17 +1,48 @@
-"""API tokens: what programs of a user log in with."""
+"""API tokens, which programs of a user log in with, and join tokens, which admit robots: made, listed, deleted, found.
+
+Reveals nothing about tokens that do not hold.
+"""
 
 import datetime as dt
+from dataclasses import dataclass
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, tokens
+from robotether_server.db import Transaction, audit, credentials
 from robotether_server.db.audit import Event, Source
-from robotether_server.db.tokens import Token
+from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.db.users import User
-from robotether_server.field_types import Label
-from robotether_server.problems import NotPossible
+from robotether_server.problems import (
+    FieldInvalid,
+    GrantMissing,
+    NotPossible,
+    TokenExpired,
+    TokenInvalid,
+)
+from robotether_server.schemas import Label
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000
+# Of a join token.
+MAX_USES = 10000
+MAX_LIFETIME = dt.timedelta(hours=8760)
+# Who acts in the audit log when a robot joins.
+ROBOT = "robot"
+
+
+@dataclass(frozen=True)
+class EnrolmentCredential:
+    """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
+
+    actor: str
+    token: JoinToken | None = None
+    admin: User | None = None
+
+    @property
+    def details(self) -> dict[str, object]:
+        """What the audit log has beside the actor."""
+        if self.token is None:
+            return {"by": "admin"}
+        return {"by": "join token", "token": self.token.name}
 
 
 def create(
@@ -22,11 +53,11 @@ def create(
     Raises FieldInvalid, RecordExists or NotPossible.
     """
     schemas.check("name", name, Label)
-    if len(tokens.list_of(tx, user)) >= MAX_TOKENS:
+    if len(credentials.list_tokens_of(tx, user)) >= MAX_TOKENS:
         raise NotPossible(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
-    text = tokens.create(tx, user, name, expires_at)
+    text = credentials.create_token(tx, user, name, expires_at)
     details: dict[str, object] = {
         "user": user.name,
         "token": name,
@@ -37,14 +68,14 @@ def create(
 
 
 def get(tx: Transaction, token_id: int) -> Token:
-    """Return one token, so that the caller sees whose it is; raise RecordMissing."""
-    return tokens.get(tx, token_id)
+    """Return one token, so that the caller can check its owner; raise RecordMissing."""
+    return credentials.get_token(tx, token_id)
 
 
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     """Delete a token and return it; what it opened ends. Raises RecordMissing."""
-    token = tokens.get(tx, token_id)
-    tokens.delete(tx, token_id)
+    token = credentials.get_token(tx, token_id)
+    credentials.delete_token(tx, token_id)
     details: dict[str, object] = {"user": token.user, "token": token.name}
     audit.record(tx, source, Event("token_deleted", details=details))
     return token
@@ -52,9 +83,84 @@ def delete(tx: Transaction, source: Source, token_id: int) -> Token:
 
 def list_all(tx: Transaction) -> list[Token]:
     """Return every token, by user and name."""
-    return tokens.list_all(tx)
+    return credentials.list_tokens(tx)
 
 
 def list_of(tx: Transaction, user: User) -> list[Token]:
     """Return the user's tokens, by name."""
-    return tokens.list_of(tx, user)
+    return credentials.list_tokens_of(tx, user)
+
+
+def create_join_token(
+    tx: Transaction, source: Source, name: str, uses: int, expires_at: dt.datetime
+) -> str:
+    """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
+    schemas.check("name", name, Label)
+    if not 1 <= uses <= MAX_USES:
+        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
+    lifetime = expires_at - dt.datetime.now(dt.UTC)
+    if not dt.timedelta() < lifetime <= MAX_LIFETIME:
+        raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
+    text = credentials.create_join_token(
+        tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH]
+    )
+    details: dict[str, object] = {
+        "token": name,
+        "uses": uses,
+        "expires_at": expires_at.isoformat(timespec="seconds"),
+    }
+    audit.record(tx, source, Event("join_token_created", details=details))
+    return text
+
+
+def list_join_tokens(tx: Transaction) -> list[JoinToken]:
+    """Return every join token, the newest first."""
+    return credentials.list_join_tokens(tx)
+
+
+def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:
+    """Delete a token and return it; the robots that it let in stay. Raises RecordMissing."""
+    token = credentials.get_join_token(tx, token_id)
+    credentials.delete_join_token(tx, token_id)
+    details: dict[str, object] = {"token": token.name, "used": token.used}
+    audit.record(tx, source, Event("join_token_deleted", details=details))
+    return token
+
+
+def delete_join_tokens_of(tx: Transaction, source: Source, maker: str) -> None:
+    """Delete all tokens that this admin made."""
+    for token in credentials.list_join_tokens(tx):
+        if token.created_by == maker:
+            delete_join_token(tx, source, token.id)
+
+
+def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
+    """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
+
+    A join token that is used up still tells who asks: a use is counted when it lets a robot in.
+    """
+    if text.startswith(credentials.JOIN_PREFIX):
+        return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
+    user = credentials.find_token_user(tx, text)
+    if user is None:
+        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+    return credential_of_admin(user)
+
+
+def credential_of_admin(user: User) -> EnrolmentCredential:
+    """Return an admin as a credential; raise GrantMissing for another user."""
+    if not user.is_admin:
+        raise GrantMissing("cannot admit a robot with this token: it must be an admin's")
+    return EnrolmentCredential(user.name, admin=user)
+
+
+def _join_token(tx: Transaction, text: str) -> JoinToken:
+    token = credentials.find_join_token(tx, text)
+    if token is None:
+        raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
+    if token.expires_at <= dt.datetime.now(dt.UTC):
+        raise TokenExpired(
+            f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
+            "make another"
+        )
+    return token

@@ -1,14 +1,14 @@
 """Users: who may log in, and who administers. The last enabled admin stays one.
 
-An admin who is one no more takes the join tokens along: they let robots in with that admin's rights.
+The join tokens of an admin end with that role: they admit robots with that admin's rights.
 """
 
 from robotether_server import passwords
-from robotether_server.db import Transaction, audit, logins, users
+from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
-from robotether_server.services import join_tokens
+from robotether_server.services import tokens
 
 FIRST_ADMIN = "admin"
 
@@ -21,7 +21,7 @@ def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -
 
 
 def add_first(tx: Transaction, source: Source, password: str) -> bool:
-    """Add the user admin if there is no user at all; tell whether it did. Of two at once one does."""
+    """Add the user admin if there are no users; tell whether it did. Of two concurrent calls one does."""
     if users.list_all(tx):
         return False
     try:
@@ -45,7 +45,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
         return found
     if role != "admin":
         _check_not_last(tx, name, f"cannot make {name} a user")
-        join_tokens.delete_of(tx, source, name)
+        tokens.delete_join_tokens_of(tx, source, name)
     users.set_role(tx, found.id, role)
     details: dict[str, object] = {"user": name, "was": found.role, "role": role}
     audit.record(tx, source, Event("user_role_set", details=details))
@@ -53,13 +53,13 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
 
 
 def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) -> User:
-    """Keep a user out, or let the user in again; raise LastAdmin."""
+    """Disable a user, or enable the user again; raise LastAdmin."""
     found = users.get(tx, name)
     if found.disabled == disabled:
         return found
     if disabled:
         _check_not_last(tx, name, f"cannot disable user {name}")
-        join_tokens.delete_of(tx, source, name)
+        tokens.delete_join_tokens_of(tx, source, name)
     users.set_disabled(tx, found.id, disabled=disabled)
     kind = "user_disabled" if disabled else "user_enabled"
     audit.record(tx, source, Event(kind, details={"user": name}))
@@ -68,7 +68,7 @@ def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) 
 
 def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
     """End all logins of a user; return how many there were. API tokens stay."""
-    ended = logins.end_all(tx, users.get(tx, name).id)
+    ended = credentials.end_logins(tx, users.get(tx, name).id)
     audit.record(tx, source, Event("logins_ended", details={"user": name, "logins": ended}))
     return ended
 
@@ -77,7 +77,7 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
     """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdmin."""
     found = users.get(tx, name)
     _check_not_last(tx, name, f"cannot remove user {name}")
-    join_tokens.delete_of(tx, source, name)
+    tokens.delete_join_tokens_of(tx, source, name)
     users.remove(tx, found.id)
     audit.record(tx, source, Event("user_removed", details={"user": name, "role": found.role}))
     return found

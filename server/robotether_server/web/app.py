@@ -1,20 +1,21 @@
-"""Builds the Flask application from its settings; gunicorn calls make_app."""
+"""Builds the Flask application from its settings, with headers for every answer; gunicorn calls make_app."""
 
 import datetime as dt
 import logging
 import os
+import re
 
-from flask import Flask
+from flask import Flask, Response, request
 from werkzeug.middleware.proxy_fix import ProxyFix
 
 from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
 from robotether_server.db import Database
-from robotether_server.db.logins import Lifetime
+from robotether_server.db.credentials import Lifetime
+from robotether_server.install_line import SiteCertificates
 from robotether_server.settings import WebSettings, load_web
-from robotether_server.site_certificate import SiteCertificates
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import admin, cors, current_user, errors, headers, page_texts
+from robotether_server.web import admin, cors, current_user, errors, page_texts
 from robotether_server.web.pages import (
     button_forms,
     drive_page_form,
@@ -25,6 +26,33 @@ from robotether_server.web.pages import (
 )
 
 MAX_REQUEST_BYTES = 64 * 1024
+
+# Characters allowed in a policy, as a client writes the Host header.
+HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
+# A joystick drives and the video fills the screen; nothing else of the operator's device is of use here.
+PERMISSIONS_POLICY = ", ".join(
+    (
+        "gamepad=(self)",
+        "fullscreen=(self)",
+        *(
+            f"{feature}=()"
+            for feature in (
+                "accelerometer",
+                "camera",
+                "display-capture",
+                "geolocation",
+                "gyroscope",
+                "hid",
+                "magnetometer",
+                "microphone",
+                "midi",
+                "payment",
+                "serial",
+                "usb",
+            )
+        ),
+    )
+)
 
 
 def create_app(settings: WebSettings) -> Flask:
@@ -39,7 +67,7 @@ def create_app(settings: WebSettings) -> Flask:
         SESSION_COOKIE_SAMESITE="Lax",
         # A drive page may stay open for longer than any fixed time.
         WTF_CSRF_TIME_LIMIT=None,
-        # Some browsers are told to send no Referer; the token and SameSite do not need it.
+        # Some browsers are configured to send no Referer; the token and SameSite do not need it.
         WTF_CSRF_SSL_STRICT=False,
     )
     # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no
@@ -58,7 +86,7 @@ def create_app(settings: WebSettings) -> Flask:
     csrf.init_app(app)
     csrf.exempt(api.blueprint)
     errors.register(app)
-    headers.register(app)
+    app.after_request(_add_headers)
     cors.register(app, settings.allowed_origins)
     page_texts.register(app)
     current_user.register(app)
@@ -80,3 +108,33 @@ def make_app() -> Flask:
         level=loaded.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     return create_app(loaded)
+
+
+def _add_headers(response: Response) -> Response:
+    """Add the security headers of every answer."""
+    response.headers["Content-Security-Policy"] = content_security_policy(request.host)
+    response.headers["Cross-Origin-Opener-Policy"] = "same-origin"
+    response.headers["Permissions-Policy"] = PERMISSIONS_POLICY
+    response.headers["Referrer-Policy"] = "same-origin"
+    response.headers["X-Content-Type-Options"] = "nosniff"
+    response.headers["X-Frame-Options"] = "DENY"
+    # What depends on who asks must not come out of a cache for the next person.
+    response.headers.setdefault("Cache-Control", "no-store")
+    return response
+
+
+def content_security_policy(host: str) -> str:
+    """Return the policy of a page of this host, `NAME[:PORT]`."""
+    # Beside 'self', because some browsers do not count wss://same-host as 'self'.
+    sockets = f" wss://{host}" if HOST.fullmatch(host) else ""
+    return "; ".join(
+        (
+            "default-src 'self'",
+            "img-src 'self' blob: data:",
+            f"connect-src 'self'{sockets}",
+            "object-src 'none'",
+            "base-uri 'none'",
+            "form-action 'self'",
+            "frame-ancestors 'none'",
+        )
+    )

@@ -34,10 +34,10 @@ class Field:
 
 @dataclass(frozen=True)
 class ConfirmedAction:
-    """One action, in words.
+    """The texts of one action.
 
-    `undo` says how to take it back, or that nobody can; `done` is told on the page `onward` (`back` when it
-    is not given). `hidden` goes along with the answer.
+    `undo` says how to undo it, or that nobody can; `done` is shown on the page `onward` (by default `back`).
+    `hidden` is sent along with the answer.
     """
 
     title: str
@@ -81,7 +81,7 @@ def ask_first(
 
 
 def go_on(path: str, message: str) -> AnyResponse:
-    """Show another page, with a message that says what was done. The message must hold no secret."""
+    """Redirect to another page, with a message about what was done. The message must hold no secret."""
     flash(message)
     return redirect(path, HTTPStatus.SEE_OTHER)
 

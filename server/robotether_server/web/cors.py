@@ -1,7 +1,7 @@
-"""Lets pages of other sites read what they need to drive: a ticket, the list of robots, and our client module.
+"""Lets pages of other sites read what driving needs: a ticket, the list of robots, our client module.
 
-The pages of ALLOWED_ORIGINS, which send an API token. No answer allows credentials, so a login is never shown from
-there. The relay does the same for control and video (relay/app.py).
+The pages of ALLOWED_ORIGINS, which send an API token. No answer allows credentials, so their
+browsers never use a login. The relay does the same for control and video (relay/app.py).
 """
 
 from collections.abc import Collection

@@ -1,7 +1,7 @@
 """Finds the user of a page before its handler runs, for blueprints that need a login or an admin.
 
-Used by the admin pages and the profile. The user of this request stands in `flask.g`; an admin's pages also
-know how many keys wait, for the badge of their menu.
+Used by the admin pages and the profile. `flask.g` holds the user of this request; admin pages also
+get the number of waiting keys, for the badge in their menu.
 """
 
 from urllib.parse import quote
@@ -19,12 +19,12 @@ from robotether_server.services import pending
 
 
 def register(app: Flask) -> None:
-    """Let every template know who looks at it, pages that tell a problem included."""
+    """Give every template the current user, error pages included."""
     app.context_processor(_for_templates)
 
 
 def require_user() -> AnyResponse | None:
-    """Find out who asks; send a visitor without a login to the log-in page."""
+    """Identify the user; redirect to the log-in page without a login."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:
@@ -34,7 +34,7 @@ def require_user() -> AnyResponse | None:
 
 
 def require_admin() -> AnyResponse | None:
-    """Find out who asks, as `require_user` does; raise GrantMissing for everybody but admins."""
+    """Identify the user as `require_user` does; raise GrantMissing unless it is an admin."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:

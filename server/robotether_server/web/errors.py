@@ -1,6 +1,6 @@
 """Turns problems into answers: JSON (RFC 9457) under /api and /static, a page elsewhere.
 
-The border of a request: what nobody foresaw is logged here with its traceback, and told as 500.
+The border of a request: an unexpected exception is logged here with its traceback, and answered with 500.
 """
 
 import logging
@@ -21,8 +21,9 @@ from robotether_server.problems import (
 
 logger = logging.getLogger(__name__)
 
-# nginx compresses what is under /static: a page there would show by its length what stands in it (BREACH).
+# nginx compresses /static: the length of a page there would reveal its content (BREACH).
 JSON_PATHS = ("/api/", "/static/")
+API_PATH = "/api/v1/"
 
 
 def register(app: Flask) -> None:
@@ -34,11 +35,13 @@ def register(app: Flask) -> None:
 
 
 def answer(problem: Problem) -> Response:
-    """Return the answer that tells a problem."""
+    """Return the response for a problem."""
     if isinstance(problem, StoreUnavailable):
         logger.error("%s: %s", problem.detail, problem.__cause__)
     response = _as_json(problem) if request.path.startswith(JSON_PATHS) else _as_page(problem)
     response.status_code = problem.status
+    if problem.status == HTTPStatus.UNAUTHORIZED and request.path.startswith(API_PATH):
+        response.headers["WWW-Authenticate"] = "Bearer"  # RFC 9110, as the relay does
     if isinstance(problem, Throttled):
         response.headers["Retry-After"] = str(problem.retry_after_s)
     return response

@@ -14,7 +14,7 @@ from robotether_server.problems import FieldInvalid
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
-# One more than is shown tells whether there is an older page.
+# One more than is shown: it tells whether there is an older page.
 WANTED = PER_PAGE + 1
 Asked = dict[str, str]
 
@@ -29,18 +29,18 @@ class Page(Generic[R]):
 
 
 def asked(names: tuple[str, ...]) -> Asked:
-    """Return what stands in the query under these names, empty where nothing does."""
+    """Return the query's values of these names; a missing one is empty."""
     return {name: request.args.get(name, "").strip() for name in names}
 
 
 def since(given: Asked) -> dt.datetime | None:
-    """Return the begin: of a day in UTC, or a moment; raise FieldInvalid."""
+    """Parse a start: a day in UTC, from its first second, or a time; raise FieldInvalid."""
     text = given["since"]
     return times.day_or_timestamp("From", text, is_end=False) if text else None
 
 
 def until(given: Asked) -> dt.datetime | None:
-    """Return the first moment that is too late: that after a day in UTC, or a moment; raise FieldInvalid."""
+    """Parse an exclusive end: a day in UTC, which is included, or a time; raise FieldInvalid."""
     text = given["until"]
     if not text:
         return None
@@ -71,7 +71,7 @@ def page(path: str, given: Asked, found: list[R]) -> Page[R]:
 
 
 def files(path: str, given: Asked) -> list[tuple[str, str]]:
-    """Return the links to all that fits, by the kind of file."""
+    """Return the links to all that matches, by kind of file."""
     return [(kind, link(path + "/download", given, format=kind)) for kind in exports.FORMATS]
 
 

@@ -63,5 +63,5 @@ def choice(name: str, label: str, allowed: tuple[T, ...]) -> T:
 
 
 def is_ticked(name: str) -> bool:
-    """Tell whether a box is ticked."""
+    """Tell whether a checkbox is ticked."""
     return bool(request.form.get(name))

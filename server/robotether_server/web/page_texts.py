@@ -33,7 +33,7 @@ KINDS: Mapping[str, str] = {
     "guard_shape": "not understood by the robot's guard",
     "guard_held": "while the robot could not accept them",
 }
-# They follow on "ended by". The codes are those of docs/protocols.md, and one that a new relay writes
+# They follow on "ended by". The codes are those of docs/reference/protocols.md, and one that a new relay writes
 # for what the relay before it left open.
 DRIVES: Mapping[str, str] = {
     "client_left": "the driver",
@@ -142,12 +142,12 @@ def register(app: Flask) -> None:
 
 
 def timestamp_words(timestamp: dt.datetime) -> str:
-    """Return a moment as people read it: 2026-01-01 12:03 UTC."""
+    """Return a time as people read it: 2026-01-01 12:03 UTC."""
     return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def end_text(timestamp: dt.datetime | None) -> str:
-    """Return an end as its form takes it: 2026-01-31 for the last second of a day, else 2026-01-31T12:00:00Z."""
+    """Return the text of an end in a form: 2026-01-31 for the last second of a day, else 2026-01-31T12:00:00Z."""
     return (rfc3339(timestamp) or "").replace("T23:59:59Z", "")
 
 
@@ -195,7 +195,7 @@ class _Known(dict[str, object]):
 
 
 def sentence(event: AuditEvent) -> str:
-    """Return what the line says, or nothing for a kind without words."""
+    """Return the text of the line, empty for a kind without one."""
     if event.kind in _BY_DETAILS:
         return _BY_DETAILS[event.kind](event)
     known = _Known(event.details)

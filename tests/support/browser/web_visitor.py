@@ -8,7 +8,7 @@ from typing import Any
 
 from flask.testing import FlaskClient
 from robotether_server import passwords
-from robotether_server.db import Database, tokens, users
+from robotether_server.db import Database, credentials, users
 from werkzeug.test import TestResponse
 
 PASSWORD = "a long enough password"
@@ -49,7 +49,7 @@ class Browser:
 def bearer(database: Database, user: str) -> dict[str, str]:
     """The header of a new API token."""
     with database.transaction() as tx:
-        text = tokens.create(tx, users.get(tx, user), "test", None)
+        text = credentials.create_token(tx, users.get(tx, user), "test", None)
     return {"Authorization": f"Bearer {text}"}
 
 

@@ -1,4 +1,4 @@
-"""A robot's frames service as the relay sees it (docs/media.md), for unit tests of the relay.
+"""A robot's frames service as the relay sees it (docs/reference/media.md), for unit tests of the relay.
 
 `FakeRobot` serves it on its video port. It keeps the rules: a picture goes out for a credit, and then the newest.
 Its misbehaviours have names:

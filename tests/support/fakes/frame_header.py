@@ -1,4 +1,4 @@
-"""Reads the sixteen bytes before each frame (docs/media.md), for tests of whoever sends them."""
+"""Reads the sixteen bytes before each frame (docs/reference/media.md), for tests of whoever sends them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who watches a camera over the frames protocol (docs/media.md), as a page or program does."""
+"""Who watches a camera over the frames protocol (docs/reference/media.md), as a page or program does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who looks at a camera in tests and experiments: by the frames protocol of docs/media.md, or a multipart stream.
+"""Who looks at a camera in tests and experiments: by frames (docs/reference/media.md) or a multipart stream.
 
 Each notes of every picture the moment in which it was whole, before anything else is done with
 it. They take all that comes as quickly as it comes; a slow viewer is a double of somebody else's.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from robotether_server.db import Database, claims, robots
+from robotether_server.db import Database, robots
 from robotether_server.db.robots import Report, Robot
 from robotether_server.ssh_keys import PublicKey
 
@@ -32,7 +32,7 @@ def activate(database: Database) -> None:
 def claim(database: Database, key: PublicKey = OTHER_KEY) -> None:
     """Let somebody else join with sim1's MAC."""
     with database.transaction() as tx:
-        claims.add(tx, robots.get(tx, "sim1"), key, OTHER_REPORT)
+        robots.add_claim(tx, robots.get(tx, "sim1"), key, OTHER_REPORT)
 
 
 def robot(database: Database, name: str = "sim1") -> Robot:

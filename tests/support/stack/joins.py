@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_common.join import PreviousKey
-from robotether_server.db import Database, Transaction, robots, tokens, users
+from robotether_server.db import Database, Transaction, credentials, robots, seen_robots, users
 from robotether_server.db.robots import Report, Robot
 from robotether_server.services import joining
-from robotether_server.services.enrolment import PresentedKey
-from robotether_server.services.joining import Answer
+from robotether_server.services.joining import Answer, PresentedKey
 from robotether_server.settings import JoinSettings
 from robotether_server.ssh_keys import PublicKey
 
@@ -81,12 +80,12 @@ class Site:
         """The API token of a new admin."""
         with self.database.transaction() as tx:
             users.add(tx, "root", "x", "admin")
-            return tokens.create(tx, users.get(tx, "root"), "test", None)
+            return credentials.create_token(tx, users.get(tx, "root"), "test", None)
 
     def names(self) -> list[str]:
         """All robots."""
         with self.database.transaction() as tx:
-            return [seen.robot.name for seen in robots.list_all(tx)]
+            return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
     def events(self, kind: str) -> list[dict[str, object]]:
         """The rows of the audit log of one kind."""

@@ -8,7 +8,7 @@ import pytest
 from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Camera, parse
 from robotether_server.problems import FieldInvalid
 
-# As docs/protocols.md shows them.
+# As docs/reference/robot-settings.md shows them.
 DOCUMENTED = """
 {"kind": "differential", "drive_topic": null, "max_speed_m_s": null, "max_turn_rad_s": null, "wheelbase_m": null,
  "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null, "height": null,

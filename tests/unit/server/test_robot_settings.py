@@ -12,7 +12,7 @@ from robotether_common.ros import MAX_GLOBS, Globs
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 
-# As docs/protocols.md shows them.
+# As docs/reference/robot-settings.md shows them.
 DOCUMENTED_POLICY = """
 {"observe": {"subscribe": ["*"]},
  "drive":   {"subscribe": ["*"], "publish": [], "call": []},

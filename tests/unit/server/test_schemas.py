@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 import pytest
 from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server import schemas
-from robotether_server.field_types import Label, NewPlainName, RobotName
 from robotether_server.problems import FieldInvalid
+from robotether_server.schemas import Label, NewPlainName, RobotName
 
 
 class Inner(Struct):

@@ -30,7 +30,7 @@ def test_ticket_comes_back_with_its_moment() -> None:
 
 
 def test_format_is_that_of_the_contract() -> None:
-    """docs/protocols.md and this class name the same serializer, salt and fields."""
+    """docs/reference/protocols.md and this class name the same serializer, salt and fields."""
     assert TicketSigner(KEY, 30).verify(sign_as_contract_says(asdict(TICKET)))[0] == TICKET
 
 

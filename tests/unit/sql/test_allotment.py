@@ -7,7 +7,7 @@ import threading
 import pytest
 from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
 from mariadb_server import MariaDb
-from robotether_server.db import Database, Transaction, migrate, robots
+from robotether_server.db import Database, Transaction, migrate, robots, seen_robots
 from robotether_server.problems import RecordExists, RecordRefused
 
 
@@ -33,7 +33,7 @@ def test_forty_inserts_at_once_get_distinct_pairs(
     owners = pair_owners(admin_database)
     assert len(owners) == 40
     with database.transaction() as tx:
-        assert {r.robot.ros_port: r.robot.id for r in robots.list_all(tx)} == owners
+        assert {r.robot.ros_port: r.robot.id for r in seen_robots.list_all(tx)} == owners
 
 
 @pytest.mark.usefixtures("purged")

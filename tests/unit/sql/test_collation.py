@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from robotether_server.db import Database, Transaction, groups, robots, sites, users
+from robotether_server.db import Database, Transaction, grants, robots, users
 from robotether_server.db.audit import AuditSearch, Event, Source, find, record
 from robotether_server.problems import RecordMissing, RobotUnknown
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
     users.get,
     robots.get,
-    sites.get,
-    groups.get,
+    grants.get_site,
+    grants.get_group,
 ]
 
 
@@ -40,8 +40,8 @@ def test_name_with_a_blank_or_in_other_case_is_another_name(
     with database.transaction() as tx:
         users.add(tx, "x", "hash", "admin")
         robots.add(tx, "02:00:00:00:00:01", "x")
-        sites.add(tx, "x")
-        groups.add(tx, "x")
+        grants.add_site(tx, "x")
+        grants.add_group(tx, "x")
         assert look_up(tx, "x") is not None
         with pytest.raises((RecordMissing, RobotUnknown)):
             look_up(tx, name)

@@ -7,17 +7,7 @@ import itertools
 
 import pytest
 from mariadb_server import MariaDb
-from robotether_server.db import (
-    Database,
-    Transaction,
-    fleet,
-    grants,
-    groups,
-    robots,
-    sites,
-    user_keys,
-    users,
-)
+from robotether_server.db import Database, Transaction, fleet, grants, robots, seen_robots, users
 from robotether_server.db.grants import Level, Pair
 from robotether_server.db.robots import Report
 from robotether_server.problems import RecordRefused
@@ -38,12 +28,12 @@ def ids(database: Database) -> dict[str, int]:
     """Ann in the group crew, ben in none; robots a and b at the site lab, c at none."""
     with database.transaction() as tx:
         found = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
-        found |= {"crew": groups.add(tx, "crew"), "lab": sites.add(tx, "lab")}
-        groups.add_member(tx, found["crew"], found["ann"])
+        found |= {"crew": grants.add_group(tx, "crew"), "lab": grants.add_site(tx, "lab")}
+        grants.add_member(tx, found["crew"], found["ann"])
         for number, name in enumerate("abc"):
             found[name] = robots.add(tx, f"02:00:00:00:00:0{number}", name)
         for name in "ab":
-            sites.place(tx, found[name], found["lab"])
+            grants.place_robot(tx, found[name], found["lab"])
     return found
 
 
@@ -76,8 +66,8 @@ def test_each_way_of_giving_reaches_what_it_says(database: Database, ids: dict[s
         ("ben", "c"): "observe",
     }
     with database.transaction() as tx:
-        sites.place(tx, ids["a"], None)
-        sites.place(tx, ids["c"], ids["lab"])
+        grants.place_robot(tx, ids["a"], None)
+        grants.place_robot(tx, ids["c"], ids["lab"])
     assert {robot for user, robot in held(database) if user == "ann"} == {"b", "c"}
 
 
@@ -92,7 +82,7 @@ def test_highest_level_holds(
     assert held(database)["ann", "a"] == max(first, second, key=LEVELS.index)
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
-        assert [one.level for one in robots.list_seen(tx, ann) if one.robot.name == "a"] == [
+        assert [one.level for one in seen_robots.list_seen(tx, ann) if one.robot.name == "a"] == [
             max(first, second, key=LEVELS.index)
         ]
 
@@ -118,8 +108,8 @@ def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[st
             Pair(user_id=ids["ben"], robot_id=ids["c"]),
         ):
             grants.put(tx, pair, "manage")
-        groups.remove(tx, ids["crew"])
-        sites.remove(tx, ids["lab"])
+        grants.remove_group(tx, ids["crew"])
+        grants.remove_site(tx, ids["lab"])
         robots.remove(tx, ids["c"])
         assert grants.list_all(tx) == []
         assert robots.get(tx, "a").site is None
@@ -159,15 +149,15 @@ def test_each_change_of_rights_is_a_new_version(
         )
 
     changes = (
-        lambda tx: groups.remove_member(tx, crew, ann),
-        lambda tx: groups.add_member(tx, crew, ann),
-        lambda tx: sites.place(tx, ids["c"], lab),
+        lambda tx: grants.remove_member(tx, crew, ann),
+        lambda tx: grants.add_member(tx, crew, ann),
+        lambda tx: grants.place_robot(tx, ids["c"], lab),
         lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + HOUR),
         lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + 2 * HOUR),
         later,
-        lambda tx: sites.remove(tx, lab),
-        lambda tx: sites.add(tx, "lab"),
-        lambda tx: groups.remove(tx, crew),
+        lambda tx: grants.remove_site(tx, lab),
+        lambda tx: grants.add_site(tx, "lab"),
+        lambda tx: grants.remove_group(tx, crew),
     )
     seen = []
     for change in changes:
@@ -196,7 +186,7 @@ def test_shells_are_of_those_who_manage(
     with database.transaction() as tx:
         ids["root"] = users.add(tx, "root", "x", "admin")
         for name in ("ann", "ben", "root"):
-            user_keys.add(
+            users.add_ssh_key(
                 tx, users.get(tx, name), "k", PublicKey("ssh-ed25519 A", f"SHA256:{name}")
             )
         for name in "abc":

@@ -7,15 +7,7 @@ import datetime as dt
 import pytest
 from granted import give
 from mariadb_server import MariaDb
-from robotether_server.db import (
-    Database,
-    Transaction,
-    logins,
-    robots,
-    tokens,
-    user_keys,
-    users,
-)
+from robotether_server.db import Database, Transaction, credentials, robots, users
 from robotether_server.db.robots import Report, State
 from robotether_server.ssh_keys import PublicKey
 
@@ -100,7 +92,7 @@ def test_jump_leads_to_the_shells_of_robots_that_one_manages(
         users.add(tx, "root", "x", "admin")
         for name in ("ann", "bob", "gone", "root"):
             key = PublicKey(f"ssh-ed25519 {name}", f"SHA256:{name}")
-            user_keys.add(tx, users.get(tx, name), "desk", key)
+            users.add_ssh_key(tx, users.get(tx, name), "desk", key)
     with keylookup.transaction() as tx:
         rows = tx.rows("SELECT * FROM jump_keys")
     assert {(row["fingerprint"], row["user_name"], row["robot"]) for row in rows} == {
@@ -139,10 +131,10 @@ def test_only_valid_logins_and_tokens_of_enabled_users(database: Database, relay
         for name in ("ann", "bob"):
             user = users.get(tx, name) if users.add(tx, name, "x", "user") else None
             assert user is not None
-            logins.create(tx, user, "192.0.2.1", HOUR)
-            logins.create(tx, user, "192.0.2.1", -HOUR)
-            tokens.create(tx, user, "endless", None)
-            tokens.create(tx, user, "over", past)
+            credentials.create_login(tx, user, "192.0.2.1", HOUR)
+            credentials.create_login(tx, user, "192.0.2.1", -HOUR)
+            credentials.create_token(tx, user, "endless", None)
+            credentials.create_token(tx, user, "over", past)
         tx.change("UPDATE users SET disabled = TRUE WHERE name = 'bob'")
     with relay.transaction() as tx:
         for view in ("relay_logins", "relay_tokens"):
@@ -204,8 +196,8 @@ def test_every_change_of_rights_changes_the_version(
         user_id = users.add(tx, "ann", "x", "user")
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
         give(tx, user_id, robot_id, "drive")
-        tokens.create(tx, users.get(tx, "ann"), "t", None)
-        logins.create(tx, users.get(tx, "ann"), "", HOUR)
+        credentials.create_token(tx, users.get(tx, "ann"), "t", None)
+        credentials.create_login(tx, users.get(tx, "ann"), "", HOUR)
     before = version(relay)
     with database.transaction() as tx:
         assert callable(change)

@@ -76,7 +76,7 @@ export async function requestTicket(api, robot, mode) {
   return body.ticket;
 }
 
-// Where a robot's WebSockets and streams are (docs/protocols.md, docs/media.md). Pure.
+// Where a robot's WebSockets and streams are (docs/reference/protocols.md, docs/reference/media.md). Pure.
 
 // A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
 export const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");

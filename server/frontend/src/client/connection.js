@@ -240,7 +240,7 @@ export class Connection {
 
 // What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
 // why this page may no longer drive.
-// Pure. Close codes are those of docs/protocols.md.
+// Pure. Close codes are those of docs/reference/protocols.md.
 
 /** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean}} State */
 

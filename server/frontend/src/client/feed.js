@@ -1,4 +1,4 @@
-// The fleet's live events (/api/v1/events of docs/protocols.md), with a state that the page can show.
+// The fleet's live events (/api/v1/events of docs/reference/protocols.md), with a state that the page can show.
 // It reads the stream itself: EventSource hides the comments that tell a quiet stream from a dead one,
 // gives up for good after an HTTP error, and does not tell an ended login from a server that is down.
 

@@ -1,4 +1,4 @@
-// A camera's pictures, always the newest, each with its moment (docs/media.md): opens a link, tells how it stands and
+// A camera's pictures, always the newest, each with its moment (docs/reference/media.md): opens a link, tells how it stands and
 // opens the next one after a cut. Used by the drive page and, through index.js, by pages of others.
 // It must never make a picture look newer than it is: driving is held by its age.
 
@@ -23,7 +23,7 @@ const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source
 
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
-  // throw what has a `status`, as TicketRefused has. `want` as in docs/media.md; what is missing has its default there.
+  // throw what has a `status`, as TicketRefused has. `want` as in docs/reference/media.md; what is missing has its default there.
   // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
   // waited for before the next picture is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
@@ -207,14 +207,14 @@ export class FrameStream {
   }
 }
 
-// One WebSocket of the frames protocol (docs/media.md), from its opening to its end; FrameStream opens the next one.
+// One WebSocket of the frames protocol (docs/reference/media.md), from its opening to its end; FrameStream opens the next one.
 // It must never have more pictures under way than the page can show, or what it shows would be late.
 const CREDITS = 2; // one is shown while the next is on its way
 const SYNC_MS = 500;
 const SILENCE_MS = 4000; // every beat is answered
 
 class FramesLink {
-  // `want` as in docs/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
+  // `want` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
   // picture is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
     this.socket = socket;
@@ -317,7 +317,7 @@ function parse(text) {
   }
 }
 
-// Takes a picture of the frames protocol (docs/media.md) apart. Pure.
+// Takes a picture of the frames protocol (docs/reference/media.md) apart. Pure.
 const LENGTH = 16; // Python's struct: !BBHId
 const JPEG = 1;
 const CAMERA_STAMP = 1;
@@ -338,7 +338,7 @@ export function readFrame(data) {
   };
 }
 
-// Tells when a picture was taken, by this page's clock (docs/media.md, "SenderClock"). A beat is on its way for a while
+// Tells when a picture was taken, by this page's clock (docs/reference/media.md, "SenderClock"). A beat is on its way for a while
 // before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
 // moment is never told later than it was. Pure.
 const MAX_AGE_MS = 30_000;

@@ -1,4 +1,4 @@
-// robotether-client: a robot behind Robotether, for pages of others (docs/client.md). Bundled with roslib into
+// robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled with roslib into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";
@@ -85,7 +85,7 @@ export class Robot {
   }
 
   // "state" with {name, reason, driving} at each change of the connection, as src/client/connection.js names them; "control" with
-  // who drives, who asks and whether the robot is stopped, as docs/protocols.md has it. Gives the function that ends it.
+  // who drives, who asks and whether the robot is stopped, as docs/reference/protocols.md has it. Gives the function that ends it.
   on(event, handler) {
     this.handlers[event].add(handler);
     return () => this.handlers[event].delete(handler);
@@ -169,7 +169,7 @@ export class Robot {
     return values;
   }
 
-  // Shows a camera in an <img> or <canvas>, always the newest picture. `want` as in docs/media.md. Gives the stream:
+  // Shows a camera in an <img> or <canvas>, always the newest picture. `want` as in docs/reference/media.md. Gives the stream:
   // stop(), want(changes), ageMs of the newest picture.
   showVideo(
     element,

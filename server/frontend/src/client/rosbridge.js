@@ -119,7 +119,7 @@ export class Link {
 
 // The way roslib's Ros sends and receives: JSON text over a WebSocket, without the decoders for
 // compressed messages that roslib brings (the pages never ask for compression).
-// Operations of our own (docs/protocols.md) go to `own` handlers alone: roslib does not know them.
+// Operations of our own (docs/reference/protocols.md) go to `own` handlers alone: roslib does not know them.
 const OWN = "robotether.";
 
 class JsonTransport {

@@ -121,7 +121,7 @@ export class Commands {
   }
 }
 
-// What is known of a robot's control object (docs/protocols.md, "Control"). It comes twice: on the page's own
+// What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
 // connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
 // connection tells it, it alone counts. Pure.
 export class ControlState {
@@ -152,7 +152,7 @@ export class ControlState {
   }
 }
 
-// This page's clock against the relay's, by beats over the rosbridge connection (docs/protocols.md, "Age").
+// This page's clock against the relay's, by beats over the rosbridge connection (docs/reference/protocols.md, "Age").
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
 // nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
 const SYNC_MS = 250;

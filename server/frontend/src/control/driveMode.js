@@ -7,7 +7,7 @@ import { LocalStore } from "../pages/page.js";
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
 /**
- * Who drives, and whether the robot is stopped (docs/protocols.md, "Control").
+ * Who drives, and whether the robot is stopped (docs/reference/protocols.md, "Control").
  * @typedef {{
  *   driver: {user: string, since: string, fence: number} | null,
  *   waiting: {user: string, passes_at: string} | null,

@@ -70,7 +70,7 @@ export class Summary {
   }
 }
 
-// The record of a drive (docs/protocols.md, /api/v1/drives) in words. Pure.
+// The record of a drive (docs/reference/protocols.md, /api/v1/drives) in words. Pure.
 
 // "2 h 3 min", "2 min 5 s", "5 s".
 export function durationText(ms) {

@@ -1,4 +1,4 @@
-// What the drive page takes from a robot's settings (docs/protocols.md, "settings"). Pure.
+// What the drive page takes from a robot's settings (docs/reference/robot-settings.md). Pure.
 
 const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
 

@@ -33,7 +33,7 @@ MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
 
 T = TypeVar("T")
 CLOSED_WITHIN_S = 3.0
-INTERRUPTED = 130  # what a shell says of a command that Ctrl-C ended
+INTERRUPTED = 130  # a shell's exit status for a command that Ctrl-C ended
 MAX_PARALLEL = 200
 ON = click.option(
     "--on",
@@ -81,12 +81,12 @@ def robots_in(path: Path) -> set[str]:
 
 
 def is_plain(name: str) -> bool:
-    """Tell whether a `Host` names one host, and is no pattern."""
+    """Tell whether a `Host` is a name and not a pattern."""
     return not set(name) & set("*?!")
 
 
 def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
-    """Yield each keyword in small letters with its arguments; included files stand where they are included."""
+    """Yield each keyword in lower case with its arguments; an included file is read at its Include."""
     if depth > MAX_INCLUDE_DEPTH:
         raise ConfigUnusable(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
     try:
@@ -105,7 +105,7 @@ def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
 
 
 def words(line: str) -> tuple[str, list[str]]:
-    """Split `Keyword argument "another one"` or `Keyword=argument`; a line that says nothing gives an empty keyword."""
+    """Split `Keyword argument "another one"` or `Keyword=argument`; an empty line gives an empty keyword."""
     try:
         parts = shlex.split(line, comments=True)
     except ValueError:
@@ -124,7 +124,7 @@ def matches(pattern: str) -> list[Path]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One robot's. `status` None: the command did not come to its end, and `problem` says why."""
+    """One robot's result. `status` None: the command did not finish, and `problem` says why."""
 
     robot: str
     status: int | None
@@ -140,7 +140,7 @@ class Outcome:
 
     @property
     def result(self) -> str:
-        """What the table says."""
+        """The text in the table."""
         if self.status is None:
             return self.problem or "unknown"
         return "ok" if self.ok else f"exit status {self.status}"
@@ -162,7 +162,7 @@ def as_dict(outcome: Outcome) -> dict[str, object]:
 
 
 def as_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, str, str]]:
-    """Return the table's rows: what failed stands below, next to the prompt."""
+    """Return the table's rows, failures last: they are next to the prompt."""
     ordered = sorted(outcomes, key=lambda outcome: (not outcome.ok, outcome.robot))
     return [(one.robot, f"{one.seconds:.1f}", one.result) for one in ordered]
 
@@ -176,7 +176,7 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
 class WorkerPool(Generic[T]):
     """Does one thing for many robots at once; `work` is called once for each name, and must not raise.
 
-    Its threads are daemons: one that hangs in a dead network must not hold up a person who has pressed Ctrl-C.
+    Its threads are daemons: one that hangs in a dead network must not delay the end after Ctrl-C.
     """
 
     def __init__(self, work: Callable[[str], T], names: Sequence[str], parallel: int) -> None:
@@ -321,7 +321,7 @@ def fleet() -> None:
     Robots are the entries that `robotether ssh-config` printed, and what works with `ssh NAME` works here:
     the same files, keys, ssh-agent and known host keys.
     """
-    # It says itself what went wrong, once, and paramiko would add a traceback.
+    # The command reports the error itself, once; paramiko would add a traceback.
     logging.getLogger("paramiko").setLevel(logging.CRITICAL)
 
 

@@ -28,14 +28,14 @@ class KnownKey:
 
 @dataclass(frozen=True)
 class Known:
-    """What the files say of one name."""
+    """The files' entries for one name."""
 
     trusted: frozenset[KnownKey]
     revoked: frozenset[KnownKey]
 
 
 def find(files: Iterable[Path], name: str) -> Known:
-    """Return the keys that stand in the files for a name; a file that is not there has none."""
+    """Return the files' keys for a name; a missing file has none."""
     trusted, revoked = set(), set()
     for marker, hosts, key in (entry for path in files for entry in _entries(path)):
         if not names(hosts, name):
@@ -62,7 +62,7 @@ def add(path: Path, name: str, key: KnownKey) -> None:
 
 
 def names(hosts: str, name: str) -> bool:
-    """Tell whether the first field of a line means this name: hashed, or patterns with commas between."""
+    """Tell whether the first field of a line matches this name: a hash, or patterns with commas between."""
     name = name.lower()
     if hosts.startswith(HASHED):
         return _hash_fits(hosts, name)
@@ -90,7 +90,7 @@ def _entries(path: Path) -> Iterator[tuple[str, str, KnownKey]]:
 
 
 def _fits(pattern: str, name: str) -> bool:
-    """Compare with a pattern of `*` and `?`; brackets stand for themselves, as in [host]:2222."""
+    """Compare with a pattern of `*` and `?`; brackets are literal, as in [host]:2222."""
     wanted = re.escape(pattern).replace(r"\*", ".*").replace(r"\?", ".")
     return re.fullmatch(wanted, name) is not None
 

@@ -54,6 +54,6 @@ class LoginRefused(FleetProblem):
 
 
 class CommandCut(FleetProblem):
-    """The command did not come to its end."""
+    """The command did not finish."""
 
     code = "command_cut"

@@ -1,9 +1,8 @@
 """Runs one command on one robot with fabric, passes its output on, and ends it there when the connection ends.
 
-sshd alone leaves a command running whose client has gone. So a small watcher beside the command reads standard input,
-which stays open until then, and ends the process group when it closes; that works for what sudo started too. Output
-goes on in whole lines, each with its robot's name, never two mixed. Control characters are shown, not sent: a robot
-must not steer the terminal of the person who asked it something.
+sshd leaves a command running when its client disconnects. So a small watcher beside the command reads standard input
+and ends the process group when it closes, including what sudo started. Output is passed on in whole lines, each with
+its robot's name. Control characters are escaped: a robot must not control the operator's terminal.
 """
 
 import shlex
@@ -37,7 +36,7 @@ class Sink(Protocol):
     """Where one output of one robot goes."""
 
     def write(self, text: str) -> None:
-        """Take the next piece."""
+        """Process the next piece."""
 
     def close(self) -> None:
         """Take notice that there is no more."""
@@ -115,7 +114,7 @@ class Runner(Remote):  # type: ignore[misc] # fabric has no types
 
     @property
     def timed_out(self) -> bool:
-        """Say whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
+        """Tell whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
         return self._is_out_of_time
 
     def send_start_message(self, command: str) -> None:

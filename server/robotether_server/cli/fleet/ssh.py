@@ -88,7 +88,7 @@ def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
     # -T and no standard input: it only prints, and must neither ask nor speak of terminals.
     command = ["ssh", *chosen, "-T", "-G", "--", destination]
     try:
-        done = subprocess.run(  # noqa: S603 - no shell, and the name stands behind `--`
+        done = subprocess.run(  # noqa: S603 - no shell, and the name comes after `--`
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -164,7 +164,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
         return [*WEAK, *unwanted]
 
     def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
-        """Let the connection go on, or raise HostKeyChanged or HostKeyUnknown."""
+        """Accept the host key, or raise HostKeyChanged or HostKeyUnknown."""
         shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
         target = self._target
         if judge(self._known, shown, target):
@@ -334,7 +334,7 @@ class SshConnections:
 
 
 def _close(connection: fabric.Connection) -> None:
-    """Say goodbye, if the other end still listens."""
+    """Disconnect, if the other end still reads."""
     with suppress(OSError, EOFError, paramiko.SSHException):
         connection.close()
 

@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from robotether_server.db.digests import digest
+from robotether_server.db.credentials import digest
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.tickets import CredentialKind

@@ -1,6 +1,6 @@
 """Why an operator's connection ends: WebSocket close codes with reasons that a person can read.
 
-The table in docs/protocols.md is the contract; the short names stand in logs and metrics.
+The table in docs/reference/protocols.md is the contract; the short names stand in logs and metrics.
 """
 
 from __future__ import annotations

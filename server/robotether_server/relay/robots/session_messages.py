@@ -1,6 +1,6 @@
 """Parses and builds the lines between agent and relay.
 
-Pure. The contract is the section "The session" of docs/protocols.md.
+Pure. The contract is the section "The session" of docs/reference/protocols.md.
 """
 
 from __future__ import annotations

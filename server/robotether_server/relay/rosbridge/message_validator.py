@@ -2,7 +2,7 @@
 
 `OPERATIONS` lists what a connection may send, with its fields. An operation that is not in it, or a
 field that its entry does not name, never reaches a robot: rosbridge takes `message_intervall` from
-any message, and would wait so long before everything that it sends. docs/protocols.md has the same
+any message, and would wait so long before everything that it sends. docs/reference/protocols.md has the same
 table for people. A robot's settings say which names each level may use.
 
 Each connection has a `MessageValidator`; `bridge` asks it for every message and sends what it returns and

@@ -1,7 +1,8 @@
-"""The frames protocol (docs/media.md) in bytes and texts: frames, stream requests, credits, clock syncs and statuses.
+"""The frames protocol in bytes and texts: frames, stream requests, credits, clock syncs and statuses.
 
-`feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A frame is written once, with its
-WebSocket header, and all viewers get that one object: what a server sends has no mask. Pure.
+docs/reference/media.md describes it. `feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A
+frame is written once, with its WebSocket header, and all viewers get that one object: what a server sends has no
+mask. Pure.
 """
 
 from __future__ import annotations

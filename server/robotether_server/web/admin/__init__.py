@@ -1,7 +1,7 @@
-"""The admin pages under /admin: robots, who waits, users, groups, sites and grants, tokens, the audit log.
+"""The admin pages under /admin: robots, waiting keys, users, groups, sites and grants, tokens, the audit log.
 
 Plain forms over robotether_server.services, which checks, changes and writes the audit log. Every path that
-takes a POST also answers a GET, so that a login that ended in between leads back to where it was.
+takes a POST also answers a GET, so that a log-in after an expired login leads back to it.
 """
 
 from flask import Blueprint, redirect

@@ -34,7 +34,7 @@ def show() -> str | tuple[str, int]:
 
 @blueprint.get("/download")
 def save() -> Response:
-    """Give all events that fit as a file."""
+    """Send all matching events as a file."""
     kind = filters.file_kind()
     return download(_search(filters.asked(FILTERS)), kind)
 

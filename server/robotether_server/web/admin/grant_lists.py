@@ -1,10 +1,9 @@
 """Which grants a page shows, and what its form for another one offers. Pure, but for its queries."""
 
-from robotether_server.db import Transaction, groups, robots, sites, users
+from robotether_server.db import Transaction, grants, seen_robots, users
 from robotether_server.db.grants import Grant
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
-from robotether_server.services import grants
 
 # Title, and value and words of what there is to choose from.
 Choices = list[tuple[str, list[tuple[str, str]]]]
@@ -28,7 +27,7 @@ def for_site(tx: Transaction, site: str) -> list[Grant]:
 
 def of_user(tx: Transaction, user: User) -> list[Grant]:
     """Return the grants that a user has, alone or in a group."""
-    joined = {group.name for group in groups.list_all(tx) if user.name in group.members}
+    joined = {group.name for group in grants.list_groups(tx) if user.name in group.members}
     return [one for one in grants.list_all(tx) if one.user == user.name or one.group in joined]
 
 
@@ -42,15 +41,15 @@ def holders(tx: Transaction) -> Choices:
     people = [user.name for user in users.list_all(tx) if not user.is_admin]
     return [
         ("Users", [(f"user:{name}", name) for name in people]),
-        ("Groups", [(f"group:{one.name}", f"group {one.name}") for one in groups.list_all(tx)]),
+        ("Groups", [(f"group:{one.name}", f"group {one.name}") for one in grants.list_groups(tx)]),
     ]
 
 
 def scopes(tx: Transaction) -> Choices:
     """Return what a grant may be for."""
-    names = [seen.robot.name for seen in robots.list_all(tx)]
+    names = [seen.robot.name for seen in seen_robots.list_all(tx)]
     return [
         ("Robots", [(f"robot:{name}", name) for name in names]),
-        ("Sites", [(f"site:{one.name}", f"site {one.name}") for one in sites.list_all(tx)]),
+        ("Sites", [(f"site:{one.name}", f"site {one.name}") for one in grants.list_sites(tx)]),
         ("Everything", [("all", "all robots, also future ones")]),
     ]

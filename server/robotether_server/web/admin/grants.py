@@ -25,25 +25,25 @@ PageAnswer = AnyResponse | str | tuple[str, int]
 
 @blueprint.route("/robots/<name>/grants", methods=METHODS)
 def of_robot(name: str) -> PageAnswer:
-    """Let somebody do something with this robot."""
+    """Add a grant for this robot."""
     return _give(robot_pages.render, name, robot_pages.page_of(name))
 
 
 @blueprint.route("/users/<name>/grants", methods=METHODS)
 def of_user(name: str) -> PageAnswer:
-    """Let this user do something."""
+    """Add a grant of this user."""
     return _give(users.render, name, users.page_of(name))
 
 
 @blueprint.route("/groups/<name>/grants", methods=METHODS)
 def of_group(name: str) -> PageAnswer:
-    """Let the members of this group do something."""
+    """Add a grant of this group."""
     return _give(groups.render, name, groups.page_of(name))
 
 
 @blueprint.route("/sites/<name>/grants", methods=METHODS)
 def of_site(name: str) -> PageAnswer:
-    """Let somebody do something with the robots of this site."""
+    """Add a grant for the robots of this site."""
     return _give(sites.render, name, sites.page_of(name))
 
 
@@ -65,7 +65,7 @@ def revoke(grant_id: int) -> AnyResponse:
 
 
 def _give(render: Callable[[str, Problem | None], str], name: str, back: str) -> PageAnswer:
-    """Give the grant of the form, and show the page that the form stands on again."""
+    """Add the form's grant, and show the form's page again."""
     if request.method == "GET":
         return render(name, None)
     try:

@@ -4,11 +4,11 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import groups, users
+from robotether_server.db import grants, users
 from robotether_server.db.grants import LEVELS
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
-from robotether_server.services import groups as group_service
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import grants as grant_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
@@ -30,7 +30,7 @@ def add() -> PageAnswer:
     try:
         name = forms.text("name", "Name", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            group_service.add(tx, current_user.source(), name)
+            grant_service.add_group(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
     return confirmation.go_on(page_of(name), f"Group {name} is added. Add users and grants to it.")
@@ -50,7 +50,7 @@ def add_member(name: str) -> PageAnswer:
     try:
         user = forms.text("user", "User", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            group_service.add_member(tx, current_user.source(), name, user)
+            grant_service.add_member(tx, current_user.source(), name, user)
     except Problem as problem:
         return render(name, problem), problem.status
     return confirmation.go_on(page_of(name), f"User {user} is a member of group {name}.")
@@ -71,7 +71,7 @@ def remove_member(name: str, user: str) -> AnyResponse:
         back=page_of(name),
     )
     return confirmation.run(
-        action, lambda tx, source: group_service.remove_member(tx, source, name, user)
+        action, lambda tx, source: grant_service.remove_member(tx, source, name, user)
     )
 
 
@@ -79,7 +79,7 @@ def remove_member(name: str, user: str) -> AnyResponse:
 def remove(name: str) -> AnyResponse:
     """Remove a group."""
     with context().database.transaction() as tx:
-        found = groups.get(tx, name)
+        found = grants.get_group(tx, name)
     action = ConfirmedAction(
         title=f"Remove group {name}?",
         effects=(
@@ -93,13 +93,13 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/groups",
     )
-    return confirmation.run(action, lambda tx, source: group_service.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: grant_service.remove_group(tx, source, name))
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a group, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a group, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
-        group = groups.get(tx, name)
+        group = grants.get_group(tx, name)
         return render_template(
             "admin/group.html",
             group=group,
@@ -119,5 +119,5 @@ def page_of(name: str) -> str:
 
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        found = groups.list_all(tx)
+        found = grants.list_groups(tx)
     return render_template("admin/groups.html", groups=found, problem=problem, values=request.form)

@@ -8,9 +8,9 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import robots as db_robots
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.db import seen_robots
 from robotether_server.problems import Problem, RecordMissing
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.web import confirmation, current_user, forms
@@ -92,7 +92,7 @@ def reject(name: str) -> AnyResponse:
 
 @blueprint.route("/rejected/<int:key_id>", methods=METHODS)
 def forgive(key_id: int) -> AnyResponse:
-    """Let a rejected key ask again."""
+    """Forget a rejection: the key may join again."""
     key = _rejected(key_id)
     action = ConfirmedAction(
         title="Let this key ask again?",
@@ -111,7 +111,7 @@ def forgive(key_id: int) -> AnyResponse:
 
 def _page(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        seen = db_robots.list_seen(tx, current_user.get())
+        seen = seen_robots.list_seen(tx, current_user.get())
         return render_template(
             "admin/pending.html",
             online={one.robot.name for one in seen if one.online},

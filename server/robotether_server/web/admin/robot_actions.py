@@ -5,8 +5,8 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.robot_settings import Settings, put_path, remove_path
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import robots
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin.robot_pages import get, page_of
@@ -40,7 +40,7 @@ def disable(name: str) -> AnyResponse:
 
 @blueprint.route("/enable", methods=METHODS)
 def enable(name: str) -> AnyResponse:
-    """Let a disabled robot in again."""
+    """Enable a disabled robot."""
     get(name)
     action = ConfirmedAction(
         title=f"Enable robot {name}?",
@@ -248,7 +248,7 @@ def move_ports(name: str) -> AnyResponse:
 
 @blueprint.route("/shell-user", methods=METHODS)
 def set_shell_user(name: str) -> AnyResponse:
-    """Say which account on the robot a shell logs in to."""
+    """Set the account on the robot that a shell logs in to."""
     settings = get(name).robot.settings
     action = ConfirmedAction(
         title=f"Shell user of robot {name}",

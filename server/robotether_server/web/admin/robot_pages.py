@@ -6,12 +6,11 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, audit, control_states, robots, sessions, sites
-from robotether_server.db.control_states import FREE, ControlState
+from robotether_server.db import Transaction, audit, grants, seen_robots
 from robotether_server.db.grants import LEVELS
-from robotether_server.db.robots import SeenRobot
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.problems import Problem, RobotUnknown
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import robots as robot_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_setting_fields
@@ -37,13 +36,13 @@ SHOWN = 20
 
 @dataclass(frozen=True)
 class RobotSearch:
-    """What an admin looks for: words that all must stand somewhere in the row, and a state of STATES."""
+    """A filter of robots: words that all must occur in the row, and a state of STATES."""
 
     words: str = ""
     state: str = ""
 
     def finds(self, seen: SeenRobot, control: ControlState = FREE) -> bool:
-        """Tell whether a robot is one of those."""
+        """Tell whether a robot matches."""
         if self.state and self.state not in _states(seen, control):
             return False
         row = " ".join(_searched(seen)).lower()
@@ -68,8 +67,8 @@ def show_all() -> str:
     """Show the robots that the search finds."""
     search = RobotSearch(request.args.get("q", "").strip(), request.args.get("state", ""))
     with context().database.transaction() as tx:
-        everyone = robots.list_seen(tx, current_user.get())
-        control = control_states.of_all(tx)
+        everyone = seen_robots.list_seen(tx, current_user.get())
+        control = seen_robots.control_of_all(tx)
     found = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
     return render_template(
         "admin/robots.html",
@@ -120,20 +119,20 @@ def show(name: str) -> str:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a robot, with what went wrong in one of its forms; raise RobotUnknown."""
+    """Return the page of a robot, with the problem of one of its forms; raise RobotUnknown."""
     with context().database.transaction() as tx:
         seen = find(tx, name)
         return render_template(
             "admin/robot.html",
             seen=seen,
             robot=seen.robot,
-            sessions=sessions.of_robot(tx, seen.robot.id, SHOWN),
+            sessions=seen_robots.sessions_of(tx, seen.robot.id, SHOWN),
             events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
             grants=grant_lists.for_robot(tx, seen.robot),
             choices=grant_lists.holders(tx),
-            sites=[site.name for site in sites.list_all(tx)],
+            sites=[site.name for site in grants.list_sites(tx)],
             settings=robot_setting_fields.summary(seen.robot.settings),
-            control=control_states.of_robot(tx, seen.robot.id),
+            control=seen_robots.control_of(tx, seen.robot.id),
             levels=LEVELS,
             problem=problem,
             values=request.form,
@@ -148,7 +147,7 @@ def get(name: str) -> SeenRobot:
 
 def find(tx: Transaction, name: str) -> SeenRobot:
     """Return the robot of that name, as an admin sees it; raise RobotUnknown."""
-    seen = robots.find_seen(tx, current_user.get(), name)
+    seen = seen_robots.find_seen(tx, current_user.get(), name)
     if seen is None:
         raise RobotUnknown(
             f"cannot show robot {name}: there is none of that name; it may have been renamed or removed"

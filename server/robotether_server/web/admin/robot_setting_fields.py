@@ -11,7 +11,7 @@ from robotether_server.robot_settings import get_path, is_in
 
 @dataclass(frozen=True)
 class SettingField:
-    """One setting: where it stands in the settings, and its words. `empty` is said where nothing stands."""
+    """One setting: its path in the settings, and its texts. `empty` is shown for a missing value."""
 
     path: str
     label: str
@@ -157,7 +157,7 @@ def line_of(field: SettingField, value: object) -> str:
 
 
 def text_of(value: object) -> str:
-    """Return a value as its field takes it: names one a line, and nothing for no limit."""
+    """Return a value as the text of its field: names one a line, an empty text for no limit."""
     if value is None:
         return ""
     if isinstance(value, list | tuple):

@@ -35,7 +35,7 @@ NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
 
 @dataclass(frozen=True)
 class Filled:
-    """A field with the text that stands in it, and that of its default."""
+    """A field with its text and the text of its default."""
 
     field: SettingField
     text: str
@@ -44,7 +44,7 @@ class Filled:
 
 @blueprint.route("", methods=METHODS)
 def show(name: str) -> AnyResponse | str | tuple[str, int]:
-    """Show the form, or save what it says."""
+    """Show the form, or save it."""
     present = robot_pages.get(name).robot.settings
     if request.method == "GET":
         return _page(name, present)
@@ -118,7 +118,7 @@ def _from_form(present: Mapping[str, object]) -> Settings:
 
 
 def _value(field: SettingField, text: str) -> object:
-    """Return what the text means; what is no number goes on as it is, and is refused with its name."""
+    """Return the value of a text; one that is no number stays a text, and the settings refuse it by its name."""
     if field.kind == "globs":
         return [line.strip() for line in text.splitlines() if line.strip()]
     if not text and field.kind == "limit":

@@ -1,14 +1,14 @@
-"""/admin/sites: sites of robots, so that a grant can be for all robots of one; /admin/sites/NAME: one of them."""
+"""/admin/sites: sites of robots; a grant can be for all robots of a site. /admin/sites/NAME: one of them."""
 
 from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import robots, sites
+from robotether_server.db import grants, seen_robots
 from robotether_server.db.grants import LEVELS
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
-from robotether_server.services import sites as site_service
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import grants as grant_service
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.admin import grant_lists, robot_pages
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
@@ -30,7 +30,7 @@ def add() -> PageAnswer:
     try:
         name = forms.text("name", "Name", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.add(tx, current_user.source(), name)
+            grant_service.add_site(tx, current_user.source(), name)
     except Problem as problem:
         return _list(problem), problem.status
     return confirmation.go_on(page_of(name), f"Site {name} is added. Add robots and grants to it.")
@@ -50,7 +50,7 @@ def place_here(name: str) -> PageAnswer:
     try:
         robot = forms.text("robot", "Robot", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.place(tx, current_user.source(), robot, name)
+            grant_service.place_robot(tx, current_user.source(), robot, name)
     except Problem as problem:
         return render(name, problem), problem.status
     return confirmation.go_on(page_of(name), f"Robot {robot} is at site {name}.")
@@ -71,7 +71,7 @@ def remove_robot(name: str, robot: str) -> AnyResponse:
         back=page_of(name),
     )
     return confirmation.run(
-        action, lambda tx, source: site_service.remove_robot(tx, source, robot, name)
+        action, lambda tx, source: grant_service.remove_robot(tx, source, robot, name)
     )
 
 
@@ -83,7 +83,7 @@ def place(name: str) -> PageAnswer:
     try:
         site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
         with context().database.transaction() as tx:
-            site_service.place(tx, current_user.source(), name, site)
+            grant_service.place_robot(tx, current_user.source(), name, site)
     except Problem as problem:
         return robot_pages.render(name, problem), problem.status
     words = f"at site {site}" if site else "at no site"
@@ -94,7 +94,7 @@ def place(name: str) -> PageAnswer:
 def remove(name: str) -> AnyResponse:
     """Remove a site."""
     with context().database.transaction() as tx:
-        found = sites.get(tx, name)
+        found = grants.get_site(tx, name)
     action = ConfirmedAction(
         title=f"Remove site {name}?",
         effects=(
@@ -107,14 +107,14 @@ def remove(name: str) -> AnyResponse:
         back=page_of(name),
         onward="/admin/sites",
     )
-    return confirmation.run(action, lambda tx, source: site_service.remove(tx, source, name))
+    return confirmation.run(action, lambda tx, source: grant_service.remove_site(tx, source, name))
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a site, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a site, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
-        site = sites.get(tx, name)
-        elsewhere = [one.robot for one in robots.list_all(tx) if one.robot.site != name]
+        site = grants.get_site(tx, name)
+        elsewhere = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]
         return render_template(
             "admin/site.html",
             site=site,
@@ -134,5 +134,5 @@ def page_of(name: str) -> str:
 
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        found = sites.list_all(tx)
+        found = grants.list_sites(tx)
     return render_template("admin/sites.html", sites=found, problem=problem, values=request.form)

@@ -6,12 +6,11 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db.join_tokens import JoinToken
-from robotether_server.db.tokens import Token
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
-from robotether_server.services import join_tokens, tokens
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import tokens
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction
 
@@ -63,15 +62,15 @@ def show_join_tokens() -> str:
 
 @blueprint.post("/join-tokens")
 def create_join_token() -> str | tuple[str, int]:
-    """Make a token; the answer shows the install line, this one time."""
+    """Create a join token; the answer shows the install line once."""
     try:
         name = forms.text("name", "Name", MAX_NAME_LENGTH)
         uses = forms.number("uses", "Uses", 1, MAX_USES)
         hours = forms.number("hours", "Hours", 1, MAX_HOURS)
         expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
         with context().database.transaction() as tx:
-            token = join_tokens.create(tx, current_user.source(), name, uses, expires_at)
-            # A site that cannot tell its certificate makes no token either.
+            token = tokens.create_join_token(tx, current_user.source(), name, uses, expires_at)
+            # This may raise: without a certificate to pin there is no install line, and so no token.
             line = install_line(context().site_certificates, request.host, token)
     except Problem as problem:
         return _page(problem), problem.status
@@ -100,15 +99,17 @@ def delete_join_token(token_id: int) -> AnyResponse:
         done=f"Join token {token.name} is deleted.",
         back="/admin/join-tokens",
     )
-    return confirmation.run(action, lambda tx, source: join_tokens.delete(tx, source, token_id))
+    return confirmation.run(
+        action, lambda tx, source: tokens.delete_join_token(tx, source, token_id)
+    )
 
 
 def _page(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
-        tokens = join_tokens.list_all(tx)
+        found = tokens.list_join_tokens(tx)
     return render_template(
         "admin/join_tokens.html",
-        tokens=tokens,
+        tokens=found,
         now=dt.datetime.now(dt.UTC),
         problem=problem,
         values=request.form,
@@ -117,7 +118,7 @@ def _page(problem: Problem | None = None) -> str:
 
 def _get_join_token(token_id: int) -> JoinToken:
     with context().database.transaction() as tx:
-        for token in join_tokens.list_all(tx):
+        for token in tokens.list_join_tokens(tx):
             if token.id == token_id:
                 return token
     raise RecordMissing("cannot find that join token: it was already deleted")

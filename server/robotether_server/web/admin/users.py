@@ -5,12 +5,12 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, groups, robots, users
+from robotether_server.db import Transaction, grants, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES, User
-from robotether_server.field_types import MAX_NAME_LENGTH
 from robotether_server.problems import Problem
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, current_user, forms
@@ -28,7 +28,7 @@ def show_all() -> str:
 
 @blueprint.post("")
 def add() -> AnyResponse | str | tuple[str, int]:
-    """Add a user; a password that was made is in the answer, this one time."""
+    """Add a user; a generated password is shown once, in the answer."""
     typed = forms.secret("password")
     password = typed or passwords.new_password()
     try:
@@ -62,14 +62,14 @@ def show_password(name: str, password: str, title: str) -> str:
 
 
 def render(name: str, problem: Problem | None = None) -> str:
-    """Return the page of a user, with what went wrong in one of its forms; raise RecordMissing."""
+    """Return the page of a user, with the problem of one of its forms; raise RecordMissing."""
     with context().database.transaction() as tx:
         user = users.get(tx, name)
         return render_template(
             "admin/user.html",
             subject=user,
             grants=grant_lists.of_user(tx, user),
-            groups=[one.name for one in groups.list_all(tx) if name in one.members],
+            groups=[one.name for one in grants.list_groups(tx) if name in one.members],
             tokens=tokens.list_of(tx, user),
             choices=grant_lists.scopes(tx),
             levels=LEVELS,
@@ -86,7 +86,7 @@ def page_of(name: str) -> str:
 def _list(problem: Problem | None = None) -> str:
     with context().database.transaction() as tx:
         everyone = users.list_all(tx)
-        seen = robots.count_seen(tx)
+        seen = seen_robots.count_seen(tx)
     return render_template(
         "admin/users.html",
         users=everyone,
@@ -144,7 +144,7 @@ def disable(name: str) -> AnyResponse:
 
 @blueprint.route("/<name>/enable", methods=METHODS)
 def enable(name: str) -> AnyResponse:
-    """Let a disabled user in again."""
+    """Enable a disabled user."""
     _get(name)
     action = ConfirmedAction(
         title=f"Enable user {name}?",
@@ -162,7 +162,7 @@ def enable(name: str) -> AnyResponse:
 
 @blueprint.route("/<name>/password", methods=METHODS)
 def set_password(name: str) -> AnyResponse:
-    """Give a user another password; one that was made is in the answer, this one time."""
+    """Set a user's password; a generated one is shown once, in the answer."""
     _get(name)
     typed = forms.secret("password")
     password = typed or passwords.new_password()

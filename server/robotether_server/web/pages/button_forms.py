@@ -35,7 +35,7 @@ def add(name: str) -> AnyResponse | str | tuple[str, int]:
 
 @blueprint.route("/<int:place>", methods=METHODS)
 def change(name: str, place: int) -> AnyResponse | str | tuple[str, int]:
-    """Change a button where it stands."""
+    """Change a button at its position."""
     present = _at(name, place)
 
     def put(all_: list[Button], new: Button) -> None:
@@ -68,7 +68,7 @@ def remove(name: str, place: int) -> AnyResponse:
 
 @blueprint.route("/<int:place>/move", methods=METHODS)
 def move(name: str, place: int) -> AnyResponse:
-    """Let a button change places with its neighbour."""
+    """Swap a button with its neighbour."""
     if request.method == "GET":
         return redirect(path_of(name))
     to = -1 if forms.choice("to", "Direction", ("up", "down")) == "up" else 1
@@ -93,7 +93,7 @@ def _form(
     put: Callable[[list[Button], Button], None],
     was: str = "",
 ) -> AnyResponse | str | tuple[str, int]:
-    """Show the form with these values, or do what it says with the button in it."""
+    """Show the form with these values, or do its action with its button."""
     if request.method == "GET":
         return _page(name, title, values, was)
     try:

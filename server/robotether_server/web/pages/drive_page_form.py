@@ -1,7 +1,7 @@
-"""/robots/NAME/settings: what a manager sets of a robot's drive page, in a form. button_forms.py has its buttons.
+"""/robots/NAME/settings: the form for a robot's drive page. button_forms.py has its buttons.
 
-How it moves, its cameras, what is wanted of the video, when driving is held. For whoever manages the robot, admins
-included. docs/protocols.md describes `page` and `buttons`.
+It sets how the robot moves, its cameras, the stream request, and when driving pauses. For managers of the robot, admins
+included. docs/reference/robot-settings.md describes `page` and `buttons`.
 """
 
 import re
@@ -35,7 +35,7 @@ NUMBER = re.compile(r"\d{1,12}(\.\d{1,12})?", re.ASCII)
 
 @dataclass(frozen=True)
 class PageField:
-    """One member of `page` and its words. `empty` is said where nothing stands; without it there must be something."""
+    """One member of `page` and its texts. `empty` is shown for a missing value; without it a value is required."""
 
     name: str
     label: str
@@ -87,7 +87,7 @@ blueprint.before_request(current_user.require_user)
 
 @blueprint.route("", methods=METHODS)
 def show(name: str) -> AnyResponse | str | tuple[str, int]:
-    """Show the form and the buttons, or save what the form says."""
+    """Show the form and the buttons, or save the form."""
     try:
         with context().database.transaction() as tx:
             present = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
@@ -132,7 +132,7 @@ def _page(name: str, present: Mapping[str, object], problem: Problem | None = No
 
 
 def _texts(page: Settings) -> dict[str, object]:
-    """Return what stands in the fields: what was sent, or else what is in force."""
+    """Return the texts of the fields: those sent, else the settings in force."""
     sent = request.form
     texts: dict[str, object] = {
         field.name: sent.get(field.name, _text(page[field.name])) for field in FIELDS
@@ -159,7 +159,7 @@ def _camera_rows(cameras: object) -> list[tuple[str, str, str]]:
 
 
 def _sent_cameras() -> list[tuple[str, str, str]]:
-    """Return the rows in which something stands."""
+    """Return the rows that are not empty."""
     columns = [request.form.getlist(column) for column in ("topic", "name", "turned_deg")]
     return [
         (topic.strip(), name.strip(), turn)
@@ -195,7 +195,7 @@ def _sent(name: str) -> str:
 
 
 def _number(text: str) -> object:
-    """Return what the text means; what is no number goes on as it is, and is refused with its name."""
+    """Return the value of a text; one that is no number stays a text, and the settings refuse it by its name."""
     return float(text) if NUMBER.fullmatch(text) else text
 
 

@@ -37,7 +37,7 @@ def show() -> str | tuple[str, int]:
 
 @blueprint.get("/download")
 def save() -> Response:
-    """Give all drives that fit as a file."""
+    """Send all matching drives as a file."""
     kind = filters.file_kind()
     return download(current_user.get(), _search(filters.asked(FILTERS)), kind)
 

@@ -20,9 +20,9 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import robot_settings
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import robots
+from robotether_server.db import seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
-from robotether_server.db.robots import SeenRobot
+from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
 from robotether_server.services import logging_in
 from robotether_server.times import rfc3339
@@ -33,7 +33,7 @@ blueprint = Blueprint("pages", __name__)
 
 @blueprint.get("/healthz")
 def healthz() -> str:
-    """Tell that this process answers; says nothing of the database, which is checked by itself."""
+    """Answer while this process runs; the database has a health check of its own."""
     return "ok\n"
 
 
@@ -91,12 +91,12 @@ def log_out() -> AnyResponse:
 
 @blueprint.get("/")
 def show_fleet() -> AnyResponse:
-    """Show the robots that the user may see; the page goes on with /api/v1/events."""
+    """Show the robots that the user may see; /api/v1/events updates the page."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
-        seen = robots.list_seen(tx, user)
+        seen = seen_robots.list_seen(tx, user)
         current_user.remember(tx, user)
     page = render_template("fleet.html", user=user, robots=[_card(robot) for robot in seen])
     return make_response(page)
@@ -109,7 +109,7 @@ def show_robot(name: str) -> AnyResponse:
         user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
-        seen = robots.find_seen(tx, user, name)
+        seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
     robot = {"name": name, "level": seen.level, "settings": _in_force(seen)}

@@ -61,7 +61,7 @@ def _read(name: str) -> bytes:
 def _send(name: str, kind: str) -> Response:
     data = _read(name)
     response = Response(data, content_type=kind)
-    # Kept, but asked for anew each time, so that script, manifest and files fit each other.
+    # Cached, but revalidated each time, so that script, manifest and files match.
     response.cache_control.no_cache = True
     response.set_etag(hashlib.sha256(data).hexdigest())
     response.make_conditional(request)

@@ -8,13 +8,13 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import passwords
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import logins
-from robotether_server.db.tokens import Token
-from robotether_server.db.user_keys import SshKey
-from robotether_server.field_types import MAX_NAME_LENGTH
+from robotether_server.db import credentials
+from robotether_server.db.credentials import Token
+from robotether_server.db.users import SshKey
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
-from robotether_server.services import logging_in, ssh_config, ssh_keys, tokens, users
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import logging_in, ssh_keys, tokens, users
 from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
@@ -35,17 +35,19 @@ def show() -> str:
 
 
 def render(problem: Problem | None = None, form: str = "") -> str:
-    """Return the page, with what went wrong in one of its forms, `form`."""
+    """Return the page, with the problem of one of its forms, `form`."""
     user = current_user.get()
     with context().database.transaction() as tx:
-        entries = ssh_config.entries(tx, user)
+        entries = ssh_keys.shell_entries(tx, user)
         keys, own_tokens = ssh_keys.list_of(tx, user), tokens.list_of(tx, user)
     host = site_of(context().site_certificates.settings, request.host).host
     return render_template(
         "profile.html",
         keys=keys,
         tokens=own_tokens,
-        config=ssh_config.render(entries, host, context().join.ssh_ports[0]) if entries else "",
+        config=ssh_keys.render_config(entries, host, context().join.ssh_ports[0])
+        if entries
+        else "",
         first=entries[0].robot if entries else "",
         now=dt.datetime.now(dt.UTC),
         problems={form: problem},
@@ -55,7 +57,7 @@ def render(problem: Problem | None = None, form: str = "") -> str:
 
 @blueprint.route("/password", methods=METHODS)
 def change_password() -> AnyResponse:
-    """Change the password of who asks, and keep this browser logged in."""
+    """Change the user's password, and keep this browser logged in."""
     action = ConfirmedAction(
         title="Change your password",
         effects=(
@@ -87,7 +89,7 @@ def change_password() -> AnyResponse:
 
 @blueprint.route("/log-out", methods=METHODS)
 def log_out_everywhere() -> AnyResponse:
-    """End every login of who asks."""
+    """End every login of the user."""
     name = current_user.get().name
     action = ConfirmedAction(
         title="Log out everywhere?",
@@ -113,7 +115,9 @@ def _change_password() -> str:
     logging_in.confirm(context().database, source, forms.secret("present"))
     with context().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
-        return logins.create(tx, user, source.address or "", context().login_lifetime.unused)
+        return credentials.create_login(
+            tx, user, source.address or "", context().login_lifetime.unused
+        )
 
 
 @blueprint.route("/ssh-keys", methods=METHODS)
@@ -159,7 +163,7 @@ def _get_key(key_id: int) -> SshKey:
 
 @blueprint.route("/tokens", methods=METHODS)
 def create_token() -> str | tuple[str, int]:
-    """Make a token; the answer shows it, this one time."""
+    """Create an API token; the answer shows it once."""
     if request.method == "GET":
         return render()
     try:
@@ -198,7 +202,7 @@ def delete_token(token_id: int) -> AnyResponse:
 
 
 def _get_token(token_id: int) -> Token:
-    """Return a token of who asks, and nobody else's."""
+    """Return a token of this user, and nobody else's."""
     with context().database.transaction() as tx:
         for token in tokens.list_of(tx, current_user.get()):
             if token.id == token_id:

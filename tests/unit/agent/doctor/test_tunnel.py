@@ -63,7 +63,7 @@ async def test_another_host_key_shows_both(settings, cloud):
     cloud.ssh.start()
     (found,) = await tunnel.check_ssh(settings)
     assert found.state == FAIL
-    assert tunnel.known_hosts.parse_host_key(pinned[0]).fingerprint in found.detail
+    assert tunnel.keys.parse_host_key(pinned[0]).fingerprint in found.detail
     assert "POSING AS THE SERVER" in found.advice
 
 

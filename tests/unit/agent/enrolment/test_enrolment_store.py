@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from robotether_agent.enrolment.enrolment_store import Enrolment, EnrolmentStore, SshAccess
-from robotether_agent.enrolment.known_hosts import HostKey
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess
+from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.problems import ServerKeyChanged, StateUnusable
 
 ACCESS = SshAccess("tunnel", None, (2222, 443))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from fake_root import FakeRoot
-from robotether_agent.enrolment.identity_store import Identity, IdentityStore
+from robotether_agent.enrolment.identity import Identity, IdentityStore
 from robotether_agent.problems import InterfaceMissing
 from robotether_agent.settings import Settings
 
@@ -106,8 +106,8 @@ def test_the_setting_interface_wins_once_it_is_there(machine):
     assert machine.is_now() == Identity(WIRED, "eth0", is_present=False)
 
 
-def test_a_robot_that_joined_before_there_was_a_file_keeps_its_mac(tmp_path):
-    """An agent of an older version kept the MAC in the enrolment only."""
+def test_a_robot_whose_file_is_lost_keeps_the_mac_of_its_enrolment(tmp_path):
+    """A full disk may have kept it from being written, too."""
     machine = Machine(tmp_path)
     machine.add("eth0", WIRED, 2)
     assert machine.is_now(enrolled=WIRED) == Identity(WIRED, "eth0")

@@ -6,13 +6,13 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from robotether_agent.enrolment.known_hosts import (
+from robotether_agent.enrolment.keys import (
     ALIAS,
     HostKey,
-    check,
+    check_host_keys,
     parse_host_key,
-    pin,
-    pinned,
+    pin_host_keys,
+    pinned_host_keys,
 )
 from robotether_agent.fields import FieldError
 from robotether_agent.problems import ServerKeyChanged, StateUnusable
@@ -28,11 +28,11 @@ def test_openssh_finds_the_pinned_key(place):
     command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(place / "k")]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
     key = parse_host_key((place / "k.pub").read_text())
-    pin(place / "known_hosts", [key])
+    pin_host_keys(place / "known_hosts", [key])
     find = ["ssh-keygen", "-l", "-F", ALIAS, "-f", str(place / "known_hosts")]
     found = subprocess.run(find, check=True, capture_output=True, text=True).stdout
     assert key.fingerprint in found
-    assert pinned(place / "known_hosts") == [key]
+    assert pinned_host_keys(place / "known_hosts") == [key]
 
 
 @pytest.mark.parametrize(
@@ -49,10 +49,10 @@ def test_openssh_finds_the_pinned_key(place):
 def test_only_what_agrees_with_the_pin_is_trusted(now, trusted):
     """A changed key is an alarm, a key of a new type is none, and nothing in common is one."""
     if trusted:
-        check(PATH, [ED], now)
+        check_host_keys(PATH, [ED], now)
         return
     with pytest.raises(ServerKeyChanged, match="SHA256:"):
-        check(PATH, [ED], now)
+        check_host_keys(PATH, [ED], now)
 
 
 @pytest.mark.parametrize("text", ["", f"{ALIAS} ssh-ed25519 %%%\n", "someone ssh-ed25519 RUQx\n"])
@@ -60,7 +60,7 @@ def test_a_broken_pin_is_not_as_good_as_none(place, text):
     """A damaged file must not make the agent trust whatever comes next."""
     (place / "known_hosts").write_text(text)
     with pytest.raises(StateUnusable, match="cannot use the pinned host keys"):
-        pinned(place / "known_hosts")
+        pinned_host_keys(place / "known_hosts")
 
 
 @pytest.mark.parametrize("text", ["ssh-ed25519", "ssh-ed25519 !", "ssh-dss AAAA", ""])

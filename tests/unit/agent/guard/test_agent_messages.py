@@ -54,7 +54,7 @@ def test_each_line_is_one_order(line: dict[str, Any], order: AgentMessage | None
 
 
 def test_a_configuration_has_defaults() -> None:
-    """As docs/protocols.md gives them; without a key nobody gets in."""
+    """As docs/reference/protocols.md gives them; without a key nobody gets in."""
     config = read(type="config", rosbridge_url=URL, guard={}, direct=False)
     assert isinstance(config, GuardConfig)
     assert (config.key, config.deadman_s, config.max_age_s) == ("", 0.5, 0.5)

@@ -20,10 +20,9 @@ from local_network import free_port
 from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
 from robotether_agent.daemon import report_guard, report_health
-from robotether_agent.enrolment.enroller import Enroller
-from robotether_agent.enrolment.enrolment_store import Enrolment, SshAccess, parse_host_keys
-from robotether_agent.enrolment.keys import KeyPair, ensure_key
-from robotether_agent.enrolment.known_hosts import pin
+from robotether_agent.enrolment.enroller import Enroller, Enrolment
+from robotether_agent.enrolment.join import SshAccess, parse_host_keys
+from robotether_agent.enrolment.keys import KeyPair, ensure_key, pin_host_keys
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
@@ -67,7 +66,7 @@ class Robot:
 
     def trust(self, ssh: OpenSshServer) -> SshAddress:
         """Pin the server's host key, and return where it is."""
-        pin(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
+        pin_host_keys(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
         return SshAddress("127.0.0.1", ssh.port, ssh.user)
 
     def connect(

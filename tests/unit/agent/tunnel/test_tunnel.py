@@ -11,9 +11,8 @@ import pytest
 from fake_cloud import eventually
 from local_network import free_port
 from openssh_server import descendants, listens, wait_until
-from robotether_agent.enrolment.enrolment_store import parse_host_keys
-from robotether_agent.enrolment.keys import ensure_key
-from robotether_agent.enrolment.known_hosts import pin
+from robotether_agent.enrolment.join import parse_host_keys
+from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
 from robotether_agent.tunnel.openssh import Forward, SshFiles
@@ -29,7 +28,7 @@ async def dialer(make_cloud, place):
     cloud = await make_cloud()
     key = await ensure_key(place)
     cloud.authorize(key.public)
-    pin(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
+    pin_host_keys(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
     files = SshFiles((key.path,), place / "known_hosts", place / "session.ctl")
     return cloud, SshAddress("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
 

@@ -9,7 +9,7 @@ from api_visitor import Program
 from flask import Flask
 from robotether_server.api import auth
 from robotether_server.api.auth import check_admin
-from robotether_server.db import Database, digests, users
+from robotether_server.db import Database, credentials, users
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing
 from robotether_server.relay.auth.access import LOGIN_COOKIE
@@ -83,7 +83,7 @@ def test_a_ticket_names_the_login_that_asked_for_it(browser: Browser) -> None:
     ticket, _ = TicketSigner("t" * 32, 30).verify(answer.json["ticket"])
     cookie = browser.client.get_cookie("__Host-robotether_login", "robots.example")
     assert cookie is not None
-    sha256 = digests.digest(cookie.value).hex()
+    sha256 = credentials.digest(cookie.value).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("login", sha256)
 
 

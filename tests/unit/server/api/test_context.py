@@ -6,7 +6,7 @@ import datetime as dt
 
 from flask import Flask
 from robotether_server.api.context import context
-from robotether_server.db.logins import Lifetime
+from robotether_server.db.credentials import Lifetime
 from robotether_server.settings import WebSettings
 from robotether_server.web import create_app
 

@@ -1,4 +1,4 @@
-"""Grants, as admins give and take them."""
+"""Grants, groups and sites through the API."""
 
 from __future__ import annotations
 
@@ -114,3 +114,60 @@ def test_all_must_be_meant(root: Program) -> None:
     """False is no way to say nothing."""
     body = {"user": "ann", "all": False, "level": "drive"}
     assert root.refused("POST", "/grants", body) == (422, "field_invalid")
+
+
+def test_group_is_added_filled_and_removed(root: Program) -> None:
+    """A member twice is one; the users stay."""
+    answer = root.ask("POST", "/groups", {"name": "crew"})
+    assert (answer.status_code, answer.json["name"], answer.json["members"]) == (201, "crew", [])
+    for _ in range(2):
+        answer = root.ask("PUT", "/groups/crew/members/ann")
+        assert (answer.status_code, answer.json["members"]) == (200, ["ann"])
+    assert root.get("/groups")["groups"] == [root.get("/groups/crew")]
+    assert root.ask("DELETE", "/groups/crew/members/ann").status_code == 204
+    assert root.refused("DELETE", "/groups/crew/members/ann") == (404, "record_missing")
+    assert root.ask("DELETE", "/groups/crew").status_code == 204
+    assert root.refused("GET", "/groups/crew") == (404, "record_missing")
+    assert root.get("/users/ann")["name"] == "ann"
+
+
+@pytest.mark.parametrize("name", ["", "Crew", "a b", "-a", "a/b", "x" * 64, "crew\n", None, 5])
+def test_name_that_cannot_stand_in_a_path_is_refused(root: Program, name: object) -> None:
+    """As for users."""
+    answer = root.ask("POST", "/groups", {"name": name})
+    assert answer.status_code == (201 if name == "crew\n" else 422)
+
+
+def test_what_is_not_there_is_said(root: Program) -> None:
+    """Groups, users; and a name is had once."""
+    root.ask("POST", "/groups", {"name": "crew"})
+    assert root.refused("POST", "/groups", {"name": "crew"}) == (409, "record_exists")
+    assert root.refused("PUT", "/groups/crew/members/ghost") == (404, "record_missing")
+    assert root.refused("PUT", "/groups/ghost/members/ann") == (404, "record_missing")
+    assert root.refused("GET", "/groups/crew%20") == (404, "record_missing")
+
+
+def test_site_is_added_and_robots_are_put_there(root: Program, ann: Program) -> None:
+    """Whoever may see the robot sees where it is; null is no site."""
+    answer = root.ask("POST", "/sites", {"name": "lab"})
+    assert (answer.status_code, answer.json["robots"]) == (201, [])
+    assert root.ask("PATCH", "/robots/sim1", {"site": "lab"}).json["site"] == "lab"
+    assert ann.get("/robots/sim1")["site"] == "lab"
+    assert root.get("/sites")["sites"] == [root.get("/sites/lab")]
+    assert root.get("/sites/lab")["robots"] == ["sim1"]
+    assert root.ask("PATCH", "/robots/sim1", {"site": None}).json["site"] is None
+    root.ask("PATCH", "/robots/sim1", {"site": "lab"})
+    assert root.ask("DELETE", "/sites/lab").status_code == 204
+    assert ann.get("/robots/sim1")["site"] is None
+
+
+def test_what_cannot_be_is_refused(root: Program) -> None:
+    """Sites that are not there, names that are had or no good; nothing else of the PATCH is done."""
+    root.ask("POST", "/sites", {"name": "lab"})
+    assert root.refused("POST", "/sites", {"name": "lab"}) == (409, "record_exists")
+    assert root.refused("POST", "/sites", {"name": "The Lab"}) == (422, "field_invalid")
+    assert root.refused("DELETE", "/sites/ghost") == (404, "record_missing")
+    body = {"site": "ghost", "shell": True}
+    assert root.refused("PATCH", "/robots/sim1", body) == (404, "record_missing")
+    assert root.refused("PATCH", "/robots/sim1", {"site": ["lab"]}) == (422, "field_invalid")
+    assert root.get("/robots/sim1")["shell_port"] is None

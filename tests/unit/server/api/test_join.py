@@ -1,4 +1,4 @@
-"""Joining, answer by answer as docs/protocols.md has it."""
+"""Joining, answer by answer as docs/reference/protocols.md has it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 from api_visitor import new_public_key
 from robot_signer import RobotSigner
+from robotether_server.api.join import read_host_keys, ssh_of
+from robotether_server.api.operations import plain
 from robotether_server.db import Database, robots
+from robotether_server.problems import StoreUnavailable
+from robotether_server.settings import JoinSettings
 from web_visitor import Browser, audit_kinds, bearer
 
 MAC = "02:00:00:00:61:01"
@@ -161,3 +165,33 @@ def test_null_is_as_good_as_nothing(program: Browser, key: str) -> None:
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
     answer = program.ask("POST", "/api/v1/join", json=join_body(key, **nothing))
     assert answer.status_code == 202
+
+
+def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
+    """Not before sshd has its keys."""
+    settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
+    with pytest.raises(StoreUnavailable):
+        ssh_of(settings)
+    (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
+    assert plain(ssh_of(settings)) == {
+        "user": "tunnel",
+        "host": "robots.example",
+        "ports": [2222, 443],
+        "host_keys": ["ssh-ed25519 AAAA"],
+    }
+
+
+def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:
+    """By file name, and only *.pub."""
+    (tmp_path / "b.pub").write_text("ssh-rsa BBBB root@x\n")
+    (tmp_path / "a.pub").write_text("ssh-ed25519 AAAA\n")
+    (tmp_path / "a").write_text("PRIVATE")
+    assert read_host_keys(tmp_path) == ["ssh-ed25519 AAAA", "ssh-rsa BBBB"]
+
+
+@pytest.mark.parametrize("name", ["empty.pub", "other.txt"])
+def test_no_key_yet_is_said_so(tmp_path: Path, name: str) -> None:
+    """A robot must not be told to trust nothing."""
+    (tmp_path / name).write_text("")
+    with pytest.raises(StoreUnavailable, match="host keys"):
+        read_host_keys(tmp_path)

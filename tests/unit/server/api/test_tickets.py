@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.db import Database, digests, robots, users
+from robotether_server.db import Database, credentials, robots, users
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, bearer
 
@@ -34,7 +34,7 @@ def test_ticket_is_given_within_the_grant(
         robot, owner = robots.get(tx, "sim1"), users.get(tx, user)
     assert (ticket.user_id, ticket.user) == (owner.id, user)
     assert (ticket.robot_id, ticket.robot, ticket.mode) == (robot.id, "sim1", mode)
-    sha256 = digests.digest(token["Authorization"].removeprefix("Bearer ")).hex()
+    sha256 = credentials.digest(token["Authorization"].removeprefix("Bearer ")).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from admin_records import kinds
-from robotether_server.db import Database, robots, users
+from robotether_server.db import Database, seen_robots, users
 
 Run = Callable[..., Any]
 
@@ -24,7 +24,7 @@ def test_grant_is_given_and_taken(run: Run, database: Database) -> None:
     """Each with its audit event; taking one that is not there fails."""
     assert run("grant", "ann", "sim1", "drive").out == "user ann may drive robot sim1\n"
     with database.transaction() as tx:
-        assert [seen.level for seen in robots.list_seen(tx, users.get(tx, "ann"))] == ["drive"]
+        assert [seen.level for seen in seen_robots.list_seen(tx, users.get(tx, "ann"))] == ["drive"]
     assert run("revoke", "ann", "sim1").status == 0
     done = run("revoke", "ann", "sim1")
     assert (done.status, done.err) == (

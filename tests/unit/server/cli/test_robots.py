@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from admin_records import ADD, MAC, activate, claim, details_of, events, kinds, robot, show_key
 from granted import give
-from robotether_server.db import Database, robots, users
+from robotether_server.db import Database, robots, seen_robots, users
 
 Run = Callable[..., Any]
 
@@ -96,7 +96,7 @@ def test_removed_robot_is_gone_with_its_grants(run: Run, database: Database) -> 
     run(*ADD)
     assert run("robot", "remove", "sim1", "--yes").out == "removed robot sim1\n"
     with database.transaction() as tx:
-        assert robots.list_all(tx) == []
+        assert seen_robots.list_all(tx) == []
         assert tx.rows("SELECT * FROM grants") == []
     assert details_of(database, "robot_removed")[0] == {
         "was": "pending",

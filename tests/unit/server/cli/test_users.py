@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, logins, users
+from robotether_server.db import Database, credentials, users
 
 Run = Callable[..., Any]
 
@@ -91,7 +91,7 @@ def test_logins_end_everywhere(run: Run, database: Database) -> None:
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
         for _ in range(2):
-            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+            credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
     assert run("user", "logout", "ann").out == "ended 2 logins of user ann\n"
     with database.transaction() as tx:
         assert tx.rows("SELECT * FROM logins") == []

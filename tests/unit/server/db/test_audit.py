@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import datetime as dt
+from ipaddress import ip_network
 
 import pytest
 from robotether_server.db import Database, Transaction, audit
-from robotether_server.db.audit import AuditSearch, Event, Source
-from robotether_server.networks import network_of
+from robotether_server.db.audit import AuditSearch, Event, Source, network_of
 
 
 def test_event_is_written_with_who_where_and_what(database: Database) -> None:
@@ -110,3 +110,19 @@ def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
         assert audit.find(tx, AuditSearch(kind="robot_added", actor="nobody")) == []
         assert audit.find(tx, limit=1) == [newest]
         assert audit.find(tx, before=newest.id, limit=1) == [middle]
+
+
+@pytest.mark.parametrize(
+    ("address", "network"),
+    [
+        ("192.0.2.1", "192.0.2.1/32"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2::", "2001:db8:1:2::/64"),
+        ("::ffff:192.0.2.1", "::ffff:192.0.2.1/128"),
+        ("", "::/128"),
+        ("rubbish", "::/128"),
+    ],
+)
+def test_one_owner_has_one_network(address: str, network: str) -> None:
+    """An IPv4 address, in either spelling, or a /64; what is no address is nobody's."""
+    assert network_of(address) == ip_network(network)

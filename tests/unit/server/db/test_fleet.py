@@ -8,15 +8,7 @@ import pymysql
 import pytest
 from granted import give
 from mariadb_server import MariaDb
-from robotether_server.db import (
-    Database,
-    Transaction,
-    fleet,
-    logins,
-    robots,
-    tokens,
-    users,
-)
+from robotether_server.db import Database, Transaction, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     Changes,
@@ -146,7 +138,7 @@ def test_a_login_changes_credentials_but_not_rights(database, relay_database, si
     with relay_database.transaction() as tx:
         before = fleet.changes(tx)
     with database.transaction() as tx:
-        logins.create(tx, users.get(tx, "ann"), "192.0.2.1", HOUR)
+        credentials.create_login(tx, users.get(tx, "ann"), "192.0.2.1", HOUR)
     with relay_database.transaction() as tx:
         after = fleet.changes(tx)
     assert after.rights == before.rights
@@ -157,9 +149,9 @@ def test_credentials_tell_their_users(database, relay_database, sim1):
     """Login and token of the same call find who they belong to; unknown and old ones do not."""
     with database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
-        login = credential_of("login", logins.create(tx, ann, "", HOUR))
-        token = credential_of("token", tokens.create(tx, root, "bench", None))
-        over = credential_of("token", tokens.create(tx, ann, "old", NOON - 100 * HOUR))
+        login = credential_of("login", credentials.create_login(tx, ann, "", HOUR))
+        token = credential_of("token", credentials.create_token(tx, root, "bench", None))
+        over = credential_of("token", credentials.create_token(tx, ann, "old", NOON - 100 * HOUR))
     unknown = credential_of("login", "rubbish")
     swapped = fleet.Credential("token", login.digest)
     with relay_database.transaction() as tx:
@@ -171,7 +163,7 @@ def test_a_disabled_users_credentials_do_not_hold(database, relay_database, sim1
     """Neither login nor token finds a user who is disabled."""
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
-        token = credential_of("token", tokens.create(tx, ann, "bench", None))
+        token = credential_of("token", credentials.create_token(tx, ann, "bench", None))
         users.set_disabled(tx, ann.id, disabled=True)
     with relay_database.transaction() as tx:
         assert fleet.users_of(tx, [token]) == {}

@@ -1,8 +1,9 @@
-"""Robots in the real database: one spelling of MACs, ports allotted safely, and who sees whom."""
+"""Robots and their keys in the real database."""
 
 from __future__ import annotations
 
 import datetime as dt
+import threading
 
 import pytest
 from allotment import mac, pair_owners
@@ -10,18 +11,20 @@ from granted import give
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robotether_server import macs
-from robotether_server.db import Database, Transaction, robots, users
-from robotether_server.db.robots import Report
+from robotether_server.db import Database, Transaction, robots, seen_robots, users
+from robotether_server.db.robots import Report, Robot
 from robotether_server.problems import (
     FieldInvalid,
     RecordExists,
     RecordMissing,
     RecordRefused,
+    StoreUnavailable,
 )
 from robotether_server.ssh_keys import PublicKey
 
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
@@ -103,7 +106,7 @@ def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Data
     """The first robots get the first pairs; a deleted robot's pair is free again."""
     with database.transaction() as tx:
         first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
-        assert [(r.robot.ros_port, r.robot.video_port) for r in robots.list_all(tx)] == [
+        assert [(r.robot.ros_port, r.robot.video_port) for r in seen_robots.list_all(tx)] == [
             (20000, 20001),
             (20002, 20003),
         ]
@@ -180,48 +183,6 @@ def test_mac_of_no_single_robot_is_refused(database: Database, text: str) -> Non
             robots.set_mac(tx, robots.get(tx, "good").id, text)
 
 
-def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
-    """Levels are the grant's, and manage for admins."""
-    with database.transaction() as tx:
-        users.add(tx, "ann", "x", "user")
-        users.add(tx, "root", "x", "admin")
-        ann, root = users.get(tx, "ann"), users.get(tx, "root")
-        granted, _ = robots.add(tx, mac(1), "granted"), robots.add(tx, mac(2), "other")
-        give(tx, ann.id, granted, "observe")
-        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, ann)] == [
-            ("granted", "observe")
-        ]
-        assert [(s.robot.name, s.level) for s in robots.list_seen(tx, root)] == [
-            ("granted", "manage"),
-            ("other", "manage"),
-        ]
-        assert robots.find_seen(tx, ann, "other") is None
-        assert robots.find_seen(tx, root, "other") is not None
-
-
-def test_presence_is_the_newest_session(database: Database, admin_database: Database) -> None:
-    """No session: never seen; an open one: online since; an ended one: offline since."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-    seen = []
-    for statement in (
-        "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
-        "UPDATE robot_sessions SET ended_at = started_at + INTERVAL 1 HOUR WHERE robot_id = %s",
-    ):
-        with database.transaction() as tx:
-            seen += robots.list_all(tx)
-        with admin_database.transaction() as tx:
-            tx.change(statement, (robot_id,))
-    with database.transaction() as tx:
-        seen += robots.list_all(tx)
-    never, online, offline = seen
-    assert [one.online for one in seen] == [False, True, False]
-    assert never.since is None
-    assert online.since is not None
-    assert offline.since is not None
-    assert (offline.since - online.since).total_seconds() == 3600
-
-
 def test_key_and_report_are_kept_together(database: Database) -> None:
     """What a robot shows when it joins stands in its row with the time, until the key is forgotten."""
     with database.transaction() as tx:
@@ -284,27 +245,6 @@ def test_row_remembers_that_it_had_a_key(database: Database) -> None:
         assert not robots.get(tx, "c").had_key
 
 
-def test_address_and_version_are_the_newest_sessions(
-    database: Database, admin_database: Database
-) -> None:
-    """Before the first session, they are the join's."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-        robots.set_key(tx, robot_id, KEY, REPORT)
-        before = robots.get_seen(tx, "a")
-    with admin_database.transaction() as tx:
-        tx.change(
-            "INSERT INTO robot_sessions (robot_id, address, agent_version) VALUES (%s, '::1', '0.3')",
-            (robot_id,),
-        )
-    with database.transaction() as tx:
-        after = robots.get_seen(tx, "a")
-        with pytest.raises(RecordMissing):
-            robots.get_seen(tx, "ghost")
-    assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
-    assert (after.address, after.agent_version) == ("::1", "0.3")
-
-
 def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -> None:
     """The sentence names what another robot has."""
     with database.transaction() as tx:
@@ -349,7 +289,7 @@ def test_only_old_unknown_robots_are_removed(database: Database, admin_database:
         tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL 25 HOUR")
         add_unknown(tx, 9, "new")
         robots.remove_unknown(tx, dt.datetime.now(dt.UTC) - dt.timedelta(hours=24))
-        names = {seen.robot.name for seen in robots.list_all(tx)}
+        names = {seen.robot.name for seen in seen_robots.list_all(tx)}
     assert names == {"announced", "known", "granted", "new"}
     assert ids["old"] not in pair_owners(admin_database).values()
 
@@ -392,3 +332,98 @@ def test_unknown_robot_is_said_so(database: Database) -> None:
     """The sentence names it and says where to look."""
     with database.transaction() as tx, pytest.raises(RecordMissing, match="no such robot"):
         robots.get(tx, "ghost")
+
+
+@pytest.fixture
+def robot(database: Database) -> Robot:
+    """A robot with a key of its own."""
+    with database.transaction() as tx:
+        robots.set_key(tx, robots.add(tx, MAC, "sim1"), KEY, REPORT)
+        return robots.get(tx, "sim1")
+
+
+def test_claim_waits_under_its_robots_present_name(database: Database, robot: Robot) -> None:
+    """With what it told when it asked; the same key claims once."""
+    with database.transaction() as tx:
+        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
+        robots.rename(tx, robot.id, "turtle1")
+        (claim,) = robots.list_claims(tx)
+        assert robots.find_claim(tx, OTHER_KEY.fingerprint) == claim
+        assert robots.find_claim(tx, KEY.fingerprint) is None
+        with pytest.raises(RecordExists):
+            robots.add_claim(tx, robot, OTHER_KEY, REPORT)
+    assert (claim.robot, claim.robot_id, claim.mac) == ("turtle1", robot.id, MAC)
+    assert (claim.key, claim.report, claim.is_rejected) == (OTHER_KEY, REPORT, False)
+
+
+def test_claim_goes_with_its_robot_and_a_rejected_key_stays(
+    database: Database, robot: Robot
+) -> None:
+    """It keeps the name that its robot had."""
+    with database.transaction() as tx:
+        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
+        robots.add_rejected_key(tx, robot, "root")
+        robots.remove(tx, robot.id)
+        assert robots.list_claims(tx) == []
+        (rejected,) = robots.list_rejected_keys(tx)
+        assert robots.get_rejected_key(tx, rejected.id) == rejected
+    assert (rejected.robot, rejected.rejected_by, rejected.key) == ("sim1", "root", KEY)
+    assert rejected.is_rejected
+
+
+def test_rejected_claim_waits_no_more(database: Database, robot: Robot) -> None:
+    """Until it is forgotten, when nothing is left of it."""
+    with database.transaction() as tx:
+        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
+        (claim,) = robots.list_claims(tx)
+        with pytest.raises(RecordMissing):
+            robots.get_rejected_key(tx, claim.id)
+        robots.reject_claim(tx, claim.id, "sim1", "root")
+        assert robots.list_claims(tx) == []
+        assert [one.key for one in robots.list_rejected_keys(tx)] == [OTHER_KEY]
+        robots.remove_claim(tx, claim.id)
+        assert robots.find_claim(tx, OTHER_KEY.fingerprint) is None
+
+
+def test_only_old_claims_are_removed(database: Database, robot: Robot) -> None:
+    """Rejected keys are remembered for good."""
+    now = dt.datetime.now(dt.UTC)
+    with database.transaction() as tx:
+        robots.add_rejected_key(tx, robot, "root")
+        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
+        robots.remove_old_claims(tx, now - dt.timedelta(hours=1))
+        assert len(robots.list_claims(tx)) == 1
+        robots.remove_old_claims(tx, now + dt.timedelta(hours=1))
+        assert (len(robots.list_claims(tx)), len(robots.list_rejected_keys(tx))) == (0, 1)
+
+
+def test_second_one_waits_for_the_firsts_commit(database: Database) -> None:
+    """And sees what the first one wrote."""
+    seen: list[int] = []
+
+    def count() -> None:
+        with database.transaction() as tx:
+            robots.lock_enrolment(tx)
+            seen.append(len(tx.rows("SELECT * FROM robots")))
+
+    second = threading.Thread(target=count)
+    with database.transaction() as tx:
+        robots.lock_enrolment(tx)
+        robots.lock_enrolment(tx)
+        second.start()
+        tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'a')")
+        second.join(0.3)
+        assert seen == []
+    second.join(20)
+    assert seen == [1]
+
+
+def test_who_waits_too_long_is_told_to_try_again(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody waits for ever behind a transaction that hangs."""
+    monkeypatch.setattr(robots, "LOCK_WAIT_S", 0)
+    with database.transaction() as first, database.transaction() as second:
+        robots.lock_enrolment(first)
+        with pytest.raises(StoreUnavailable, match="try again"):
+            robots.lock_enrolment(second)

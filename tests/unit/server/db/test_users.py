@@ -1,12 +1,13 @@
-"""Users in the real database."""
+"""Users and their SSH keys in the real database."""
 
 from __future__ import annotations
 
 import datetime as dt
 
 import pytest
-from robotether_server.db import Database, logins, users
+from robotether_server.db import Database, credentials, users
 from robotether_server.problems import RecordExists, RecordMissing, RecordRefused
+from robotether_server.ssh_keys import PublicKey
 
 
 def test_user_is_found_by_name(database: Database) -> None:
@@ -41,9 +42,35 @@ def test_new_password_and_disabling_end_logins(database: Database) -> None:
             lambda: users.set_password(tx, ann.id, "y"),
             lambda: users.set_disabled(tx, ann.id, disabled=True),
         ):
-            text = logins.create(tx, ann, "", dt.timedelta(hours=1))
-            assert logins.find_user(tx, text) is not None
+            text = credentials.create_login(tx, ann, "", dt.timedelta(hours=1))
+            assert credentials.find_login_user(tx, text) is not None
             end_it()
-            assert logins.find_user(tx, text) is None
+            assert credentials.find_login_user(tx, text) is None
         users.set_disabled(tx, ann.id, disabled=False)
         assert users.get(tx, "ann").password_hash == "y"
+
+
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:a")
+OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
+
+
+def test_keys_belong_to_one_user(database: Database) -> None:
+    """Neither name nor key twice for one; another user may have the same, and sees no other's."""
+    with database.transaction() as tx:
+        ann, bob = (
+            users.get(tx, name) for name in ("ann", "bob") if users.add(tx, name, "x", "user")
+        )
+        added = users.add_ssh_key(tx, ann, "desk", KEY)
+        assert (added.name, added.public_key, added.fingerprint) == ("desk", KEY.line, "SHA256:a")
+        with pytest.raises(RecordExists, match="has this very key"):
+            users.add_ssh_key(tx, ann, "other", KEY)
+        with pytest.raises(RecordExists, match="has a key of that name"):
+            users.add_ssh_key(tx, ann, "desk", OTHER_KEY)
+        bobs = users.add_ssh_key(tx, bob, "desk", KEY)
+        assert users.list_ssh_keys(tx, ann) == [added]
+        with pytest.raises(RecordMissing, match="user ann has none of that number"):
+            users.get_ssh_key(tx, ann, bobs.id)
+        users.delete_ssh_key(tx, added.id)
+        assert (users.list_ssh_keys(tx, ann), users.list_ssh_keys(tx, bob)) == ([], [bobs])
+        users.remove(tx, bob.id)
+        assert tx.rows("SELECT * FROM user_ssh_keys") == []

@@ -1,4 +1,4 @@
-"""Grants that admins give and take."""
+"""Grants, groups and sites: rules, and what the audit log tells."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from joins import Site
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import Grant
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import FieldInvalid, RecordMissing
 from robotether_server.services import grants
 
 ADMIN = Source("root")
@@ -31,3 +31,55 @@ def test_unknown_user_or_robot_is_said_so(site: Site, user: str, robot: str) -> 
     """The sentence names which."""
     with site.database.transaction() as tx, pytest.raises(RecordMissing, match="ghost"):
         grants.grant(tx, ADMIN, user, robot, "drive")
+
+
+def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
+    """Who is a member already stays one without a line."""
+    with site.database.transaction() as tx:
+        grants.add_group(tx, ADMIN, "crew")
+        for _ in range(2):
+            assert grants.add_member(tx, ADMIN, "crew", "ann").members == ("ann",)
+        assert grants.remove_member(tx, ADMIN, "crew", "ann").members == ()
+        with pytest.raises(RecordMissing, match="user ann from group crew: the user is no member"):
+            grants.remove_member(tx, ADMIN, "crew", "ann")
+        grants.add_member(tx, ADMIN, "crew", "ann")
+        assert grants.remove_group(tx, ADMIN, "crew").members == ("ann",)
+    counts = {
+        kind: len(site.events(kind))
+        for kind in ("group_added", "group_member_added", "group_member_removed", "group_removed")
+    }
+    assert counts == {
+        "group_added": 1,
+        "group_member_added": 2,
+        "group_member_removed": 1,
+        "group_removed": 1,
+    }
+
+
+@pytest.mark.parametrize("name", ["", "A", "a b", ".a", "x" * 64])
+def test_name_of_a_group_must_fit_a_path(site: Site, name: str) -> None:
+    """The sentence says how."""
+    with site.database.transaction() as tx, pytest.raises(FieldInvalid, match="cannot use name"):
+        grants.add_group(tx, ADMIN, name)
+
+
+def test_each_change_of_a_site_is_in_the_log_once(site: Site) -> None:
+    """A robot that is there already stays without a line."""
+    with site.database.transaction() as tx:
+        grants.add_site(tx, ADMIN, "lab")
+        for where in ("lab", "lab", None, "lab"):
+            assert grants.place_robot(tx, ADMIN, "sim1", where).site == where
+        assert grants.remove_site(tx, ADMIN, "lab").robots == ("sim1",)
+    kinds = ("site_added", "robot_site_set", "site_removed")
+    assert [len(site.events(kind)) for kind in kinds] == [1, 3, 1]
+
+
+def test_site_that_is_not_there_or_has_no_name_is_refused(site: Site) -> None:
+    """The sentence says what."""
+    with site.database.transaction() as tx:
+        with pytest.raises(RecordMissing, match="cannot find site ghost"):
+            grants.place_robot(tx, ADMIN, "sim1", "ghost")
+        with pytest.raises(RecordMissing, match="cannot find robot ghost"):
+            grants.place_robot(tx, ADMIN, "ghost", None)
+        with pytest.raises(FieldInvalid, match="cannot use name"):
+            grants.add_site(tx, ADMIN, "The Lab")

@@ -9,7 +9,7 @@ import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
 from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
-from robotether_server.db import Database, claims, join_tokens, robots
+from robotether_server.db import Database, credentials, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
@@ -42,17 +42,17 @@ def site(database: Database) -> Site:
 
 def join_token(site: Site, uses: int, expires_at: dt.datetime = LATER) -> str:
     with site.database.transaction() as tx:
-        return join_tokens.create(tx, "lab", uses, expires_at, "root")
+        return credentials.create_join_token(tx, "lab", uses, expires_at, "root")
 
 
 def used(site: Site) -> int:
     with site.database.transaction() as tx:
-        return join_tokens.list_all(tx)[0].used
+        return credentials.list_join_tokens(tx)[0].used
 
 
 def claimed(site: Site) -> list[str]:
     with site.database.transaction() as tx:
-        return [claim.key.fingerprint for claim in claims.waiting(tx)]
+        return [claim.key.fingerprint for claim in robots.list_claims(tx)]
 
 
 def reject(site: Site, name: str, fingerprint: str) -> None:
@@ -434,7 +434,7 @@ def test_key_that_waited_elsewhere_is_free_for_it(rotating_site: Site, old: Robo
     assert rotating_site.ask().code == "mac_in_use"
     assert rotating_site.ask(previous=signed(old)).code == "active"
     with rotating_site.database.transaction() as tx:
-        assert claims.waiting(tx) == []
+        assert robots.list_claims(tx) == []
 
 
 def test_unknown_robots_row_with_the_new_key_goes(rotating_site: Site, old: RobotSigner) -> None:
@@ -454,7 +454,7 @@ def test_key_of_another_robot_or_a_rejected_one_is_refused(
         rotating_site.ask(previous=signed(old))
     with rotating_site.database.transaction() as tx:
         other = robots.get(tx, name)
-        claims.add_rejected(tx, other, "root")
+        robots.add_rejected_key(tx, other, "root")
         robots.remove(tx, other.id)
     with pytest.raises(KeyRejected):
         rotating_site.ask(previous=signed(old))

@@ -1,4 +1,4 @@
-"""Logging in: the password is checked without holding the database."""
+"""Log-ins, and when the next try is heard."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ import datetime as dt
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, audit, logins, users
+from robotether_server.db import Database, audit, credentials, users
 from robotether_server.db.audit import Event, Source
 from robotether_server.problems import LoginFailed, Throttled
-from robotether_server.services.logging_in import confirm, log_in, log_out
+from robotether_server.services.logging_in import (
+    PER_NETWORK,
+    PER_USER,
+    PER_USER_AND_NETWORK,
+    WINDOW,
+    Failures,
+    confirm,
+    free_at,
+    log_in,
+    log_out,
+)
 from web_visitor import HASH, PASSWORD
 
 HOUR = dt.timedelta(hours=1)
@@ -26,12 +36,12 @@ def test_right_password_makes_a_login(database: Database) -> None:
     """Which ends with the log-out."""
     text = log_in(database, ANN, PASSWORD, HOUR)
     with database.transaction() as tx:
-        user = logins.find_user(tx, text)
+        user = credentials.find_login_user(tx, text)
     assert user is not None
     assert user.name == "ann"
     log_out(database, ANN, text)
     with database.transaction() as tx:
-        assert logins.find_user(tx, text) is None
+        assert credentials.find_login_user(tx, text) is None
 
 
 def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
@@ -121,3 +131,36 @@ def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Datab
     assert not is_heard(database, "ann", "203.0.113.5")
     assert is_heard(database, "nobody", "203.0.113.5")
     assert is_heard(database, "ann", "192.0.2.1")
+
+
+START = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+
+
+def timestamps(count: int) -> list[dt.datetime]:
+    """One failure a second."""
+    return [START + dt.timedelta(seconds=at) for at in range(count)]
+
+
+def test_try_is_heard_below_all_limits() -> None:
+    """One failure fewer than each limit, all together."""
+    failures = Failures(
+        timestamps(PER_USER_AND_NETWORK - 1), timestamps(PER_NETWORK - 1), timestamps(PER_USER - 1)
+    )
+    assert free_at(failures) is None
+    assert free_at(Failures()) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [("of_pair", PER_USER_AND_NETWORK), ("of_network", PER_NETWORK), ("of_user", PER_USER)],
+)
+def test_each_limit_waits_until_the_oldest_that_counts_is_forgotten(kind: str, limit: int) -> None:
+    """With two failures too many the third is the one whose end leaves one fewer than the limit."""
+    failures = Failures(**{kind: timestamps(limit + 2)})
+    assert free_at(failures) == START + dt.timedelta(seconds=2) + WINDOW
+
+
+def test_latest_of_the_ends_counts() -> None:
+    """All limits must be free again."""
+    failures = Failures(of_network=timestamps(PER_NETWORK), of_user=timestamps(PER_USER + 7))
+    assert free_at(failures) == START + dt.timedelta(seconds=7) + WINDOW

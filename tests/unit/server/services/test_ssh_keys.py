@@ -1,14 +1,19 @@
-"""SSH keys that people upload."""
+"""People's SSH keys, and the entries for their ssh."""
 
 from __future__ import annotations
 
+import subprocess
+from pathlib import Path
+
 import pytest
-from joins import Site
+from granted import give
+from joins import OTHER_MAC, Site
 from robot_signer import RobotSigner
-from robotether_server.db import users
+from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
 from robotether_server.services import ssh_keys
+from robotether_server.services.ssh_keys import ShellEntry
 
 ANN = Source("ann")
 
@@ -67,3 +72,47 @@ def test_a_user_has_so_many_keys_at_most(
     monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
     with site.database.transaction() as tx, pytest.raises(NotPossible, match="delete one"):
         ssh_keys.add(tx, ANN, users.get(tx, "ann"), "desk", signer.line)
+
+
+ENTRY = ShellEntry("sim1", 24000, None)
+
+
+def test_entries_are_the_shells_that_one_manages(site: Site) -> None:
+    """Active robots with a shell; a setting that SQL wrote wrongly is left out."""
+    site.announce("waits", OTHER_MAC)
+    with site.database.transaction() as tx:
+        ann, root = users.get(tx, "ann"), users.get(tx, "root")
+        sim1 = robots.get(tx, "sim1").id
+        assert ssh_keys.shell_entries(tx, root) == []
+        robots.set_shell(tx, sim1, on=True)
+        robots.set_shell(tx, robots.get(tx, "waits").id, on=True)
+        assert ssh_keys.shell_entries(tx, root) == [ENTRY]
+        give(tx, ann.id, sim1, "drive")
+        assert ssh_keys.shell_entries(tx, ann) == []
+        give(tx, ann.id, sim1, "manage")
+        robots.set_settings(tx, sim1, {"shell_user": "pi"})
+        assert ssh_keys.shell_entries(tx, ann) == [ShellEntry("sim1", 24000, "pi")]
+        for wrong in ("pi\n    ProxyCommand sh", 5, None):
+            robots.set_settings(tx, sim1, {"shell_user": wrong})
+            assert ssh_keys.shell_entries(tx, ann) == [ENTRY]
+
+
+@pytest.mark.parametrize("host", ["cloud.example", "192.0.2.1", "2001:db8::1"])
+def test_ssh_understands_what_is_rendered(tmp_path: Path, host: str) -> None:
+    """Asked with ssh -G, one robot after the other."""
+    file = tmp_path / "config"
+    entries = [ENTRY, ShellEntry("turtle", 24001, "pi")]
+    file.write_text(ssh_keys.render_config(entries, host, 2222))
+    assert file.read_text().startswith(
+        "Host sim1\n    HostName 127.0.0.1\n    Port 24000\n    HostKeyAlias robotether-sim1\n"
+    )
+    for name, expected in (
+        ("sim1", {"port 24000", "hostkeyalias robotether-sim1"}),
+        ("turtle", {"port 24001", "user pi"}),
+    ):
+        command = ["ssh", "-F", file, "-G", name]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        # Some versions write brackets around an IPv4 address too.
+        lines = done.stdout.replace("[", "").replace("]", "").splitlines()
+        assert expected | {"hostname 127.0.0.1"} <= set(lines)
+        assert f"proxyjump jump@{host}:2222" in lines

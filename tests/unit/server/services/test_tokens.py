@@ -1,4 +1,4 @@
-"""API tokens that are made and deleted."""
+"""API tokens and join tokens: who makes them, and what lets a robot in."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import datetime as dt
 
 import pytest
 from joins import Site
-from robotether_server.db import tokens as db_tokens
-from robotether_server.db import users
+from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
-from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
+from robotether_server.problems import (
+    FieldInvalid,
+    GrantMissing,
+    NotPossible,
+    RecordExists,
+    RecordMissing,
+    TokenExpired,
+    TokenInvalid,
+)
 from robotether_server.services import tokens
 
 ANN = Source("ann")
@@ -22,11 +29,11 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         text = tokens.create(tx, ANN, ann, "ci", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "ci", dt.datetime.now(dt.UTC))
         (token,) = tokens.list_of(tx, ann)
-        assert db_tokens.find_user(tx, text) == ann
+        assert credentials.find_token_user(tx, text) == ann
         assert tokens.get(tx, token.id) == token
         assert [one.user for one in tokens.list_all(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
-        assert db_tokens.find_user(tx, text) is None
+        assert credentials.find_token_user(tx, text) is None
         with pytest.raises(RecordMissing):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
@@ -53,3 +60,82 @@ def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> 
         with pytest.raises(NotPossible, match="user ann has 1"):
             tokens.create(tx, ANN, ann, "second", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "first", None)
+
+
+ADMIN = Source("root")
+
+
+def hours(count: float) -> dt.datetime:
+    return dt.datetime.now(dt.UTC) + dt.timedelta(hours=count)
+
+
+def test_token_is_made_listed_and_deleted(site: Site) -> None:
+    """The log names it and never has its text."""
+    with site.database.transaction() as tx:
+        text = tokens.create_join_token(tx, ADMIN, "lab", 10000, hours(8760))
+        (token,) = tokens.list_join_tokens(tx)
+        assert (token.name, token.uses, token.created_by) == ("lab", 10000, "root")
+        assert tokens.delete_join_token(tx, ADMIN, token.id) == token
+        with pytest.raises(RecordMissing):
+            tokens.delete_join_token(tx, ADMIN, token.id)
+    events = site.events("join_token_created") + site.events("join_token_deleted")
+    assert len(events) == 2
+    assert text not in repr(events)
+
+
+@pytest.mark.parametrize(
+    ("name", "uses", "end"),
+    [
+        ("", 1, 1),
+        (" lab", 1, 1),
+        ("l\nab", 1, 1),
+        ("x" * 64, 1, 1),
+        ("lab", 0, 1),
+        ("lab", 10001, 1),
+        ("lab", 1, 0),
+        ("lab", 1, -1),
+        ("lab", 1, 8761),
+    ],
+)
+def test_wrong_token_is_not_made(site: Site, name: str, uses: int, end: float) -> None:
+    """A name that fits a table, 1 to 10000 uses, an end within a year."""
+    with site.database.transaction() as tx, pytest.raises(FieldInvalid):
+        tokens.create_join_token(tx, ADMIN, name, uses, hours(end))
+
+
+NOW = dt.datetime.now(dt.UTC)
+
+
+def test_admins_token_names_the_admin(site: Site) -> None:
+    """Another user's does not do."""
+    with site.database.transaction() as tx:
+        root, ann = users.get(tx, "root"), users.get(tx, "ann")
+        credential = tokens.find_credential(tx, credentials.create_token(tx, root, "a", None))
+        assert (credential.actor, credential.admin, credential.token) == ("root", root, None)
+        assert credential.details == {"by": "admin"}
+        with pytest.raises(GrantMissing, match="must be an admin's"):
+            tokens.find_credential(tx, credentials.create_token(tx, ann, "a", None))
+
+
+def test_join_token_holds_until_its_time_is_over(site: Site) -> None:
+    """Also when it is used up: it still tells who asks."""
+    with site.database.transaction() as tx:
+        text = credentials.create_join_token(tx, "lab", 1, NOW + dt.timedelta(hours=1), "root")
+        credential = tokens.find_credential(tx, text)
+        assert credential.token is not None
+        assert (credential.actor, credential.details) == (
+            "robot",
+            {"by": "join token", "token": "lab"},
+        )
+        credentials.use_join_token(tx, credential.token.id, "SHA256:a")
+        assert tokens.find_credential(tx, text).token is not None
+        over = credentials.create_join_token(tx, "over", 1, NOW - dt.timedelta(hours=1), "root")
+        with pytest.raises(TokenExpired):
+            tokens.find_credential(tx, over)
+
+
+@pytest.mark.parametrize("text", ["rj_nobodys", "rt_nobodys", "", "x"])
+def test_unknown_token_is_refused(site: Site, text: str) -> None:
+    """Without a word on whether there are others."""
+    with site.database.transaction() as tx, pytest.raises(TokenInvalid):
+        tokens.find_credential(tx, text)

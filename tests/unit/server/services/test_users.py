@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from joins import OTHER_KEY, OTHER_MAC, Site
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, logins, users
+from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
@@ -19,7 +19,7 @@ from robotether_server.problems import (
     RecordMissing,
     TokenInvalid,
 )
-from robotether_server.services import join_tokens
+from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 
 ADMIN = Source("root")
@@ -71,11 +71,11 @@ def test_new_password_and_log_out_end_logins(site: Site) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         for _ in range(2):
-            logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+            credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         assert user_service.log_out_everywhere(tx, ADMIN, "ann") == 2
-        text = logins.create(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        text = credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         user_service.set_password(tx, ADMIN, "ann", PASSWORD)
-        assert logins.find_user(tx, text) is None
+        assert credentials.find_login_user(tx, text) is None
         assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
     assert PASSWORD not in repr(site.events("password_set"))
     assert len(site.events("logins_ended")) == 1
@@ -160,8 +160,9 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
-        tokens = [
-            join_tokens.create(tx, Source(maker), maker, 10, later) for maker in ("ann", "root")
+        texts = [
+            tokens.create_join_token(tx, Source(maker), maker, 10, later)
+            for maker in ("ann", "root")
         ]
         if end == "role":
             user_service.set_role(tx, ADMIN, "ann", "user")
@@ -170,6 +171,6 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
         else:
             user_service.remove(tx, ADMIN, "ann")
     with pytest.raises(TokenInvalid):
-        site.ask(OTHER_MAC, OTHER_KEY, token=tokens[0])
-    assert site.ask(OTHER_MAC, OTHER_KEY, token=tokens[1]).code == "active"
+        site.ask(OTHER_MAC, OTHER_KEY, token=texts[0])
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=texts[1]).code == "active"
     assert len(site.events("join_token_deleted")) == 1

@@ -13,14 +13,7 @@ from granted import give, take
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.db import (
-    Database,
-    Transaction,
-    logins,
-    robots,
-    tokens,
-    users,
-)
+from robotether_server.db import Database, Transaction, credentials, robots, users
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
@@ -59,7 +52,9 @@ def ann(database: Database) -> RelayUser:
 def log_in(database: Database) -> Credential:
     """Log ann in."""
     with database.transaction() as tx:
-        text = logins.create(tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1))
+        text = credentials.create_login(
+            tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1)
+        )
     return credential_of("login", text)
 
 
@@ -162,7 +157,7 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
 
 
 def log_out(tx: Transaction, ann: users.User, text: str) -> None:
-    assert logins.end(tx, text)
+    assert credentials.end_login(tx, text)
 
 
 def change_password(tx: Transaction, ann: users.User, text: str) -> None:
@@ -174,8 +169,8 @@ def disable(tx: Transaction, ann: users.User, text: str) -> None:
 
 
 def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
-    (token,) = tokens.list_of(tx, ann)
-    tokens.delete(tx, token.id)
+    (token,) = credentials.list_tokens_of(tx, ann)
+    credentials.delete_token(tx, token.id)
 
 
 @pytest.mark.parametrize(
@@ -196,9 +191,9 @@ async def test_what_ends_a_credential_ends_what_it_opened(
     with database.transaction() as tx:
         user = users.get(tx, "ann")
         if kind == "login":
-            text = logins.create(tx, user, "192.0.2.1", dt.timedelta(hours=1))
+            text = credentials.create_login(tx, user, "192.0.2.1", dt.timedelta(hours=1))
         else:
-            text = tokens.create(tx, user, "lab", None)
+            text = credentials.create_token(tx, user, "lab", None)
     credential = credential_of(kind, text)
     memory_database = ThreadedDatabase(Database(mariadb.settings("relay")))
     # This client answers pings only while it receives.

@@ -6,7 +6,7 @@ import pytest
 from flask import Flask
 from robotether_server.db import Database, robots, users
 from robotether_server.db.audit import Source
-from robotether_server.services import grants, groups, sites
+from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web.admin import grant_lists
 
@@ -19,10 +19,10 @@ def _given(app: Flask, database: Database) -> None:
     """One grant of each kind, beside ann's and olga's for sim1."""
     assert app
     with database.transaction() as tx:
-        groups.add(tx, ADMIN, "crew")
-        groups.add_member(tx, ADMIN, "crew", "ann")
-        sites.add(tx, ADMIN, "lab")
-        sites.place(tx, ADMIN, "sim2", "lab")
+        grants.add_group(tx, ADMIN, "crew")
+        grants.add_member(tx, ADMIN, "crew", "ann")
+        grants.add_site(tx, ADMIN, "lab")
+        grants.place_robot(tx, ADMIN, "sim2", "lab")
         grants.give(tx, ADMIN, CREW, Scope("site", "lab"), "manage")
         grants.give(tx, ADMIN, OLGA, ALL, "observe")
 

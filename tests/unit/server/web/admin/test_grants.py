@@ -8,7 +8,7 @@ import pytest
 from admin_visitor import send
 from robotether_server.db import Database
 from robotether_server.db.audit import Source
-from robotether_server.services import grants, groups, sites
+from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from web_visitor import Browser, audit_kinds
 
@@ -22,10 +22,10 @@ def _crew_and_lab(admin: Browser, database: Database) -> None:
     """A group with ann, and a site with sim2; after the users and robots of `admin`."""
     assert admin
     with database.transaction() as tx:
-        groups.add(tx, ADMIN, "crew")
-        groups.add_member(tx, ADMIN, "crew", "ann")
-        sites.add(tx, ADMIN, "lab")
-        sites.place(tx, ADMIN, "sim2", "lab")
+        grants.add_group(tx, ADMIN, "crew")
+        grants.add_member(tx, ADMIN, "crew", "ann")
+        grants.add_site(tx, ADMIN, "lab")
+        grants.place_robot(tx, ADMIN, "sim2", "lab")
 
 
 def all_grants(database: Database) -> set[tuple[str, str, str]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from admin_visitor import send
-from robotether_server.db import Database, groups
+from robotether_server.db import Database, grants
 from web_visitor import Browser, audit_kinds
 
 
 def members(database: Database) -> tuple[str, ...]:
     """Who is in the crew."""
     with database.transaction() as tx:
-        return groups.get(tx, "crew").members
+        return grants.get_group(tx, "crew").members
 
 
 def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import Database, robots
-from robotether_server.db.robots import Report, Robot, SeenRobot
+from robotether_server.db.robots import Report, Robot
+from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.web.admin.robot_pages import RobotSearch
 from web_visitor import Browser, audit_kinds
 

@@ -11,9 +11,9 @@ import tls_front
 from admin_visitor import send
 from flask import Flask
 from robotether_server.db import Database
-from robotether_server.services import join_tokens
+from robotether_server.install_line import SiteCertificates
+from robotether_server.services import tokens
 from robotether_server.settings import SiteAddressSettings
-from robotether_server.site_certificate import SiteCertificates
 from web_visitor import Browser, audit_kinds, bearer
 
 FORM = {"name": "hall", "uses": "3", "hours": "24"}
@@ -52,7 +52,7 @@ def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
 def names(database: Database) -> list[str]:
     """The names of all join tokens."""
     with database.transaction() as tx:
-        return [token.name for token in join_tokens.list_all(tx)]
+        return [token.name for token in tokens.list_join_tokens(tx)]
 
 
 @pytest.mark.usefixtures("site_certificate")

@@ -1,0 +1,248 @@
+"""What clients log in with: logins of browsers, API tokens of programs, join tokens of robots.
+
+A client keeps a secret text, the database only its SHA-256. A plain hash is enough, as each text holds 32 random
+bytes; nobody can try them all. Written by services; the relay reads the views relay_logins and relay_tokens.
+"""
+
+import datetime as dt
+import hashlib
+import secrets
+from dataclasses import dataclass
+
+from robotether_server.db import users
+from robotether_server.db.database import Row, Transaction
+from robotether_server.db.users import User
+from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import Label, Timestamp, UserName
+
+RANDOM_BYTES = 32
+API_PREFIX = "rt_"
+JOIN_PREFIX = "rj_"
+# So often at most a login that is used is written anew.
+RENEWED_EVERY = dt.timedelta(minutes=1)
+SELECT_TOKENS = (
+    "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at "
+    "FROM api_tokens t JOIN users u ON u.id = t.user_id "
+)
+SELECT_JOIN_TOKENS = (
+    "SELECT id, name, uses, used, created_at, created_by, expires_at FROM join_tokens "
+)
+
+
+def new_secret(prefix: str = "") -> str:
+    """Return a new secret in URL-safe base64, after the prefix."""
+    return prefix + secrets.token_urlsafe(RANDOM_BYTES)
+
+
+def digest(text: str) -> bytes:
+    """Return the value of the column token_hash for this text.
+
+    Headers and JSON may hold halves of characters, as which bytes over 0x7F are read: no text of ours has any.
+    """
+    return hashlib.sha256(text.encode(errors="surrogatepass")).digest()
+
+
+@dataclass(frozen=True)
+class Lifetime:
+    """How long a login lasts: in all, and after its last use."""
+
+    total: dt.timedelta
+    idle: dt.timedelta
+
+    @property
+    def unused(self) -> dt.timedelta:
+        """How long a login lasts that nobody uses at all."""
+        return min(self.total, self.idle)
+
+
+def create_login(tx: Transaction, user: User, address: str, lifetime: dt.timedelta) -> str:
+    """Log a user in; return the text for the cookie. Also forgets logins that are over."""
+    text = new_secret()
+    tx.change("DELETE FROM logins WHERE expires_at <= CURRENT_TIMESTAMP(6)")
+    tx.insert(
+        "INSERT INTO logins (token_hash, user_id, address, expires_at) VALUES (%s, %s, %s, %s)",
+        (digest(text), user.id, address, dt.datetime.now(dt.UTC) + lifetime),
+    )
+    return text
+
+
+def find_login_user(tx: Transaction, text: str) -> User | None:
+    """Return the enabled user whose valid login this is."""
+    row = tx.row(
+        users.SELECT + "JOIN logins l ON l.user_id = u.id "
+        "WHERE l.token_hash = %s AND l.expires_at > CURRENT_TIMESTAMP(6) AND NOT u.disabled",
+        (digest(text),),
+    )
+    return users.from_row(row) if row else None
+
+
+def login_renewal(tx: Transaction, text: str, lifetime: Lifetime) -> dt.datetime | None:
+    """Return until when a login lasts by its use now; None when that is what its row says, or nearly so."""
+    row = tx.row("SELECT created_at, expires_at FROM logins WHERE token_hash = %s", (digest(text),))
+    if row is None:
+        return None
+    ends_at = min(row["created_at"] + lifetime.total, dt.datetime.now(dt.UTC) + lifetime.idle)
+    return ends_at if ends_at - row["expires_at"] > RENEWED_EVERY else None
+
+
+def renew_login(tx: Transaction, text: str, ends_at: dt.datetime) -> None:
+    """Extend a login that has not ended."""
+    tx.change(
+        "UPDATE logins SET expires_at = %s WHERE token_hash = %s AND expires_at > CURRENT_TIMESTAMP(6)",
+        (ends_at, digest(text)),
+    )
+
+
+def end_login(tx: Transaction, text: str) -> bool:
+    """Log out; return whether there was such a login."""
+    return bool(tx.change("DELETE FROM logins WHERE token_hash = %s", (digest(text),)))
+
+
+def end_logins(tx: Transaction, user_id: int) -> int:
+    """Log a user out everywhere; return how many logins ended."""
+    return tx.change("DELETE FROM logins WHERE user_id = %s", (user_id,))
+
+
+@dataclass(frozen=True)
+class Token:
+    """An API token without its text, which only its creator knows."""
+
+    id: int
+    user: UserName
+    name: Label
+    created_at: Timestamp
+    expires_at: Timestamp | None
+
+
+def create_token(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:
+    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
+    text = new_secret(API_PREFIX)
+    try:
+        tx.insert(
+            "INSERT INTO api_tokens (user_id, name, token_hash, expires_at) VALUES (%s, %s, %s, %s)",
+            (user.id, name, digest(text), expires_at),
+        )
+    except RecordExists as error:
+        raise RecordExists(
+            f"cannot create token {name}: user {user.name} has one of that name; "
+            "delete it or choose another name"
+        ) from error
+    return text
+
+
+def find_token_user(tx: Transaction, text: str) -> User | None:
+    """Return the enabled user whose valid token this is."""
+    row = tx.row(
+        users.SELECT + "JOIN api_tokens t ON t.user_id = u.id WHERE t.token_hash = %s "
+        "AND (t.expires_at IS NULL OR t.expires_at > CURRENT_TIMESTAMP(6)) AND NOT u.disabled",
+        (digest(text),),
+    )
+    return users.from_row(row) if row else None
+
+
+def list_tokens(tx: Transaction) -> list[Token]:
+    """Return every token, by user and name."""
+    return [Token(**row) for row in tx.rows(SELECT_TOKENS + "ORDER BY u.name, t.name")]
+
+
+def list_tokens_of(tx: Transaction, user: User) -> list[Token]:
+    """Return the user's tokens, by name."""
+    rows = tx.rows(SELECT_TOKENS + "WHERE t.user_id = %s ORDER BY t.name", (user.id,))
+    return [Token(**row) for row in rows]
+
+
+def get_token(tx: Transaction, token_id: int) -> Token:
+    """Return the token of that id; raise RecordMissing."""
+    row = tx.row(SELECT_TOKENS + "WHERE t.id = %s", (token_id,))
+    if row is None:
+        raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
+    return Token(**row)
+
+
+def delete_token(tx: Transaction, token_id: int) -> None:
+    """Delete a token."""
+    tx.change("DELETE FROM api_tokens WHERE id = %s", (token_id,))
+
+
+@dataclass(frozen=True)
+class JoinToken:
+    """What may be told about a join token; its text is known only to who asked for it."""
+
+    id: int
+    name: Label
+    uses: int
+    used: int
+    created_at: Timestamp
+    created_by: str
+    expires_at: Timestamp
+
+
+def _join_token(row: Row) -> JoinToken:
+    return JoinToken(**row)
+
+
+def create_join_token(
+    tx: Transaction, name: str, uses: int, expires_at: dt.datetime, by: str
+) -> str:
+    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
+    text = new_secret(JOIN_PREFIX)
+    try:
+        tx.insert(
+            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by) "
+            "VALUES (%s, %s, %s, %s, %s)",
+            (name, digest(text), uses, expires_at, by),
+        )
+    except RecordExists as error:
+        raise RecordExists(
+            f"cannot create join token {name}: there is one of that name; delete it or choose another name"
+        ) from error
+    return text
+
+
+def find_join_token(tx: Transaction, text: str) -> JoinToken | None:
+    """Return the token of that text, be it used up or over."""
+    row = tx.row(SELECT_JOIN_TOKENS + "WHERE token_hash = %s", (digest(text),))
+    return _join_token(row) if row else None
+
+
+def get_join_token(tx: Transaction, token_id: int) -> JoinToken:
+    """Return the token of that id, locked until the transaction ends; raise RecordMissing."""
+    row = tx.row(SELECT_JOIN_TOKENS + "WHERE id = %s FOR UPDATE", (token_id,))
+    if row is None:
+        raise RecordMissing(f"cannot find join token {token_id}: there is none of that number")
+    return _join_token(row)
+
+
+def list_join_tokens(tx: Transaction) -> list[JoinToken]:
+    """Return every join token, the newest first."""
+    return [_join_token(row) for row in tx.rows(SELECT_JOIN_TOKENS + "ORDER BY id DESC")]
+
+
+def has_let_in(tx: Transaction, token_id: int, fingerprint: str) -> bool:
+    """Tell whether this token has let that key in before."""
+    found = tx.row(
+        "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
+        (token_id, fingerprint),
+    )
+    return found is not None
+
+
+def use_join_token(tx: Transaction, token_id: int, fingerprint: str) -> bool:
+    """Count one use, for that key; return False when none is left, its time is over or it is deleted."""
+    counted = tx.change(
+        "UPDATE join_tokens SET used = used + 1 "
+        "WHERE id = %s AND used < uses AND expires_at > CURRENT_TIMESTAMP(6)",
+        (token_id,),
+    )
+    if not counted:
+        return False
+    tx.change(
+        "INSERT INTO join_token_uses (token_id, fingerprint) VALUES (%s, %s)",
+        (token_id, fingerprint),
+    )
+    return True
+
+
+def delete_join_token(tx: Transaction, token_id: int) -> None:
+    """Delete a token; the robots that it let in stay."""
+    tx.change("DELETE FROM join_tokens WHERE id = %s", (token_id,))

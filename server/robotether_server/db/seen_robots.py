@@ -1,0 +1,178 @@
+"""The fleet as web and the command show it: presence, sessions, who drives, who stopped a robot.
+
+Changes nothing: only the relay writes sessions (db/fleet.py), leases and stops (db/control.py).
+"""
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from robotether_server.db import robots
+from robotether_server.db.database import Row, Transaction
+from robotether_server.db.grants import Level
+from robotether_server.db.robots import Robot
+from robotether_server.db.users import User
+from robotether_server.schemas import Timestamp
+
+# The newest session tells presence: one that has not ended is a robot that is online.
+SELECT_SEEN = (
+    f"SELECT {robots.COLUMNS}, "  # noqa: S608 - the module's own text
+    "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
+    "COALESCE(s.ended_at, s.started_at) AS since, "
+    "COALESCE(s.address, r.join_address) AS seen_address, "
+    "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
+    "s.ended_at IS NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
+    "IF(%(admin)s, 'manage', g.level) AS level "
+    "FROM robots r "
+    "LEFT JOIN robot_sessions s "
+    "ON s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id) "
+    "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
+    "ON g.robot_id = r.id "
+    "WHERE (%(admin)s OR g.level IS NOT NULL) "
+)
+
+
+DRIVERS = "SELECT robot_id, user_name AS user, since FROM control_leases WHERE ended_at IS NULL"
+STOPS = "SELECT robot_id, by_name AS `by`, stopped_at AS at FROM robot_stops"
+
+
+@dataclass(frozen=True)
+class SeenRobot:
+    """A robot as one user sees it.
+
+    `since`: the last change of `online`; None: never seen. `address` and `agent_version` are the newest
+    session's, or else the join's. `ros_exposed`: everybody in the robot's own network reaches its rosbridge.
+    """
+
+    robot: Robot
+    online: bool
+    since: dt.datetime | None
+    level: Level
+    address: str | None = None
+    agent_version: str | None = None
+    ros_exposed: bool = False
+
+
+@dataclass(frozen=True)
+class RecordedSession:
+    """One session; `ended_at` is None while it lasts."""
+
+    started_at: Timestamp
+    ended_at: Timestamp | None
+    end_code: str | None
+    address: str
+    agent_version: str | None
+
+
+@dataclass(frozen=True)
+class DrivenBy:
+    """Who drives a robot, and since when."""
+
+    user: str
+    since: Timestamp
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """Who stopped a robot, and when."""
+
+    by: str
+    at: Timestamp
+
+
+@dataclass(frozen=True)
+class ControlState:
+    """Who drives a robot, and who stopped it; None: nobody."""
+
+    driver: DrivenBy | None = None
+    stopped: Stopped | None = None
+
+
+FREE = ControlState()
+
+
+def _seen(row: Row) -> SeenRobot:
+    return SeenRobot(
+        robot=robots.from_row(row),
+        online=bool(row["online"]),
+        since=row["since"],
+        level=row["level"],
+        address=row["seen_address"],
+        agent_version=row["seen_version"],
+        ros_exposed=bool(row["ros_exposed"]),
+    )
+
+
+def list_seen(tx: Transaction, user: User) -> list[SeenRobot]:
+    """Return the robots that the user may see, by name; admins see all, as managers."""
+    values = {"admin": user.is_admin, "user_id": user.id}
+    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
+
+
+def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
+    """Return one robot, if there is one of that name that the user may see."""
+    values = {"admin": user.is_admin, "user_id": user.id, "name": name}
+    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
+    return _seen(row) if row else None
+
+
+def list_all(tx: Transaction) -> list[SeenRobot]:
+    """Return every robot, by name, as an admin sees it."""
+    values = {"admin": True, "user_id": 0}
+    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
+
+
+def count_seen(tx: Transaction) -> dict[int, int]:
+    """Return how many robots each user may see, by the user's id; nothing for who sees none."""
+    rows = tx.rows("SELECT user_id, COUNT(*) AS robots FROM relay_grants GROUP BY user_id")
+    return {row["user_id"]: row["robots"] for row in rows}
+
+
+def get_seen(tx: Transaction, name: str) -> SeenRobot:
+    """Return one robot as an admin sees it; raise RecordMissing."""
+    values = {"admin": True, "user_id": 0, "name": name}
+    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
+    if row is None:
+        raise robots.missing(name)
+    return _seen(row)
+
+
+def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSession]:
+    """Return a robot's sessions, the newest first, `limit` at most."""
+    rows = tx.rows(
+        "SELECT started_at, ended_at, end_code, address, agent_version FROM robot_sessions "
+        "WHERE robot_id = %s ORDER BY id DESC LIMIT %s",
+        (robot_id, limit),
+    )
+    return [RecordedSession(**row) for row in rows]
+
+
+def is_online(tx: Transaction, robot_id: int) -> bool:
+    """Tell whether the robot has a session now."""
+    newest = sessions_of(tx, robot_id, 1)
+    return bool(newest) and newest[0].ended_at is None
+
+
+def control_of(tx: Transaction, robot_id: int) -> ControlState:
+    """Return the state of one robot."""
+    lease = tx.row(f"{DRIVERS} AND robot_id = %s", (robot_id,))
+    stop = tx.row(f"{STOPS} WHERE robot_id = %s", (robot_id,))
+    return ControlState(_driver(lease) if lease else None, _stopped(stop) if stop else None)
+
+
+def control_of_all(tx: Transaction) -> Mapping[int, ControlState]:
+    """Return the states of all robots that somebody drives or has stopped, by their ids."""
+    drivers = {row["robot_id"]: _driver(row) for row in tx.rows(DRIVERS)}
+    stops = {row["robot_id"]: _stopped(row) for row in tx.rows(STOPS)}
+    return {
+        robot_id: ControlState(drivers.get(robot_id), stops.get(robot_id))
+        for robot_id in drivers.keys() | stops.keys()
+    }
+
+
+def _driver(row: Row) -> DrivenBy:
+    return DrivenBy(row["user"], row["since"])
+
+
+def _stopped(row: Row) -> Stopped:
+    return Stopped(row["by"], row["at"])

@@ -1,0 +1,136 @@
+"""The fleet as web and the command show it, from the real database."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from allotment import mac
+from granted import give
+from robotether_server.db import Database, robots, seen_robots, users
+from robotether_server.db.robots import Report
+from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
+from robotether_server.problems import (
+    RecordMissing,
+)
+from robotether_server.ssh_keys import PublicKey
+
+MAC = "00:1b:44:11:3a:b7"
+KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
+REPORT = Report("turtle", "0.1.0", "192.0.2.1")
+
+
+def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
+    """Levels are the grant's, and manage for admins."""
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        users.add(tx, "root", "x", "admin")
+        ann, root = users.get(tx, "ann"), users.get(tx, "root")
+        granted, _ = robots.add(tx, mac(1), "granted"), robots.add(tx, mac(2), "other")
+        give(tx, ann.id, granted, "observe")
+        assert [(s.robot.name, s.level) for s in seen_robots.list_seen(tx, ann)] == [
+            ("granted", "observe")
+        ]
+        assert [(s.robot.name, s.level) for s in seen_robots.list_seen(tx, root)] == [
+            ("granted", "manage"),
+            ("other", "manage"),
+        ]
+        assert seen_robots.find_seen(tx, ann, "other") is None
+        assert seen_robots.find_seen(tx, root, "other") is not None
+
+
+def test_presence_is_the_newest_session(database: Database, admin_database: Database) -> None:
+    """No session: never seen; an open one: online since; an ended one: offline since."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+    seen = []
+    for statement in (
+        "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
+        "UPDATE robot_sessions SET ended_at = started_at + INTERVAL 1 HOUR WHERE robot_id = %s",
+    ):
+        with database.transaction() as tx:
+            seen += seen_robots.list_all(tx)
+        with admin_database.transaction() as tx:
+            tx.change(statement, (robot_id,))
+    with database.transaction() as tx:
+        seen += seen_robots.list_all(tx)
+    never, online, offline = seen
+    assert [one.online for one in seen] == [False, True, False]
+    assert never.since is None
+    assert online.since is not None
+    assert offline.since is not None
+    assert (offline.since - online.since).total_seconds() == 3600
+
+
+def test_address_and_version_are_the_newest_sessions(
+    database: Database, admin_database: Database
+) -> None:
+    """Before the first session, they are the join's."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, MAC, "a")
+        robots.set_key(tx, robot_id, KEY, REPORT)
+        before = seen_robots.get_seen(tx, "a")
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address, agent_version) VALUES (%s, '::1', '0.3')",
+            (robot_id,),
+        )
+    with database.transaction() as tx:
+        after = seen_robots.get_seen(tx, "a")
+        with pytest.raises(RecordMissing):
+            seen_robots.get_seen(tx, "ghost")
+    assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
+    assert (after.address, after.agent_version) == ("::1", "0.3")
+
+
+def test_sessions_are_told_newest_first(database: Database, admin_database: Database) -> None:
+    """As many as were asked for; a robot whose newest goes on is online."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, "00:1b:44:11:3a:b7", "a")
+        assert not seen_robots.is_online(tx, robot_id)
+    with admin_database.transaction() as tx:
+        for address, ended in (
+            ("192.0.2.1", "NOW(6)"),
+            ("192.0.2.2", "NOW(6)"),
+            ("192.0.2.3", "NULL"),
+        ):
+            tx.change(
+                "INSERT INTO robot_sessions (robot_id, address, agent_version, end_code, ended_at) "
+                f"VALUES (%s, %s, '0.1', 'timeout', {ended})",
+                (robot_id, address),
+            )
+    with database.transaction() as tx:
+        found = seen_robots.sessions_of(tx, robot_id, 2)
+        assert seen_robots.is_online(tx, robot_id)
+    assert [one.address for one in found] == ["192.0.2.3", "192.0.2.2"]
+    older = found[1]
+    assert older.ended_at is not None
+    assert older.started_at <= older.ended_at
+    assert (older.end_code, older.agent_version) == ("timeout", "0.1")
+
+
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+
+
+def test_driver_and_stop_are_shown(database: Database, admin_database: Database) -> None:
+    """A lease that has ended has no driver, and a robot without either is in no list."""
+    with admin_database.transaction() as tx:
+        one, two, three = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2, 3))
+        tx.change(
+            "INSERT INTO control_leases (robot_id, fence, user_name, since, ended_at) "
+            "VALUES (%s, 3, 'ann', %s, NULL), (%s, 4, 'ben', %s, CURRENT_TIMESTAMP(6))",
+            (one, NOON, two, NOON),
+        )
+        tx.change(
+            "INSERT INTO robot_stops (robot_id, by_name, stopped_at) VALUES (%s, 'zoe', %s)",
+            (two, NOON),
+        )
+    driven, stopped = (
+        ControlState(driver=DrivenBy("ann", NOON)),
+        ControlState(stopped=Stopped("zoe", NOON)),
+    )
+    with database.transaction() as tx:
+        assert seen_robots.control_of(tx, one) == driven
+        assert seen_robots.control_of(tx, two) == stopped
+        assert seen_robots.control_of(tx, three) == FREE
+        assert seen_robots.control_of_all(tx) == {one: driven, two: stopped}
