@@ -31,7 +31,7 @@ from robotether_agent.guard import process as _guard_sockets  # noqa: F401 - for
 from robotether_server.relay import main as _relay_sockets  # noqa: F401 - for its classes
 
 HOST = "127.0.0.1"
-WAIT_S = 5
+WAIT_S = 30
 FAREWELL_S = 0.1
 LIMIT = 1000
 ASSIGNED = re.compile(r"\bself\.(\w+)(?:: [^=\n]+)? = ")
