@@ -1,8 +1,6 @@
--- transactional: false
 -- The records of Robotether. Applied by `robotether migrate` as account migrate.
--- DDL cannot be rolled back (hence transactional: false), so every statement in these files may run
--- twice: a migration that was cut short is simply applied again. Files are never edited after a release.
--- yoyo splits them with sqlparse, which keeps the bodies of procedures and triggers whole (tested).
+-- DDL cannot be rolled back, so every statement in these files may run twice: a migration that was cut
+-- short is simply applied again. Files are never edited after a release.
 -- Moments are TIMESTAMP(6): microseconds, kept in UTC whatever the time zone of a connection.
 -- The relay sees changes by watching updated_at, created_at and the number of rows (relay_changes).
 

@@ -1,4 +1,3 @@
--- transactional: false
 -- Adding a robot by `INSERT INTO robots (mac, name)` alone: the triggers write the MAC in one spelling and
 -- allot a free pair of ports. What they refuse they refuse with a sentence (SQLSTATE 45000).
 

@@ -1,4 +1,3 @@
--- transactional: false
 -- What sshd and the relay may read. The views run with the rights of account migrate, which made them,
 -- so their readers need no right to a table.
 

@@ -1,4 +1,3 @@
--- transactional: false
 -- What each account may do; images/mysql makes the accounts and gives migrate its rights.
 
 GRANT SELECT, INSERT, UPDATE, DELETE ON users TO 'web'@'%';

@@ -1,4 +1,3 @@
--- transactional: false
 -- How robots get in, and how people reach a robot's shell. As in 0001, every statement may run twice.
 
 -- shell: whether there is a forward to the robot's own sshd; the triggers of 0006 allot shell_port.

@@ -1,4 +1,3 @@
--- transactional: false
 -- A robot's shell port, allotted and freed as its pair of ports is (0002), and MACs that no robot can have.
 
 -- `robotether migrate` fills this from SHELL_PORT_FIRST and SHELL_PORT_LAST. A deleted robot frees its port.

@@ -1,4 +1,3 @@
--- transactional: false
 -- What sshd and the relay may read of 0005 and 0006, and what each account may do with it.
 
 CREATE OR REPLACE SQL SECURITY DEFINER VIEW tunnel_keys AS

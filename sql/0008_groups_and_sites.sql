@@ -1,4 +1,3 @@
--- transactional: false
 -- Groups of users, sites of robots, and grants for either, with or without an end. As in 0001, every statement
 -- may run twice: on rows that are so already, each of them changes nothing.
 

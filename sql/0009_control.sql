@@ -1,4 +1,3 @@
--- transactional: false
 -- Who drives, who drove, and which robots are stopped. Written by the relay alone; every statement may run twice.
 
 -- The newest lease of each robot. `fence` only ever grows: the guard on the robot refuses what comes with an

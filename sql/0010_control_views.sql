@@ -1,4 +1,3 @@
--- transactional: false
 -- The rights that hold since 0008, for relay, web and sshd; and how long the history is kept.
 
 -- The highest level of all grants that hold for a user and a robot, directly or by group and site; admins' included.

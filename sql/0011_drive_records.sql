@@ -1,4 +1,3 @@
--- transactional: false
 -- What a drive was like for its driver. Written by the relay alone; NULL in rows from before these columns.
 
 -- latency_*: round trip from the driver to the robot, by the relay's pings of both. bytes: rosbridge's messages, both

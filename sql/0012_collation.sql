@@ -1,4 +1,3 @@
--- transactional: false
 -- A blank at the end of a text counts: to utf8mb4_bin, which pads texts with blanks to compare them, 'admin ' was 'admin',
 -- and to Python it was not. Every text is compared byte by byte from now on. As in 0001, every statement may run twice.
 

@@ -140,7 +140,7 @@ def test_pull_and_up_upgrade_the_release_before(old_stack: Stack, registry: str)
         assert tag.endswith(":next")
     wait_until_back(stack, *SIMS)
     assert identity(stack) == before
-    applied = {name for [name] in stack.sql("SELECT migration_id FROM _yoyo_migration")}
+    applied = {name for [name] in stack.sql("SELECT name FROM schema_migrations")}
     assert applied == {file.stem for file in (ROOT / "sql").glob("*.sql")}
     assert ann.cookie
     with SimWatch(stack, "sim1") as watch:

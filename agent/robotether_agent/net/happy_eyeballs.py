@@ -1,6 +1,7 @@
 """Starts several attempts, each a little after the one before, and takes the first that succeeds (RFC 8305).
 
-Used for addresses, for ports, and for trying again while nothing answers. What comes in too late is dropped.
+Used for addresses, for ports, and for trying again while nothing answers. What comes in too late is dropped. In place
+of aiohappyeyeballs, which knows addresses only, and says of several that failed neither which one refused nor why.
 """
 
 from __future__ import annotations

@@ -8,25 +8,21 @@ that ports are allotted from (sql/0002_ports_and_macs.sql, 0006) and how long th
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import closing, contextmanager
+from pathlib import Path
 
 import pymysql
-import yoyo
-from yoyo.backends.core.mysql import MySQLBackend
-from yoyo.connections import DatabaseURI
-from yoyo.exceptions import BadMigration
-from yoyo.migrations import default_migration_table
+from pymysql.constants import CLIENT
+from pymysql.cursors import Cursor
 
 from robotether_server.db import Database
-from robotether_server.db.database import Transaction
+from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
 logger = logging.getLogger(__name__)
 
 LOCK_WAIT_S = 10
-CONNECT_TIMEOUT_S = 5
 
 
 def migrate(settings: MigrateSettings) -> list[str]:
@@ -34,9 +30,14 @@ def migrate(settings: MigrateSettings) -> list[str]:
 
     Raises StoreUnavailable or MigrationFailed.
     """
+    files = sorted(settings.migrations_dir.glob("*.sql"))
+    if not files:
+        raise MigrationFailed(
+            f"cannot migrate: MIGRATIONS_DIR={str(settings.migrations_dir)!r} has no migrations"
+        )
     database = Database(settings.database)
     with _only_one(database):
-        applied = _apply(settings)
+        applied = _apply(settings.database, files)
         with database.transaction() as tx:
             set_port_range(tx, settings.port_range_first, settings.port_range_last)
             set_shell_port_range(tx, settings.shell_port_first, settings.shell_port_last)
@@ -46,10 +47,7 @@ def migrate(settings: MigrateSettings) -> list[str]:
 
 @contextmanager
 def _only_one(database: Database) -> Iterator[None]:
-    """Keep other migrations out: the server frees this lock itself when its holder dies.
-
-    yoyo's own lock is a row, which a killed migration would leave behind for good.
-    """
+    """Keep other migrations out: the server frees this lock itself when its holder dies."""
     with database.transaction() as tx:
         row = tx.row("SELECT GET_LOCK('robotether.migrate', %s) AS held", (LOCK_WAIT_S,))
         if not row or row["held"] != 1:
@@ -60,57 +58,61 @@ def _only_one(database: Database) -> Iterator[None]:
         yield
 
 
-def _apply(settings: MigrateSettings) -> list[str]:
-    migrations = yoyo.read_migrations(str(settings.migrations_dir))
-    if not migrations:
-        raise MigrationFailed(
-            f"cannot migrate: MIGRATIONS_DIR={str(settings.migrations_dir)!r} has no migrations"
-        )
-    with _Backend(_address(settings.database), default_migration_table) as backend:
-        backend.init_database()
-        # This run holds the real lock, so a row here is left from a migration that was killed.
-        backend.break_lock()
-        missing = list(backend.to_apply(migrations))
-        for migration in missing:
-            _apply_one(backend, migration)
-        return [str(migration.id) for migration in missing]
+def _apply(settings: DatabaseSettings, files: list[Path]) -> list[str]:
+    with closing(_connect(settings)) as connection, connection.cursor() as cursor:
+        known = _applied(cursor)
+        missing = [file for file in files if file.stem not in known]
+        for file in missing:
+            _apply_one(cursor, file)
+        return [file.stem for file in missing]
 
 
-def _apply_one(backend: Any, migration: Any) -> None:
-    try:
-        backend.apply_one(migration)
-    except (BadMigration, pymysql.MySQLError) as error:
-        raise MigrationFailed(
-            f"cannot apply migration {migration.id}: {error}; nothing after it was applied"
-        ) from error
-    logger.info("applied migration %s", migration.id)
-
-
-def _address(settings: DatabaseSettings) -> DatabaseURI:
-    return DatabaseURI(
-        "mysql",
-        settings.user,
-        settings.password,
-        settings.host,
-        settings.port,
-        settings.name,
-        {},
+def _connect(settings: DatabaseSettings) -> "pymysql.Connection[Cursor]":
+    """Return a connection on which a statement may take its time, and is committed by itself."""
+    return pymysql.connect(
+        host=settings.host,
+        port=settings.port,
+        user=settings.user,
+        password=settings.password,
+        database=settings.name,
+        charset="utf8mb4",
+        autocommit=True,
+        client_flag=CLIENT.MULTI_STATEMENTS,
+        ssl_disabled=True,
+        connect_timeout=CONNECT_TIMEOUT_S,
     )
 
 
-class _Backend(MySQLBackend):  # type: ignore[misc] # yoyo has no types
-    """yoyo's own, less the arguments that pymysql calls deprecated, and with a time limit."""
-
-    def connect(self, dburi: DatabaseURI) -> "pymysql.Connection[pymysql.cursors.Cursor]":
-        return pymysql.connect(
-            host=dburi.hostname,
-            port=dburi.port,
-            user=dburi.username,
-            password=dburi.password,
-            database=dburi.database,
-            charset="utf8mb4",
-            connect_timeout=CONNECT_TIMEOUT_S,
+def _applied(cursor: Cursor) -> set[str]:
+    """Return the names of the applied migrations; make their table where it is missing, or take it over from yoyo."""
+    columns = (
+        "(name VARCHAR(255) NOT NULL PRIMARY KEY, applied_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6)) "
+        "CHARACTER SET utf8mb4 COLLATE utf8mb4_nopad_bin"
+    )
+    if cursor.execute("SHOW TABLES LIKE '\\_yoyo\\_migration'"):
+        # The other table is there only if this was cut short before the end.
+        cursor.execute(
+            f"CREATE OR REPLACE TABLE schema_migrations {columns} "  # noqa: S608 - nothing from outside
+            "SELECT migration_id AS name, applied_at_utc AS applied_at FROM _yoyo_migration"
         )
+        cursor.execute("DROP TABLE IF EXISTS _yoyo_migration, _yoyo_log, _yoyo_version, yoyo_lock")
+    cursor.execute(f"CREATE TABLE IF NOT EXISTS schema_migrations {columns}")
+    cursor.execute("SELECT name FROM schema_migrations")
+    return {name for (name,) in cursor.fetchall()}
+
+
+def _apply_one(cursor: Cursor, file: Path) -> None:
+    """Run all statements of a file, which the database itself tells apart: a routine's body has semicolons, too."""
+    try:
+        cursor.execute(file.read_text(encoding="utf-8"))
+        while cursor.nextset():
+            pass
+        cursor.execute("INSERT INTO schema_migrations (name) VALUES (%s)", (file.stem,))
+    except pymysql.MySQLError as error:
+        raise MigrationFailed(
+            f"cannot apply migration {file.stem}: {error}; nothing after it was applied"
+        ) from error
+    logger.info("applied migration %s", file.stem)
 
 
 def set_port_range(tx: Transaction, first: int, last: int) -> None:

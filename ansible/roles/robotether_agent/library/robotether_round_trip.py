@@ -3,13 +3,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import secrets
+import struct
+import sys
 import time
+from collections.abc import Iterator
+from typing import Any
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
-from ansible.module_utils.robotether_websocket import WebSocket, WebSocketError
+
+try:
+    import websocket
+except ImportError:
+    websocket = None
 
 DOCUMENTATION = r"""
 module: robotether_round_trip
@@ -17,6 +26,8 @@ short_description: Sends a message to a robot through the server and waits for i
 description:
   - Gets a ticket, opens the robot's rosbridge through the server, and publishes one text on a topic of its own that the
     same connection is subscribed to. It moves nothing, and takes the way of any program that drives the robot.
+  - In check mode it only looks whether it could do so.
+requirements: [websocket-client]
 options:
   server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
   tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
@@ -34,7 +45,7 @@ round_trip_ms: {description: how long the message was on its way, type: float, r
 TOPIC = "/robotether_enrolment"
 ANSWER_S = 5.0
 PAUSE_S = 0.5
-CREATED = 201
+CREATED, SWITCHING_PROTOCOLS = 201, 101
 # Nothing that a wait could mend.
 FINAL = {"token_invalid", "grant_missing", "tls_untrusted", "robot_unknown"}
 
@@ -49,6 +60,14 @@ def main() -> None:
         },
         supports_check_mode=True,
     )
+    if websocket is None:
+        module.fail_json(
+            msg="cannot send a message to a robot: this machine's Ansible has no websocket-client; "
+            f"install it (apt install python3-websocket, or pip install websocket-client with {sys.executable})",
+            code="websocket_client_missing",
+        )
+    if module.check_mode:
+        module.exit_json(changed=False)
     end = time.monotonic() + module.params["timeout"]
     try:
         server = Server.of(module.params)
@@ -74,20 +93,15 @@ def _try(server: Server, robot: str, *, is_last: bool) -> float | None:
 
 def _round_trip(server: Server, robot: str) -> float:
     path = _ros_path(server, robot)
-    socket = None
     try:
-        connection = server.connect()
-        socket = WebSocket(connection.sock, server.address, path)
-        return _echo(socket)
-    except (WebSocketError, OSError) as error:
+        with _opened(server, path) as socket:
+            return _echo(socket)
+    except (websocket.WebSocketException, OSError) as error:
         raise ServerError(
             f"cannot reach rosbridge of robot {robot} through {server.address}: {error}; "
             "run 'robotether-agent doctor' on the robot",
             "robot_unreachable",
         ) from error
-    finally:
-        if socket is not None:
-            socket.close()
 
 
 def _ros_path(server: Server, robot: str) -> str:
@@ -99,19 +113,54 @@ def _ros_path(server: Server, robot: str) -> str:
     return str(answer["ros_url"])
 
 
-def _echo(socket: WebSocket) -> float:
+@contextlib.contextmanager
+def _opened(server: Server, path: str) -> Iterator[Any]:
+    """Open a WebSocket over a connection whose certificate was compared; as `server` does, follow no redirect."""
+    connection = server.connect()
+    socket = websocket.WebSocket()
+    url = f"wss://{server.address}{path}"
+    with contextlib.closing(connection), contextlib.closing(socket):
+        try:
+            socket.connect(
+                url,
+                socket=connection.sock,
+                timeout=ANSWER_S,
+                suppress_origin=True,
+                redirect_limit=0,
+            )
+            status = socket.getstatus()
+        except websocket.WebSocketBadStatusException as error:
+            status = error.status_code
+        if status != SWITCHING_PROTOCOLS:
+            raise websocket.WebSocketException(
+                f"the server answers {status} in place of a WebSocket"
+            )
+        yield socket
+
+
+def _echo(socket: Any) -> float:
     text = secrets.token_hex(8)
     topic = {"topic": TOPIC, "type": "std_msgs/String"}
     for operation in ("advertise", "subscribe"):
         socket.send(json.dumps({"op": operation, **topic}))
     started = time.monotonic()
     socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
-    while text not in socket.receive(ANSWER_S):
+    while text not in _received(socket):
         pass
     took_ms = (time.monotonic() - started) * 1000
     for operation in ("unsubscribe", "unadvertise"):
         socket.send(json.dumps({"op": operation, "topic": TOPIC}))
     return round(took_ms, 1)
+
+
+def _received(socket: Any) -> str:
+    kind, data = socket.recv_data()
+    if kind != websocket.ABNF.OPCODE_CLOSE:
+        return data.decode(errors="replace")
+    code, reason = struct.unpack(">H", data[:2]) if data else (1005,), data[2:]
+    raise websocket.WebSocketException(
+        f"{reason.decode(errors='replace') or 'it was closed'} [{code[0]}]"
+    )
 
 
 if __name__ == "__main__":

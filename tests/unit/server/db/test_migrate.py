@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import shutil
 import threading
 from pathlib import Path
 
 import mariadb_server
 import pytest
-import sqlparse
 from granted import give
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, audit, grants, robots, users
@@ -25,16 +25,6 @@ def settings(
     return MigrateSettings(mariadb.settings("migrate"), folder, first, last, 24000, 24049)
 
 
-def test_every_file_splits_into_whole_statements(sql_dir: Path) -> None:
-    """The library's splitter leaves no procedure or trigger cut in two."""
-    for file in sql_dir.glob("*.sql"):
-        for statement in sqlparse.split(file.read_text(encoding="ascii")):
-            words = sqlparse.format(statement, strip_comments=True).split()
-            assert words[0] in {"CREATE", "GRANT", "ALTER", "UPDATE"}, statement
-            if {"TRIGGER", "PROCEDURE"} & set(words[:4]) and words[0] == "CREATE":
-                assert words[-1] == "END;", statement
-
-
 @pytest.mark.usefixtures("admin_database")
 def test_second_run_applies_nothing(mariadb: MariaDb, sql_dir: Path) -> None:
     """A database that is up to date stays as it is."""
@@ -46,8 +36,7 @@ def test_interrupted_run_is_finished_by_the_next(
 ) -> None:
     """Every statement may run twice, so a migration that was cut short is applied again."""
     with admin_database.transaction() as tx:
-        tx.change("DELETE FROM _yoyo_migration")
-        tx.change("INSERT INTO yoyo_lock (locked, ctime, pid) VALUES (1, NOW(), 1)")
+        tx.change("DELETE FROM schema_migrations")
     applied = migrate(settings(mariadb, sql_dir))
     assert applied == sorted(file.stem for file in sql_dir.glob("*.sql"))
 
@@ -137,7 +126,7 @@ def test_grants_of_an_older_release_hold_as_before(
             assert {(one.user, one.robot, one.level) for one in found} == old
             assert all(one.ends_at is None and not one.is_for_all for one in found)
             with admin.transaction() as tx:
-                tx.change("DELETE FROM _yoyo_migration")
+                tx.change("DELETE FROM schema_migrations")
         with web.transaction() as tx:
             give(tx, users.get(tx, "ann").id, robots.get(tx, "a").id, "manage")
             assert rights(tx) == old - {("ann", "a", "drive")} | {("ann", "a", "manage")}
@@ -146,9 +135,61 @@ def test_grants_of_an_older_release_hold_as_before(
 @pytest.mark.usefixtures("admin_database")
 def test_broken_migration_is_named(mariadb: MariaDb, tmp_path: Path) -> None:
     """The failure says which file, and what the database said."""
-    (tmp_path / "9999_broken.sql").write_text("-- transactional: false\nCREATE TABEL x (y INT);\n")
+    (tmp_path / "9999_broken.sql").write_text("CREATE TABEL x (y INT);\n")
     with pytest.raises(MigrationFailed, match=r"9999_broken.*TABEL"):
         migrate(settings(mariadb, tmp_path))
+
+
+def test_every_statement_of_a_file_counts(
+    mariadb: MariaDb, admin_database: Database, tmp_path: Path
+) -> None:
+    """One that fails after others is not overlooked, and the file is applied again when it was mended."""
+    file = tmp_path / "9999_several.sql"
+    routine = "CREATE OR REPLACE PROCEDURE nine() BEGIN SET @a = 8; SELECT @a + 1 AS nine; END;\n"
+    file.write_text(f"-- 100%; of it\n{routine}CALL nine();\nDROP PROCEDURE ten;\n")
+    with pytest.raises(MigrationFailed, match=r"9999_several.*ten does not exist"):
+        migrate(settings(mariadb, tmp_path))
+    file.write_text(f"{routine}CALL nine();\nDROP PROCEDURE nine;\n")
+    assert migrate(settings(mariadb, tmp_path)) == ["9999_several"]
+    assert migrate(settings(mariadb, tmp_path)) == []
+    with admin_database.transaction() as tx:
+        assert tx.row("SHOW PROCEDURE STATUS WHERE name = 'nine'") is None
+        tx.change("DELETE FROM schema_migrations WHERE name = '9999_several'")
+
+
+# As yoyo-migrations 9.0.0 makes them.
+YOYO = """
+CREATE TABLE _yoyo_migration (migration_hash VARCHAR(64), migration_id VARCHAR(255), applied_at_utc TIMESTAMP,
+  PRIMARY KEY (migration_hash));
+CREATE TABLE _yoyo_log (id VARCHAR(36), migration_hash VARCHAR(64), migration_id VARCHAR(255), operation VARCHAR(10),
+  username VARCHAR(255), hostname VARCHAR(255), comment VARCHAR(255), created_at_utc TIMESTAMP, PRIMARY KEY (id));
+CREATE TABLE _yoyo_version (version INT NOT NULL PRIMARY KEY, installed_at_utc TIMESTAMP);
+CREATE TABLE yoyo_lock (locked INT DEFAULT 1, ctime TIMESTAMP, pid INT NOT NULL, PRIMARY KEY (locked));
+"""
+
+
+def test_database_that_yoyo_migrated_is_taken_over(
+    mariadb: MariaDb, admin_database: Database, sql_dir: Path
+) -> None:
+    """Nothing that it applied runs again, only what it lacks; its tables go, and a lock that was left in them."""
+    names = sorted(file.stem for file in sql_dir.glob("*.sql"))
+    with admin_database.transaction() as tx:
+        for statement in YOYO.strip().removesuffix(";").split(";"):
+            tx.change(statement)
+        tx.change_many(
+            "INSERT INTO _yoyo_migration VALUES (SHA2(%s, 256), %s, '2026-01-02 03:04:05')",
+            [(name, name) for name in names[:-1]],
+        )
+        tx.change("INSERT INTO yoyo_lock VALUES (1, NOW(), 1)")
+    assert migrate(settings(mariadb, sql_dir)) == names[-1:]
+    assert migrate(settings(mariadb, sql_dir)) == []
+    with admin_database.transaction() as tx:
+        assert not tx.rows("SHOW TABLES LIKE %s", ("%yoyo%",))
+        rows = tx.rows("SELECT * FROM schema_migrations ORDER BY name")
+    assert [row["name"] for row in rows] == names
+    assert {row["applied_at"] for row in rows[:-1]} == {
+        dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
+    }
 
 
 @pytest.mark.usefixtures("admin_database")

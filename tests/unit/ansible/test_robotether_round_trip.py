@@ -1,0 +1,186 @@
+"""The proof at the end of an enrolment, as Ansible runs it, with a server that answers as a test says."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import ssl
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import web
+from tls_front import openssl
+
+ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_agent"
+NO_LIBRARY = "raise ImportError\n"
+WAIT_S = 60
+
+Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One for 127.0.0.1, with its key."""
+    key, file = (tmp_path_factory.mktemp("tls") / name for name in ("key.pem", "cert.pem"))
+    openssl(
+        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
+        *("-days", "2", "-subj", "/CN=localhost", "-keyout", str(key), "-out", str(file)),
+        *("-addext", "subjectAltName=IP:127.0.0.1"),
+    )
+    file.write_bytes(file.read_bytes() + key.read_bytes())
+    return file
+
+
+@asynccontextmanager
+async def serving(certificate: Path, answer: Answer) -> AsyncIterator[str]:
+    """A server that gives tickets, and answers at the address that they have as the test says."""
+
+    async def ticket(request: web.Request) -> web.Response:
+        assert request.headers["Authorization"] == "Bearer rt_x"
+        assert await request.json() == {"robot": "sim1", "mode": "drive"}
+        return web.json_response({"ros_url": "/ros?ticket=t"}, status=201)
+
+    app = web.Application()
+    app.router.add_post("/api/v1/tickets", ticket)
+    app.router.add_get("/ros", answer)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0, ssl_context=context).start()
+    try:
+        yield f"127.0.0.1:{runner.addresses[0][1]}"
+    finally:
+        await runner.cleanup()
+
+
+async def run_module(
+    server: str, *options: str, path: str = "", timeout: int = 0, ca_file: str = ""
+) -> dict[str, Any]:
+    """Run the module once on this machine; what it returned."""
+    arguments = {"server": server, "token": "rt_x", "name": "sim1", "timeout": timeout}
+    if ca_file:
+        arguments["ca_file"] = ca_file
+    process = await asyncio.create_subprocess_exec(
+        Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
+        "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
+        "--module-path", str(ROLE / "library"), "--module-name", "robotether_round_trip",
+        "--args", json.dumps(arguments), *options,
+        env={
+            **os.environ,
+            "ANSIBLE_MODULE_UTILS": str(ROLE / "module_utils"),
+            "ANSIBLE_NOCOLOR": "1",
+            "PYTHONPATH": path,
+        },
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    printed, errors = await asyncio.wait_for(process.communicate(), WAIT_S)
+    # After the machine's name and what became of it.
+    _, arrow, result = printed.decode().partition("=> ")
+    assert arrow, f"{printed.decode()}\n{errors.decode()}"
+    found: dict[str, Any] = json.loads(result)
+    return {"failed": process.returncode != 0, **found}
+
+
+async def upgraded(request: web.Request) -> web.WebSocketResponse:
+    assert "Origin" not in request.headers
+    assert request.query["ticket"] == "t"
+    socket = web.WebSocketResponse()
+    await socket.prepare(request)
+    return socket
+
+
+async def test_a_message_comes_back(certificate: Path) -> None:
+    """Whatever else the robot says meanwhile; the time is told."""
+    operations: list[str] = []
+
+    async def rosbridge(request: web.Request) -> web.WebSocketResponse:
+        socket = await upgraded(request)
+        await socket.ping()
+        await socket.send_json({"op": "status", "msg": "something else"})
+        async for message in socket:
+            operation = message.json()
+            assert operation["topic"] == "/robotether_enrolment"
+            operations.append(operation["op"])
+            if operation["op"] == "publish":
+                await socket.send_json(operation)
+        return socket
+
+    async with serving(certificate, rosbridge) as server:
+        result = await run_module(server, ca_file=str(certificate))
+    assert result["round_trip_ms"] > 0
+    assert operations == ["advertise", "subscribe", "publish", "unsubscribe", "unadvertise"]
+
+
+async def closes(request: web.Request) -> web.StreamResponse:
+    socket = await upgraded(request)
+    await socket.close(code=4503, message=b"robot sim1 is offline")
+    return socket
+
+
+async def vanishes(request: web.Request) -> web.StreamResponse:
+    socket = await upgraded(request)
+    assert request.transport is not None
+    request.transport.abort()
+    return socket
+
+
+async def refuses(_request: web.Request) -> web.StreamResponse:
+    return web.Response(status=403)
+
+
+async def leads_away(_request: web.Request) -> web.StreamResponse:
+    return web.Response(status=302, headers={"Location": "wss://127.0.0.1:1/"})
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (closes, "robot sim1 is offline [4503]"),
+        (vanishes, ""),
+        (refuses, "the server answers 403 in place of a WebSocket"),
+        (leads_away, "Redirect limit exhausted"),
+    ],
+    ids=["closes", "vanishes", "refuses", "leads_away"],
+)
+async def test_a_robot_that_is_not_reached(certificate: Path, answer: Answer, why: str) -> None:
+    """The sentence has the server's reason, and what to do."""
+    async with serving(certificate, answer) as server:
+        result = await run_module(server, ca_file=str(certificate))
+    assert result["failed"]
+    assert result["code"] == "robot_unreachable"
+    assert why in result["msg"]
+    assert result["msg"].startswith(f"cannot reach rosbridge of robot sim1 through {server}: ")
+
+
+async def test_a_certificate_that_is_not_trusted_gets_no_token(certificate: Path) -> None:
+    """Nothing is asked of such a server."""
+
+    async def never(_request: web.Request) -> web.StreamResponse:
+        raise AssertionError
+
+    async with serving(certificate, never) as server:
+        result = await run_module(server)
+    assert result["code"] == "tls_untrusted"
+
+
+@pytest.mark.parametrize("has_library", [True, False])
+async def test_a_machine_without_the_library_is_known_beforehand(
+    tmp_path: Path, *, has_library: bool
+) -> None:
+    """In check mode nothing is connected to, and what is missing is said with what to do."""
+    if not has_library:
+        (tmp_path / "websocket.py").write_text(NO_LIBRARY)
+    result = await run_module("127.0.0.1:1", "--check", path=str(tmp_path))
+    if has_library:
+        assert not result["failed"]
+        assert not result["changed"]
+    else:
+        assert result["code"] == "websocket_client_missing"
+        assert "python3-websocket" in result["msg"]
