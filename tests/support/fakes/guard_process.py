@@ -17,11 +17,13 @@ from robotether_agent.clock import robot_time
 AGENT = Path(__file__).resolve().parents[3] / "agent"
 KEY = "the key of this test"
 TICK_EVERY_S = 0.2
-WAIT_S = 5.0
+WAIT_S = 20.0
 
 
 class GuardProcess:
     """`python -m robotether_agent.guard` in `place`; it gets a tick every 0.2 s until `silence`."""
+
+    program: tuple[str, ...] = ("-m", "robotether_agent.guard")
 
     def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
         self.place = place
@@ -43,8 +45,7 @@ class GuardProcess:
     async def __aenter__(self) -> Self:
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
-            "-m",
-            "robotether_agent.guard",
+            *self.program,
             f"--state-dir={self.place}",
             f"--run-dir={self.place}",
             cwd=AGENT,
