@@ -25,7 +25,7 @@ import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import FakeCloud, Link, agent_environ, eventually
-from fake_robot import FINGERPRINT, HOST
+from fake_robot import FINGERPRINT, HOST, RobotSession
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.main import Timing
@@ -225,3 +225,78 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     await line("relay", "bye", at=-1)
     await line("relay", "bye", "media", at=-1)
     assert session.transcript == recorded
+
+
+BROKEN = (
+    b"no JSON",
+    b'{"seq": 1}',
+    b'{"type": "ping"}',
+    b'{"type": "pong", "seq": "one"}',
+    b'{"type": "ping", "seq": 1, "t_ms": -1}',
+    b'{"type": "hello", "agent_version": "0.1.0"}',
+    b'{"type": "hello", "hostname": "turtle", "agent_version": "\\n"}',
+    b'{"type": "hello", "hostname": "turtle", "agent_version": "1", "guard": "maybe"}',
+    b'{"type": "health", "ros": "fine", "video": "ok"}',
+    b'{"type": "guard", "state": "asleep"}',
+    b'{"type": "vitals", "battery": {"percent": 101, "charging": true}}',
+)
+
+
+async def connected(relay: RelayServer, **given: Any) -> RobotSession:
+    """Open a connection to the session port, as the session command does."""
+    fields = {"robot_id": 7, "kind": "session", "session_key": SESSION_KEY} | given
+    session = RobotSession(fields.pop("robot_id"), **fields)
+    await session.connect(relay.relay.session_port)
+    return session
+
+
+async def ended(session: RobotSession) -> Said | None:
+    """Wait for the end, and return the bye."""
+    await asyncio.wait_for(session.closed.wait(), WAIT_S)
+    await session.close()
+    return session.bye
+
+
+async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
+    """What the relay says to who may not connect, does not keep to the protocol, or has to go."""
+    database = MemoryDatabase()
+    robot = database.add_robot(7, "sim1")
+    transcript = Transcript()
+    transcript.name(robot.ros_port, "ROS port")
+    async with running_relay(database, patient) as relay:
+
+        async def add(what: str, data: bytes = b"", **given: Any) -> None:
+            session = await connected(relay, **given)
+            session.send_raw(data)
+            transcript.add(f"{what}:", await ended(session))
+
+        await add("another session key", session_key="wrong")
+        await add("another kind", kind="party")
+        await add("an unknown robot", robot_id=8)
+        await add("another key", fingerprint="SHA256:other")
+        await add("a shell that is off", kind="shell")
+        await add("other ports", ports=(1,))
+        for line in BROKEN:
+            await add(line.decode(), line + b"\n")
+        # No byte more than the relay has to read: it would be gone before its bye arrives.
+        await add("a line over 64 KiB", b"x" * (64 * 1024 + 1))
+        older = await connected(relay)
+        await asyncio.wait_for(older.configured.wait(), WAIT_S)
+        newer = await connected(relay)
+        transcript.add("a newer session:", await ended(older))
+        await newer.close()
+        holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, robot.ros_port)
+        await add("a port that somebody holds")
+        holder.close()
+        database.robots = {7: replace(robot, state="disabled")}
+        await relay.relay.fleet.poll()
+        await add("a disabled robot")
+        database.robots = {7: robot}
+        await relay.relay.fleet.poll()
+        last = await connected(relay, kind="media")
+        await asyncio.wait_for(last.configured.wait(), WAIT_S)
+    transcript.add("a relay that stops:", await ended(last))
+    async with running_relay(database, replace(patient, timeout_s=0.5)) as relay:
+        silent = await connected(relay, silent=True)
+        transcript.add("a robot that answers no ping:", await ended(silent))
+    assert transcript == recorded
