@@ -19,11 +19,13 @@ ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 KEY = "the key of this test"
 TICK_EVERY_S = 0.2
-WAIT_S = 5.0
+WAIT_S = 20.0
 
 
 class GuardProcess:
     """`python -m robotether_agent.guard` in `place`; it gets a tick every 0.2 s until `silence`."""
+
+    program: tuple[str, ...] = ("-m", "robotether_agent.guard")
 
     def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
         self.place = place
@@ -45,8 +47,7 @@ class GuardProcess:
     async def __aenter__(self) -> Self:
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
-            "-m",
-            "robotether_agent.guard",
+            *self.program,
             f"--state-dir={self.place}",
             f"--run-dir={self.place}",
             env={**os.environ, "PYTHONPATH": PACKAGES},

@@ -20,7 +20,9 @@ from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 
 LINE = 100  # characters; a longer JSON value is written on several lines
 
-TIME = re.compile(r"\b20\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?|\b20\d\d-\d\d-\d\d\b")
+TIME = re.compile(
+    r"\b20\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?|\b20\d\d-\d\d-\d\d\b|\b\d\d:\d\d UTC\b"
+)
 HTTP_DATE = re.compile(r"\b[A-Z][a-z]{2}, \d\d [A-Z][a-z]{2} 20\d\d \d\d:\d\d:\d\d GMT")
 # A random text is a UUID, 16 or more hex digits, a key or fingerprint of SSH, or `secrets.token_urlsafe()`.
 RANDOM = re.compile(
@@ -79,7 +81,8 @@ class Transcript:
 
     def _text(self, body: Any) -> str:
         if isinstance(body, str):
-            return self._clean_text(body)
+            # A file that is read again would have a plain newline in its place.
+            return self._clean_text(body).replace("\r", "\\r")
         clean = self.clean(body)
         line = json.dumps(clean, ensure_ascii=False)
         return line if len(line) <= LINE else json.dumps(clean, ensure_ascii=False, indent=2)

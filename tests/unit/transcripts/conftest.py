@@ -2,12 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+from relay_server import FAST
+from robotether_server.relay.control import leases, stops
+from robotether_server.relay.main import Timing
+from robotether_server.relay.robots import port_checks
 from syrupy.assertion import SnapshotAssertion
 from transcripts import TranscriptFile
+
+PATIENCE_S = 60.0
 
 
 @pytest.fixture
 def recorded(snapshot: SnapshotAssertion) -> SnapshotAssertion:
     """What was recorded of this test; `--snapshot-update` records it anew."""
     return snapshot.use_extension(TranscriptFile)
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
+    """Times of a relay that calls nobody silent, slow or late because the machine is busy."""
+    for module, name in (
+        (stops, "CONFIRMED_WITHIN_S"),
+        (stops, "RELEASED_WITHIN_S"),
+        (leases, "PASSES_AFTER_S"),
+        (leases, "RESERVED_FOR_S"),
+        # A port that does not accept within this counts as free.
+        (port_checks, "RELEASE_CONNECT_S"),
+        (port_checks, "CONNECT_WITHIN_S"),
+    ):
+        monkeypatch.setattr(module, name, PATIENCE_S)
+    patience = {"silent_after_s": PATIENCE_S, "slow_after_s": PATIENCE_S}
+    return replace(
+        FAST,
+        limits=replace(FAST.limits, **patience),
+        driver_limits=replace(FAST.driver_limits, **patience),
+        timeout_s=PATIENCE_S,
+    )

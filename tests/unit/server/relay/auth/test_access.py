@@ -1,4 +1,4 @@
-"""Origins and used tickets, without a network; the rest of access is tested through the handlers."""
+"""Who may open what, without a network; the handlers' tests show the answers to those who may not."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.problems import OriginRefused, TicketExpired, TicketUsed
-from robotether_server.relay.auth.access import Access, Request, UsedTickets
-from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
+from robotether_server.db.grants import Level
+from robotether_server.problems import (
+    LoginMissing,
+    OriginRefused,
+    TicketExpired,
+    TicketUsed,
+    TokenInvalid,
+)
+from robotether_server.relay.auth.access import Access, Request, UsedTickets, request_of
+from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)
@@ -17,6 +24,18 @@ START = utc(2026, 1, 1, 12, 0)
 
 def later(seconds: float):
     return START + timedelta(seconds=seconds)
+
+
+def access_of(database: MemoryDatabase, granted: Level = "observe") -> Access:
+    """Robot 7 is sim1, and user 3 has this grant on it."""
+    robot = RelayRobot(7, "sim1", "active", 20000, 20001)
+    return Access(
+        signer=TicketSigner("key", 30),
+        credentials=Credentials(database),
+        snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
+        allowed_origins=["https://lab.example"],
+        clock=lambda: datetime.now(UTC),
+    )
 
 
 @pytest.mark.parametrize(
@@ -52,13 +71,7 @@ def later(seconds: float):
 )
 def test_only_this_site_and_listed_origins_pass(origin, host, passes):
     """An Origin must be absent, listed, or the host that was asked."""
-    access = Access(
-        signer=TicketSigner("key", 30),
-        credentials=Credentials(MemoryDatabase()),
-        snapshot=lambda: Snapshot({}, {}),
-        allowed_origins=["https://lab.example"],
-        clock=lambda: START,
-    )
+    access = access_of(MemoryDatabase())
     request = Request(host=host, origin=origin, ticket=None, login=None, authorization=None)
     if passes:
         access.check_origin(request)
@@ -79,18 +92,73 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
 )
 def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
     """Only a connection that drives has what its user was granted."""
-    signer, robot = TicketSigner("key", 30), RelayRobot(7, "sim1", "active", 20000, 20001)
-    access = Access(
-        signer=signer,
-        credentials=Credentials(MemoryDatabase()),
-        snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
-        allowed_origins=[],
-        clock=lambda: datetime.now(UTC),
-    )
-    ticket = signer.sign(Ticket(new_id(), 3, "ann", 7, "sim1", mode, "login", "0f" * 32))
-    request = Request("robots.example", origin=None, ticket=ticket, login=None, authorization=None)
-    permit = access.for_rosbridge(request, "sim1")
+    ticket = Ticket(new_id(), 3, "ann", 7, "sim1", mode, "login", "0f" * 32)
+    signed = TicketSigner("key", 30).sign(ticket)
+    request = Request("robots.example", origin=None, ticket=signed, login=None, authorization=None)
+    permit = access_of(MemoryDatabase(), granted).for_rosbridge(request, "sim1")
     assert (permit.use, permit.level, permit.may_drive) == (mode, level, may_drive)
+
+
+@pytest.mark.parametrize(("granted", "may_drive"), [("observe", False), ("drive", True)])
+async def test_a_login_sees_video_and_is_known_as_who_could_drive(granted, may_drive):
+    """Without a ticket, too, a viewer only observes, and drivers keep their places."""
+    database, ann = MemoryDatabase(), RelayUser(3, "ann")
+    login = database.add_credential("login", ann)
+    request = Request("robots.example", None, ticket=None, login=login, authorization=None)
+    permit = await access_of(database, granted).for_video(request, "sim1")
+    assert (permit.user, permit.robot.name, permit.use, permit.level) == (
+        ann,
+        "sim1",
+        "video",
+        "observe",
+    )
+    assert permit.credential == credential_of("login", login)
+    assert permit.may_drive is may_drive
+
+
+@pytest.mark.parametrize(
+    ("length", "is_asked_for"), [(0, False), (1, True), (512, True), (513, False)]
+)
+async def test_only_what_can_be_a_credential_is_looked_up(length, is_asked_for):
+    """What is empty or too long costs neither a digest nor the database's time."""
+    database = MemoryDatabase()
+    access, text = access_of(database), "x" * length
+    with pytest.raises(LoginMissing):
+        await access.asker(Request("robots.example", None, None, text, authorization=None))
+    with pytest.raises(TokenInvalid):
+        await access.asker(Request("robots.example", None, None, None, f"Bearer {text}"))
+    assert database.lookups == 2 * is_asked_for
+
+
+@pytest.mark.parametrize("origin", [None, "https://lab.example"])
+async def test_a_login_that_is_not_there_or_not_meant_is_not_looked_up(origin):
+    """The browser adds a login to the request of another site's page without being asked."""
+    database = MemoryDatabase()
+    login = database.add_credential("login", RelayUser(3, "ann")) if origin else None
+    with pytest.raises(LoginMissing):
+        await access_of(database).asker(
+            Request("robots.example", origin, None, login, authorization=None)
+        )
+    assert database.lookups == 0
+
+
+@pytest.mark.parametrize("scheme", ["Bearer ", "bearer ", "BEARER  "])
+async def test_a_token_comes_behind_the_word_bearer(scheme):
+    """However that is written (RFC 9110, 11.1)."""
+    database, ann = MemoryDatabase(), RelayUser(3, "ann")
+    token = database.add_credential("token", ann)
+    request = Request("robots.example", None, None, None, authorization=scheme + token)
+    assert (await access_of(database).asker(request)).user == ann
+
+
+def test_what_a_request_does_not_say_is_nothing():
+    """Above all, a request without a Host is of no site."""
+    assert request_of({}, {}, {}) == Request("", None, None, None, None)
+    headers = {"Host": "robots.example", "Origin": "https://robots.example", "Authorization": "a"}
+    cookies, query = {"__Host-robotether_login": "login"}, {"ticket": "ticket"}
+    assert request_of(headers, cookies, query) == Request(
+        "robots.example", "https://robots.example", "ticket", "login", "a"
+    )
 
 
 def test_a_ticket_is_used_once_as_long_as_it_is_good():
@@ -98,7 +166,7 @@ def test_a_ticket_is_used_once_as_long_as_it_is_good():
     used = UsedTickets(START, ttl_s=30)
     used.use("a", later(0), later(0))
     with pytest.raises(TicketUsed):
-        used.use("a", later(0), later(30.9))
+        used.use("a", later(0), later(31))
     used.use("a", later(0), later(31.1))
 
 

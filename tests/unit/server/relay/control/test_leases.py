@@ -264,7 +264,9 @@ def test_without_the_right_nobody_waits():
     assert not lease.keep_only(lambda user_id: user_id == BEN.id)
     assert lease.keep_only(lambda user_id: user_id == ANN.id)
     lease.take(BEN, at(1))
-    assert lease.keep_only(lambda _user_id: False)
+    assert not lease.keep_only(lambda user_id: user_id == BEN.id)
+    assert lease.reserved(at(1)).user == BEN
+    assert lease.keep_only(lambda user_id: user_id != BEN.id)
     lease.claim(FakeHolder(CARL), at(2))
 
 

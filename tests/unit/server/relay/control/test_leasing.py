@@ -8,15 +8,22 @@ from types import SimpleNamespace
 
 import pytest
 from relay_clients import PUBLISH, audit_lines, closing
-from relay_server import until
-from robotether_server.db.control import DriveEntry, LeaseEnd
+from relay_server import until, utc
+from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser
-from robotether_server.problems import NobodyAsks, RecordMissing, RecordRefused
+from robotether_server.problems import (
+    NobodyAsks,
+    RecordMissing,
+    RecordRefused,
+    StoreUnavailable,
+)
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
-from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
+NOON = utc(2026, 1, 1, 12, 0)
 
 
 @pytest.fixture(autouse=True)
@@ -306,7 +313,7 @@ class Bare:
         self.written: list[AuditEntry | LeaseEnd] = []
         self.lines: list[dict[str, object]] = []
         self.changed: list[int] = []
-        self.codes: list[int] = []
+        self.ends: list[CloseReason] = []
         link = SimpleNamespace(send=lambda line: self.lines.append(json.loads(line)))
         self.leasing = leasing.Leasing(
             database=memory_database,
@@ -322,10 +329,14 @@ class Bare:
             user.name,
             self.robot,
             "drive",
-            lambda close_reason: self.codes.append(close_reason.code),
+            self.ends.append,
         )
         await self.leasing.begin(connection)
         return connection
+
+    @property
+    def codes(self) -> list[int]:
+        return [end.code for end in self.ends]
 
     def audit(self) -> list[tuple[str, str, object]]:
         lines = [one for one in self.written if isinstance(one, AuditEntry)]
@@ -364,6 +375,69 @@ async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
     assert bare.codes == [4010, 4010]
     assert bare.lines[-1] == {"type": "lease", "fence": 2, "held": False}
     assert set(bare.changed) == {sim1.id}
+
+
+async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_database, monkeypatch):
+    """A new lease for the database, and its end and the audit log."""
+    next_fence, asked = memory_database.next_fence, []
+
+    async def noted(lease):
+        asked.append(lease)
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", noted)
+    monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
+    bare.leasing.remember({sim1.id: 41})
+    await bare.drives(ANN)
+    bare.leasing.take(sim1, asker(CARL))
+    assert asked == [NewLease(sim1.id, ANN.id, "ann", NOON, above=41)]
+    assert bare.written == [
+        AuditEntry(NOON, "carl", "lease_taken", "sim1", "198.51.100.9", {"driver": "ann"}),
+        LeaseEnd(sim1.id, 42, NOON),
+    ]
+    assert bare.ends == [close_reasons.lease_lost("sim1", "carl")]
+
+
+async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_database, monkeypatch):
+    """While both wait for a number; the newer drives in the end."""
+    next_fence, go_on = memory_database.next_fence, asyncio.Event()
+
+    async def slow(lease):
+        await go_on.wait()
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", slow)
+    older, newer = (asyncio.create_task(bare.drives(ANN)) for _ in range(2))
+    await until(lambda: bare.ends, "the older hears of it")
+    go_on.set()
+    drives = await newer
+    with pytest.raises(ConnectionClosedError) as lost:
+        await older
+    assert bare.ends == [close_reasons.superseded("sim1")]
+    assert lost.value.close_reason == close_reasons.lease_unavailable("sim1")
+    assert bare.leasing.of(sim1.id).driver.holder is drives
+
+
+@pytest.mark.parametrize(
+    ("problem", "close_reason"),
+    [
+        (RecordMissing, close_reasons.rights_ended),
+        (RecordRefused, close_reasons.rights_ended),
+        (StoreUnavailable, close_reasons.lease_unavailable),
+    ],
+)
+async def test_who_gets_no_number_hears_why(
+    *, bare, sim1, memory_database, monkeypatch, problem, close_reason
+):
+    """By the name of the robot, and with a code of its own."""
+
+    async def fails(_lease):
+        raise problem("the test wants it")
+
+    monkeypatch.setattr(memory_database, "next_fence", fails)
+    with pytest.raises(ConnectionClosedError) as lost:
+        await bare.drives(ANN)
+    assert lost.value.close_reason == close_reason("sim1")
 
 
 async def test_the_control_is_handed_only_to_who_the_driver_saw_asking(bare, sim1):

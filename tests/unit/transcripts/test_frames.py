@@ -1,0 +1,353 @@
+"""The frames protocol (docs/media.md) between agent, relay and viewer."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import re
+import struct
+from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
+from typing import Any, Self
+
+import aiohttp
+import pytest
+from fake_cameras import FakeVideoServer
+from fake_frames import FakeFrames
+from fake_robot import FakeRobot
+from local_network import free_port
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robotether_agent.video import receiver
+from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.sources import SourceSettings
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.main import Timing
+from syrupy.assertion import SnapshotAssertion
+from transcripts import Transcript
+
+WAIT_S = 60.0
+HEADER = struct.Struct("!BBHId")
+UPGRADE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+}
+BROKEN = [
+    "no json",
+    '{"op":7}',
+    '{"op":"want","fps":"1"}',
+    '{"op":"want","quality_min":60,"quality_max":50}',
+    '{"op":"want","width":640}',
+    '{"op":"want","width":5000,"height":1}',
+    '{"op":"credit","frames":-1}',
+    '{"op":"beat"}',
+    "x" * 5000,
+]
+
+
+def header_of(message: bytes) -> dict[str, Any]:
+    """A frame's header, decoded."""
+    names = ("codec", "flags", "quality", "number", "moment_ms")
+    return dict(zip(names, HEADER.unpack_from(message), strict=True))
+
+
+def digest(message: bytes) -> str:
+    """A short sum of the picture behind the header."""
+    return hashlib.sha256(message[HEADER.size :]).hexdigest()[:12]
+
+
+async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
+    """Read on until the other side closes; return the code and its reason."""
+    async with asyncio.timeout(WAIT_S):
+        while (message := await socket.receive()).type is not aiohttp.WSMsgType.CLOSE:
+            assert message.type is not aiohttp.WSMsgType.CLOSED, "closed without a code"
+    return f"{message.data} {message.extra}".rstrip()
+
+
+class RawViewer:
+    """A WebSocket client that shows each byte of what comes."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+
+    async def __aenter__(self) -> Self:
+        host, _, path = self._url.removeprefix("http://").partition("/")
+        address, port = host.split(":")
+        self._reader, self._writer = await asyncio.open_connection(address, int(port))
+        lines = [
+            f"GET /{path} HTTP/1.1",
+            f"Host: {host}",
+            *(f"{name}: {value}" for name, value in UPGRADE.items()),
+            "Sec-WebSocket-Extensions: permessage-deflate",
+        ]
+        self._writer.write(("\r\n".join(lines) + "\r\n\r\n").encode())
+        self.head = (await self._reader.readuntil(b"\r\n\r\n")).decode()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._writer.transport.abort()
+
+    def send(self, **message: object) -> None:
+        """Send a text, with a mask of zeros."""
+        text = json.dumps(message).encode()
+        self._writer.write(bytes((0x81, 0x80 | len(text))) + b"\0" * 4 + text)
+
+    async def message(self) -> tuple[bytes, bytes]:
+        """Wait for the next message that is no ping: the WebSocket header as it is, and what it holds."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                head = await self._reader.readexactly(2)
+                more = {126: 2, 127: 8}.get(head[1] & 0x7F, 0)
+                longer = await self._reader.readexactly(more)
+                size = int.from_bytes(longer, "big") if more else head[1] & 0x7F
+                data = await self._reader.readexactly(size)
+                if head[0] != 0x89:
+                    return head + longer, data
+
+
+class World:
+    """A relay with robot sim1, and its camera."""
+
+    def __init__(self, relay: RelayServer, database: MemoryDatabase) -> None:
+        self.relay = relay
+        self.database = database
+        self.robot = FakeRobot(7, SESSION_KEY)
+
+    async def start(self) -> FakeFrames:
+        await self.robot.start(self.relay.relay.session_port)
+        presence = self.relay.relay.registry.presence
+        await until(lambda: presence(7).ros == "ok", "sim1 is well", WAIT_S)
+        self.robot.frames.mode = "behaves"
+        return self.robot.frames
+
+    def url(self, topic: str = "topic=/a%20b/c") -> str:
+        ticket = self.relay.ticket(self.database.robots[7], "observe", RelayUser(1, "ann"))
+        return f"{self.relay.url}/robots/sim1/video/frames?{topic}&ticket={ticket}"
+
+
+@pytest.fixture
+async def world(patient: Timing) -> AsyncIterator[World]:
+    database = MemoryDatabase()
+    database.add_robot(7, "sim1", u1="drive")
+    async with running_relay(database, patient) as relay:
+        made = World(relay, database)
+        yield made
+        await made.robot.stop()
+
+
+@pytest.fixture
+async def http() -> AsyncIterator[aiohttp.ClientSession]:
+    connector = aiohttp.TCPConnector(force_close=True)
+    async with aiohttp.ClientSession(connector=connector) as session:
+        yield session
+
+
+async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> None:
+    """Each byte that a viewer gets but those of a clock, and what the robot is asked for meanwhile."""
+    transcript, camera = Transcript(("sender_ms", "moment_ms")), await world.start()
+    async with RawViewer(world.url()) as viewer:
+        head = re.sub("Server: .*\r", "Server: <aiohttp>\r", viewer.head.rstrip())
+        transcript.add("relay:", *head.split("\r\n"))
+
+        async def add(what: str) -> None:
+            header, data = await viewer.message()
+            # How long it is depends on the clock's digits.
+            shown = header[:1] if b'"beat"' in data else header
+            transcript.add(f"relay, {what}, WebSocket header:", shown.hex(" "))
+            if header[0] == 0x81:
+                transcript.add("  text:", json.loads(data))
+            else:
+                transcript.add("  header but for its moment:", data[:8].hex(" "), header_of(data))
+                transcript.add("  picture:", {"size": len(data) - HEADER.size, "sum": digest(data)})
+
+        viewer.send(op="want", fps=5, quality_max=60)
+        await camera.wait_for("credit")
+        transcript.add("robot is asked for the camera:", json.dumps(camera.topics[0]))
+        await camera.send_status(state="waiting", source="mjpeg", quality=70, fps=0, x=1)
+        await add("a status")
+        viewer.send(op="beat", t_ms=81.25)
+        await add("a clock sync")
+        for number, (size, quality) in enumerate(
+            ((100, 0), (110, 70), (65_519, 70), (65_520, 100)), 1
+        ):
+            await camera.show(bytes([size % 251]) * size, quality=quality)
+            viewer.send(op="credit", frames=1, taken=number - 1 or None)
+            await add(f"a picture of {size} bytes")
+            if number == 1:
+                first_credits = list(camera.of("credit"))
+        viewer.send(op="want", width=640, height=480)
+        await camera.wait_for("want", width=640)
+        await camera.wait_for("credit", taken=1)
+    # Clock syncs are sent by the clock; a credit when the fastest viewer has taken a picture.
+    transcript.add("relay to robot:", camera.of("beat")[0] | {"t_ms": "<clock>"})
+    taken = next(text for text in camera.of("credit") if text["taken"] == 1)
+    for text in [*camera.of("want"), *first_credits, taken]:
+        transcript.add("relay to robot:", text)
+    assert transcript == recorded
+
+
+async def test_how_viewers_connections_end(
+    world: World, http: aiohttp.ClientSession, recorded: SnapshotAssertion
+) -> None:
+    """The close code and reason of each way, and what is refused before the upgrade."""
+    transcript = Transcript()
+
+    async def refusal(case: str, url: str, **headers: str) -> None:
+        async with http.get(url, headers=headers) as answer:
+            transcript.add(f"{case}: {answer.status}", await answer.json(content_type=None))
+
+    async def end(
+        case: str, act: Callable[[aiohttp.ClientWebSocketResponse], Any], *, wants: bool = True
+    ) -> None:
+        async with http.ws_connect(world.url()) as socket:
+            if wants:
+                await socket.send_json({"op": "want"})
+            done = act(socket)
+            if done is not None:
+                await done
+            transcript.add(f"{case}:", await ending_of(socket))
+
+    await refusal("no camera", world.url("x=1"), **UPGRADE)
+    await refusal("no upgrade", world.url())
+    await end("never connected", lambda _: None, wants=False)
+    camera = await world.start()
+    for mode in ("no_service", "any_page", "full"):
+        camera.mode = mode
+        await end(mode, lambda _: None)
+    camera.mode = "behaves"
+    for text in [*BROKEN, '{"op":"credit"}']:
+        shown = text if len(text) < 100 else f"{len(text)} characters"
+        await end(shown, lambda s, t=text: s.send_str(t), wants="credit" not in text)
+    connections = world.relay.relay.connections
+    usual = connections.caps
+    await until(lambda: connections.count("video") == 0, "all have left", WAIT_S)
+    connections.caps = replace(usual, per_user=0)
+    await end("too many", lambda _: None, wants=False)
+    connections.caps = usual
+
+    async def without_right(_: object) -> None:
+        await camera.wait_for("want")
+        world.database.grants.clear()
+
+    await end("rights ended", without_right)
+    world.database.grants[1, 7] = "drive"
+    await world.relay.relay.fleet.poll()
+    # Its ports stay open, so that nothing but the session ends.
+    world.robot.mode = "port_taken"
+    await end("link lost", lambda _: world.robot.session.close())
+    await world.robot.stop()
+    stopping: list[asyncio.Task[None]] = []
+    world.robot = FakeRobot(7, SESSION_KEY)
+    camera = await world.start()
+    await end(
+        "relay stops", lambda _: stopping.append(asyncio.create_task(world.relay.relay.stop()))
+    )
+    await stopping[0]
+    assert transcript == recorded
+
+
+class Service:
+    """The agent's frames service in front of a camera."""
+
+    def __init__(self, camera: FakeVideoServer, http: aiohttp.ClientSession) -> None:
+        self.camera = camera
+        self.http = http
+        rosbridge_url = f"ws://127.0.0.1:{free_port()}"
+        self.service = FramesService(SourceSettings(camera.url, rosbridge_url, "web_video_server"))
+
+    async def start(self) -> None:
+        self.url = f"http://127.0.0.1:{await self.service.start()}"
+
+    async def connect(self, topic: str) -> aiohttp.ClientWebSocketResponse:
+        url = f"{self.url}/robotether/frames?topic={topic}"
+        return await self.http.ws_connect(url, max_msg_size=0)
+
+    async def text(self, socket: aiohttp.ClientWebSocketResponse) -> Any:
+        """Wait for the next text, and take the pictures that come before it."""
+        async with asyncio.timeout(WAIT_S):
+            while (message := await socket.receive()).type is aiohttp.WSMsgType.BINARY:
+                await socket.send_json({"op": "credit", "frames": 1})
+        return json.loads(message.data)
+
+
+@pytest.fixture
+async def service(
+    http: aiohttp.ClientSession, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[Service]:
+    # Before a slow machine makes the agent try lower rates.
+    monkeypatch.setattr(receiver, "STATUS_EVERY_S", 0.01)
+    async with FakeVideoServer() as camera:
+        made = Service(camera, http)
+        await made.start()
+        yield made
+        await made.service.close()
+
+
+async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) -> None:
+    """A clock sync, statuses, a picture of a camera that stamps them, and what is not the protocol."""
+    transcript = Transcript(("sender_ms", "moment_ms", "fps", "number"))
+    transcript.name(service.camera.port, "camera's port")
+    # One quality and a long time: no step down, however slow this machine is.
+    want = {"op": "want", "quality_min": 40, "quality_max": 40, "latency_ms": 5000}
+    want |= {"width": 320, "height": 240}
+    async with await service.connect("/a") as socket:
+        await socket.send_json({"op": "dance"})
+        await socket.send_json({"op": "beat", "t_ms": 81.25})
+        transcript.add("agent:", await service.text(socket))
+        await socket.send_json(want)
+        transcript.add("agent, before a picture:", await service.text(socket))
+        await socket.send_json({"op": "credit", "frames": 2, "taken": None})
+        pictures = []
+        async with asyncio.timeout(WAIT_S):
+            while len(pictures) < 2:
+                message = await socket.receive()
+                if message.type is aiohttp.WSMsgType.BINARY:
+                    pictures.append(message.data)
+        first, second = pictures
+        transcript.add("agent, a picture:", first[:4].hex(" "), header_of(first))
+        assert header_of(second)["number"] > header_of(first)["number"] > 0
+        # The comment behind a JPEG's start is the camera's count.
+        transcript.add("  picture:", {"size": len(first), "begins": first[16:22].hex(" ")})
+        await socket.send_json({"op": "credit", "frames": 2})
+        while (status := await service.text(socket))["state"] != "live":
+            pass
+        transcript.add("agent, when pictures come:", status)
+    transcript.add("camera is asked for:", service.camera.asked[0])
+    service.camera.mode = "refuses"
+    async with await service.connect("/b") as socket:
+        await socket.send_json(want)
+        await socket.send_json({"op": "credit", "frames": 2})
+        while (status := await service.text(socket))["state"] != "down":
+            pass
+        transcript.add("agent, when its source is down:", status)
+    for text in BROKEN:
+        async with await service.connect("/b") as socket:
+            await socket.send_str(text)
+            shown = text if len(text) < 100 else f"{len(text)} characters"
+            transcript.add(f"{shown}:", await ending_of(socket))
+    assert transcript == recorded
+
+
+async def test_agent_over_http(service: Service, recorded: SnapshotAssertion) -> None:
+    """What who has no WebSocket gets."""
+    transcript = Transcript()
+    for path in (
+        "/robotether/frames?topic=/a",
+        "/robotether/frames",
+        "/robotether/other",
+        "/snapshot?topic=/a&quality=x",
+        "/snapshot?topic=/a&quality=10",
+        "/",
+    ):
+        async with service.http.get(service.url + path) as answer:
+            body = await answer.read()
+            shown = body.decode() if answer.content_type == "text/plain" else body[:6].hex(" ")
+            kind = answer.headers["Content-Type"]
+            transcript.add(f"GET {path}:", f"{answer.status} {kind}: {shown}".rstrip("\n"))
+    async with service.http.get(f"{service.url}/stream?topic=/a&quality=10") as answer:
+        part = await asyncio.wait_for(answer.content.readuntil(b"\r\n\r\n"), WAIT_S)
+        kind = answer.headers["Content-Type"]
+        transcript.add("GET /stream:", f"{answer.status} {kind}", part.decode().rstrip())
+    assert transcript == recorded

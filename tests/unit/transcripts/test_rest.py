@@ -1,0 +1,453 @@
+"""The REST API as its clients see it: every path under /api/v1, web's and the relay's, with typical refusals."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+import tls_front
+from drive_records import add_drive
+from fake_robot import FakeRobot
+from mariadb_server import MariaDb
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robotether_server.db import Database, users
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.main import Timing
+from robotether_server.web.app import make_app
+from syrupy.assertion import SnapshotAssertion
+from transcripts import Transcript
+from web_visitor import HASH, Browser, bearer
+
+HERE = Path(__file__).parent
+API = "/api/v1"
+# Sent with many answers and the same on each: `test_who_asks` records all of them once.
+SHOWN_HEADERS = ("Allow", "Content-Disposition", "Location", "Retry-After", "WWW-Authenticate")
+# Given one time and random.
+SECRETS = ("password", "ticket", "token")
+KEYS = [f"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAI{letter * 43} robot" for letter in "ABCDE"]
+NOBODY = 999_999_999
+
+
+class Conversation:
+    """Asks web as several users, and writes down what is asked and answered."""
+
+    def __init__(self, visitor: Browser, database: Database) -> None:
+        self.transcript = Transcript(measured=["id"])
+        self.visitor = visitor
+        self.headers = {name: bearer(database, name) for name in ("root", "ann", "olga")}
+
+    def ask(self, who: str, method: str, path: str, body: Any = None, **numbers: int) -> Any:
+        """Send a request; `numbers` are put into the path and not written down."""
+        sent = {} if body is None else {"json": body}
+        self.note(who, method, path, body)
+        headers = self.headers.get(who, {})
+        answer = self.visitor.ask(method, API + path.format(**numbers), headers=headers, **sent)
+        shown = {name: answer.headers[name] for name in SHOWN_HEADERS if name in answer.headers}
+        self.answered(answer.status_code, answer.content_type, shown, answer.text)
+        return answer.json
+
+    def note(self, who: str, method: str, path: str, body: Any = None) -> None:
+        """Write a request down."""
+        self.transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
+
+    def answered(self, status: int, kind: str | None, headers: dict[str, str], text: str) -> None:
+        """Write an answer down."""
+        body: list[Any] = [text.rstrip()] if text else []
+        if "Allow" in headers:  # a set, in any order
+            headers["Allow"] = ", ".join(sorted(headers["Allow"].split(", ")))
+        if kind in {"application/json", "application/problem+json"}:
+            body = [json.loads(text)]
+            for name in SECRETS:
+                if isinstance(body[0], dict) and isinstance(body[0].get(name), str):
+                    self.transcript.name(body[0][name], name)
+            for pin in re.findall(r"sha256//([A-Za-z0-9+/=]{44})", text):
+                self.transcript.name(pin, "pin")
+        self.transcript.add(f"< {status} {kind}", *[f"{k}: {v}" for k, v in headers.items()], *body)
+
+
+@pytest.fixture
+def front(tmp_path: Path) -> Iterator[tls_front.TlsFront]:
+    """A certificate at the site's address."""
+    with tls_front.running(tmp_path) as running:
+        yield running
+
+
+@pytest.fixture
+def talk(
+    mariadb: MariaDb,
+    database: Database,
+    front: tls_front.TlsFront,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Conversation:
+    """Web as the image starts it: root is admin, ann and olga are users, and no robot is known."""
+    settings = mariadb.settings("web")
+    host_keys = tmp_path / "host_keys"
+    host_keys.mkdir()
+    (host_keys / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAAhost root@sshd\n")
+    environ = {
+        "DB_HOST": settings.host,
+        "DB_PORT": str(settings.port),
+        "DB_NAME": settings.name,
+        "DB_USER": settings.user,
+        "DB_PASSWORD": settings.password,
+        "TICKET_KEY": "t" * 32,
+        "WEB_SECRET_KEY": "w" * 32,
+        "TLS_FRONT": f"127.0.0.1:{front.endpoint[1]}",
+        "SSH_HOST_KEYS_DIR": str(host_keys),
+        "ALLOW_LOCAL_MACS": "yes",
+        "ALLOWED_ORIGINS": "https://lab.example",
+    }
+    for name, value in environ.items():
+        monkeypatch.setenv(name, value)
+    with database.transaction() as tx:
+        users.add(tx, "root", HASH, "admin")
+        users.add(tx, "ann", HASH, "user")
+        users.add(tx, "olga", HASH, "user")
+    return Conversation(Browser(make_app().test_client()), database)
+
+
+@pytest.fixture
+def sim1(talk: Conversation) -> None:
+    """Robot sim1, which ann drives and olga manages, and sim2, which neither may see."""
+    begun, talk.transcript = talk.transcript, Transcript()
+    for number, name in enumerate(("sim1", "sim2"), 1):
+        body = {"mac": f"02:00:00:00:51:0{number}", "public_key": KEYS[number]}
+        talk.ask("root", "PUT", f"/robots/{name}", body)
+    talk.ask("root", "PUT", "/grants/ann/sim1", {"level": "drive"})
+    talk.ask("root", "PUT", "/grants/olga/sim1", {"level": "manage"})
+    talk.transcript = begun
+
+
+def test_who_asks(talk: Conversation, recorded: SnapshotAssertion) -> None:
+    """Credentials, headers of answers to this and to other sites, and what no path takes.
+
+    All headers of the first answer stand there, and of later ones those that are others.
+    """
+    for header in ("Bearer rt_wrong", "Basic YTpi"):
+        talk.note(header, "GET", "/me")
+        answer = talk.visitor.ask("GET", f"{API}/me", headers={"Authorization": header})
+        talk.answered(answer.status_code, answer.content_type, {}, answer.text)
+    talk.ask("ann", "GET", "/me")
+    talk.ask("root", "GET", "/me")
+    first: dict[str, str] = {}
+    origins = ("https://lab.example", "https://other.example")
+    asks = {"Access-Control-Request-Method": "POST"}
+    for what, method, sent in (
+        ("ann", "GET", talk.headers["ann"]),
+        ("nobody", "GET", {}),
+        ("a page of an allowed site", "OPTIONS", {"Origin": origins[0]} | asks),
+        ("ann's page of an allowed site", "GET", {"Origin": origins[0]} | talk.headers["ann"]),
+        ("ann's page of another site", "GET", {"Origin": origins[1]} | talk.headers["ann"]),
+    ):
+        talk.note(what, method, "/robots")
+        answer = talk.visitor.ask(method, f"{API}/robots", headers=sent)
+        headers = dict(sorted(answer.headers.items()))
+        shown = {name: value for name, value in headers.items() if first.get(name) != value}
+        shown |= {name: "<none>" for name in first if name not in headers}
+        first = first or headers
+        talk.answered(answer.status_code, answer.content_type, shown, answer.text)
+    talk.visitor.log_in("ann")
+    talk.ask("login of ann", "GET", "/me")
+    talk.ask("login of ann, without the page's token", "POST", "/tokens", {"name": "laptop"})
+    talk.ask("ann", "GET", "/nothing")
+    talk.ask("ann", "DELETE", "/me")
+    talk.ask("ann", "POST", "/tokens", [1])
+    talk.note("ann", "POST", "/tokens", "no JSON")
+    broken = {"Content-Type": "application/json"} | talk.headers["ann"]
+    answer = talk.visitor.ask("POST", f"{API}/tokens", headers=broken, data="no JSON")
+    talk.answered(answer.status_code, answer.content_type, {}, answer.text)
+    assert talk.transcript == recorded
+
+
+def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
+    """Users and their groups, for admins alone; API tokens and SSH keys, which are everybody's own."""
+    talk.ask("ann", "GET", "/users")
+    talk.ask("root", "GET", "/users")
+    talk.ask("root", "POST", "/users", {"name": "ben", "role": "user"})
+    talk.ask("root", "POST", "/users", {"name": "ben", "role": "user"})
+    talk.ask("root", "POST", "/users", {"name": "eve", "role": "king"})
+    talk.ask("root", "POST", "/users", {"name": "eve", "role": "user", "password": "short"})
+    talk.ask("root", "POST", "/users", {"name": 7, "role": "user"})
+    talk.ask("root", "POST", "/users", {"name": "eve", "role": "user", "age": 7})
+    talk.ask("root", "GET", "/users/ben")
+    talk.ask("root", "PATCH", "/users/ben", {"role": "admin", "disabled": True})
+    talk.ask("root", "PATCH", "/users/ben", {})
+    talk.ask("root", "PATCH", "/users/root", {"role": "user"})
+    talk.ask("root", "DELETE", "/users/ben/logins")
+    talk.ask("root", "POST", "/groups", {"name": "lab"})
+    talk.ask("root", "POST", "/groups", {"name": "lab"})
+    talk.ask("root", "PUT", "/groups/lab/members/ann")
+    talk.ask("root", "PUT", "/groups/lab/members/nobody")
+    talk.ask("root", "GET", "/groups")
+    talk.ask("root", "GET", "/groups/lab")
+    talk.ask("root", "DELETE", "/groups/lab/members/ann")
+    talk.ask("root", "DELETE", "/groups/lab")
+    talk.ask("root", "DELETE", "/groups/lab")
+    talk.ask("root", "DELETE", "/users/ben")
+    made = talk.ask("ann", "POST", "/tokens", {"name": "laptop", "days": 30})["id"]
+    talk.ask("ann", "POST", "/tokens", {"name": "x", "days": 0})
+    talk.ask("ann", "POST", "/tokens", {"name": "x", "user": "root"})
+    talk.ask("ann", "GET", "/tokens")
+    talk.ask("ann", "DELETE", f"/tokens/{NOBODY}")
+    talk.ask("ann", "DELETE", "/tokens/{token_id}", token_id=made)
+    made = talk.ask("ann", "POST", "/me/ssh-keys", {"name": "laptop", "public_key": KEYS[0]})["id"]
+    talk.ask("ann", "POST", "/me/ssh-keys", {"name": "laptop", "public_key": "wrong"})
+    talk.ask("ann", "GET", "/me/ssh-keys")
+    talk.ask("ann", "DELETE", "/me/ssh-keys/{key_id}", key_id=made)
+    assert talk.transcript == recorded
+
+
+def test_grants(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+    """Grants of users and groups, for robots, sites and all; sites of robots."""
+    talk.ask("root", "POST", "/sites", {"name": "lab"})
+    talk.ask("root", "POST", "/sites", {"name": ""})
+    talk.ask("root", "PATCH", "/robots/sim2", {"site": "lab"})
+    talk.ask("root", "PATCH", "/robots/sim2", {"site": "nowhere"})
+    talk.ask("root", "GET", "/sites")
+    talk.ask("root", "GET", "/sites/lab")
+    soon = (datetime.now(UTC) + timedelta(days=30)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    body = {"user": "ann", "site": "lab", "level": "observe"}
+    made = talk.ask("root", "POST", "/grants", body)["id"]
+    talk.ask("root", "POST", "/grants", body | {"level": "drive"})
+    whole = {"user": "olga", "all": True, "level": "observe", "ends_at": soon}
+    talk.ask("root", "POST", "/grants", whole)
+    talk.ask("root", "POST", "/grants", body | {"group": "lab"})
+    talk.ask("root", "POST", "/grants", body | {"level": "own"})
+    talk.ask("root", "POST", "/grants", body | {"ends_at": "tomorrow"})
+    talk.ask("ann", "GET", "/grants")
+    talk.ask("root", "GET", "/grants")
+    talk.ask("root", "DELETE", "/grants/{grant_id}", grant_id=made)
+    talk.ask("root", "DELETE", f"/grants/{NOBODY}")
+    talk.ask("root", "DELETE", "/sites/lab")
+    talk.ask("root", "PUT", "/grants/ann/sim2", {"level": "manage"})
+    talk.ask("root", "PUT", "/grants/ann/nowhere", {"level": "manage"})
+    talk.ask("root", "DELETE", "/grants/ann/sim2")
+    talk.ask("root", "DELETE", "/grants/ann/sim2")
+    assert talk.transcript == recorded
+
+
+def test_robots(
+    talk: Conversation, sim1: None, admin_database: Database, recorded: SnapshotAssertion
+) -> None:
+    """Robots as users see them and as admins change them, their pages, and tickets to connect to them."""
+    for who in ("nobody", "ann", "root"):
+        talk.ask(who, "GET", "/robots")
+    talk.ask("ann", "GET", "/robots/sim1")
+    talk.ask("ann", "GET", "/robots/sim2")
+    for mode in ("drive", "manage"):
+        talk.ask("ann", "POST", "/tickets", {"robot": "sim1", "mode": mode})
+    talk.ask("ann", "POST", "/tickets", {"robot": "sim2", "mode": "observe"})
+    new = {"mac": "02:00:00:00:51:03", "public_key": KEYS[3], "hostname": "turtle"}
+    talk.ask("ann", "PUT", "/robots/sim3", new)
+    talk.ask("root", "PUT", "/robots/sim3", new | {"agent_version": "0.1.0"})
+    talk.ask("root", "PUT", "/robots/sim4", new)
+    talk.ask("root", "PUT", "/robots/sim4", new | {"mac": "wrong"})
+    for change in (
+        {"name": "turtle", "state": "disabled", "settings": {"guard": {"max_age_ms": 400}}},
+        {"name": "sim1"},
+        {"state": "lost"},
+        {"settings": {"guard": {"max_age_ms": "long"}}},
+        {"settings": {"colour": "red"}},
+        {},
+    ):
+        talk.ask("root", "PATCH", "/robots/sim3", change)
+        if change.get("name") == "turtle":
+            talk.ask("root", "PATCH", "/robots/turtle", {"name": "sim3"})
+    talk.ask("root", "DELETE", "/robots/sim3")
+    with admin_database.transaction() as tx:
+        tx.insert(
+            "INSERT INTO robot_sessions (robot_id, address, agent_version, started_at, ended_at, end_code) "
+            "SELECT id, '198.51.100.7', '0.1.0', '2026-01-31 12:00:00', '2026-01-31 12:10:00', 'timeout' "
+            "FROM robots WHERE name = 'sim1'"
+        )
+    talk.ask("root", "GET", "/robots/sim1/sessions?limit=5")
+    talk.ask("root", "PATCH", "/robots/sim1", {"shell": True})
+    talk.ask("olga", "GET", "/ssh-config")
+    button = {"label": "Dock", "kind": "call", "name": "/dock", "type": "std_srvs/Trigger"}
+    talk.ask("ann", "PUT", "/robots/sim1/page", {})
+    talk.ask("olga", "PUT", "/robots/sim1/page", {})
+    talk.ask("olga", "PUT", "/robots/sim1/page", {"colour": "red"})
+    talk.ask("olga", "PUT", "/robots/sim1/buttons", {"buttons": [button]})
+    talk.ask("olga", "PUT", "/robots/sim1/buttons", {"buttons": [{"label": 7}]})
+    assert talk.transcript == recorded
+
+
+def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+    """Joining, join tokens, and what admins do about waiting and rejected keys and about ports."""
+    robot = {"mac": "02:00:00:00:52:01", "hostname": "turtle", "agent_version": "0.1.0"}
+    name = talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3]})["robot"]
+    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[1]})
+    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "mac": "wrong"})
+    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "token": "rj_wrong"})
+    talk.ask("nobody", "POST", "/join", robot)
+    waiting = talk.ask("root", "GET", "/pending")["pending"]
+    key = {"fingerprint": waiting[0]["fingerprint"]}
+    talk.ask("root", "POST", f"/robots/{name}/approve", {"fingerprint": "SHA256:wrong"})
+    talk.ask("root", "POST", f"/robots/{name}/approve", key)
+    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3]})
+    for action in ("rotate-key", "move-ports", "rekey"):
+        talk.ask("root", "POST", f"/robots/sim1/{action}")
+    other = robot | {"mac": "02:00:00:00:52:02", "public_key": KEYS[0]}
+    name = talk.ask("nobody", "POST", "/join", other)["robot"]
+    waiting = talk.ask("root", "GET", "/pending")["pending"]
+    for key in [one["fingerprint"] for one in waiting if one["robot"] == name]:
+        talk.ask("root", "POST", f"/robots/{name}/reject", {"fingerprint": key})
+    talk.ask("nobody", "POST", "/join", other)
+    rejected = talk.ask("root", "GET", "/rejected-keys")["rejected_keys"]
+    talk.ask("root", "DELETE", "/rejected-keys/{key_id}", key_id=rejected[0]["id"])
+    token = talk.ask("root", "POST", "/join-tokens", {"name": "lab", "uses": 2, "hours": 24})
+    talk.ask("root", "POST", "/join-tokens", {"name": "lab", "uses": 0, "hours": 24})
+    talk.ask("nobody", "POST", "/join", other | {"token": token["token"]})
+    talk.ask("root", "GET", "/join-tokens")
+    talk.ask("root", "DELETE", "/join-tokens/{token_id}", token_id=token["id"])
+    assert talk.transcript == recorded
+
+
+def test_history(
+    talk: Conversation, sim1: None, admin_database: Database, recorded: SnapshotAssertion
+) -> None:
+    """Drives and the audit log, in each format."""
+    add_drive(admin_database, "sim1", "ann", id=4242)
+    for path in ("/drives", "/drives?format=csv", "/drives?format=jsonl", "/drives?limit=0"):
+        talk.ask("ann", "GET", path)
+    talk.ask("ann", "GET", "/drives/4242")
+    talk.ask("ann", "GET", f"/drives/{NOBODY}")
+    talk.ask("ann", "GET", "/audit")
+    for path in ("/audit", "/audit?since=yesterday", "/audit?format=xml", "/audit?colour=red"):
+        talk.ask("root", "GET", path)
+    assert talk.transcript == recorded
+
+
+ANN, BEN, BOB, CARL, EVE = (
+    RelayUser(n, name) for n, name in enumerate(("ann", "ben", "bob", "carl", "eve"), 1)
+)
+Ask = Callable[..., Awaitable[Any]]
+
+
+@pytest.fixture
+async def relay(patient: Timing) -> AsyncIterator[tuple[RelayServer, MemoryDatabase]]:
+    """A relay with robot sim1: ann and ben drive it, bob observes it, carl manages it, eve does not see it."""
+    database = MemoryDatabase()
+    database.add_robot(7, "sim1", u1="drive", u2="drive", u3="observe", u4="manage")
+    async with running_relay(database, patient) as server:
+        yield server, database
+
+
+async def test_relay(
+    relay: tuple[RelayServer, MemoryDatabase], recorded: SnapshotAssertion
+) -> None:
+    """Stop, release, lease, and the events of the fleet."""
+    server, database = relay
+    sim1 = database.robots[7]
+    transcript = Transcript(measured=["rtt_ms"])
+    headers = {
+        user.name: {"Authorization": f"Bearer {database.add_credential('token', user)}"}
+        for user in (ANN, BEN, BOB, CARL, EVE)
+    }
+    connector = aiohttp.TCPConnector(force_close=True)
+    robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
+    async with aiohttp.ClientSession(connector=connector) as http:
+
+        async def ask(who: str, method: str, path: str, body: Any = None) -> None:
+            transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
+            options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
+            async with http.request(method, server.url + API + path, **options) as answer:
+                shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
+                kind = answer.headers["Content-Type"]
+                transcript.add(f"< {answer.status} {kind}", *shown, await answer.json())
+
+        await _refusals(ask)
+        await robot.start(server.relay.session_port)
+        try:
+            await until(lambda: _is_well(server, sim1.id), "sim1 is well")
+            transcript.add(f"> bob: GET {API}/events")
+            async with http.get(f"{server.url}{API}/events", headers=headers["bob"]) as answer:
+                event = (await answer.content.readuntil(b"\n\n")).decode().strip()
+                name, data = event.split("\ndata: ")
+                kind = answer.headers["Content-Type"]
+                transcript.add(f"< {answer.status} {kind}", name, "data:", json.loads(data))
+            await _stops(ask)
+            async with http.ws_connect(server.ros_url(sim1, user=ANN)) as socket:
+                await until(lambda: server.relay.control.driver(sim1.id), "ann drives")
+                await _lease(ask)
+                await socket.close()
+        finally:
+            await robot.stop()
+    assert transcript == recorded
+
+
+def _is_well(server: RelayServer, robot_id: int) -> bool:
+    presence = server.relay.registry.presence(robot_id)
+    states = (presence.guard, presence.ros, presence.video)
+    is_well = states == ("ready", "ok", "ok") and presence.rtt_ms is not None
+    return is_well and server.relay.control.describe(robot_id)["stopped"]["confirmed"]
+
+
+async def _refusals(ask: Ask) -> None:
+    """While the robot is offline."""
+    for who in ("nobody", "eve", "ann"):
+        await ask(who, "GET", "/robots/sim1/control")
+    await ask("nobody", "GET", "/events")
+    await ask("eve", "POST", "/robots/sim1/stop")
+    await ask("ann", "GET", "/robots/sim1/stop")
+    await ask("ann", "POST", "/robots/sim1/stop", [])
+    await ask("ann", "POST", "/robots/sim1/stop", {"reason": 7})
+    await ask("ann", "POST", "/robots/sim1/stop", {"reason": "smoke"})
+    await ask("ann", "POST", "/robots/sim1/release")
+
+
+async def _stops(ask: Ask) -> None:
+    await ask("bob", "POST", "/robots/sim1/release")
+    await ask("ann", "POST", "/robots/sim1/release", {"by": "eve"})
+    await ask("ann", "POST", "/robots/sim1/release", {"by": "eve", "at": "2026-01-31T12:00:00Z"})
+    await ask("ann", "POST", "/robots/sim1/release")
+    await ask("bob", "POST", "/robots/sim1/stop")
+    await ask("bob", "GET", "/robots/sim1/control")
+    await ask("ann", "POST", "/robots/sim1/release")
+    await ask("carl", "POST", "/stop", {"site": "nowhere"})
+    await ask("carl", "POST", "/stop", {"reason": "fire"})
+    await ask("carl", "POST", "/robots/sim1/release")
+    await ask("ann", "POST", "/robots/sim1/lease", {"action": "ask"})
+
+
+async def _lease(ask: Ask) -> None:
+    lease = "/robots/sim1/lease"
+    for who, action in (
+        ("bob", "ask"),
+        ("ben", "take"),
+        ("ben", "ask"),
+        ("carl", "ask"),
+        ("ben", "hand_over"),
+        ("ann", "refuse"),
+        ("ben", "withdraw"),
+        ("ben", "own"),
+        ("ben", "ask"),
+        ("ann", "hand_over"),
+    ):
+        await ask(who, "POST", lease, {"action": action})
+
+
+def test_every_path_is_recorded(talk: Conversation) -> None:
+    """Each method of each path of the description stands in a transcript."""
+    described = talk.visitor.ask("GET", f"{API}/openapi.json").json["paths"]
+    files = (HERE / "__snapshots__" / "test_rest").glob("*.txt")
+    asked = re.findall(
+        r"^> .*?: ([A-Z]+) ([^\s?]+)", "\n".join(file.read_text() for file in files), re.MULTILINE
+    )
+    missing = [
+        f"{method.upper()} {path}"
+        for path, methods in described.items()
+        for method in {"get", "put", "post", "patch", "delete"} & methods.keys()
+        if not any(
+            method.upper() == verb and re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", path), given)
+            for verb, given in asked
+        )
+    ]
+    assert missing == [f"GET {API}/openapi.json"]

@@ -1,0 +1,535 @@
+"""What passes between operators, the relay and robots' rosbridge, and how their connections end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import struct
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import replace
+from typing import Any
+
+import aiohttp
+import pytest
+from aiohttp import WSMsgType
+from fake_robot import FakeRobot, Mode
+from msgspec import structs
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.main import Timing
+from robotether_server.relay.rosbridge import message_validator
+from robotether_server.robot_settings import Limits
+from syrupy.assertion import SnapshotAssertion
+from transcripts import Transcript
+from validators import DRIVING, MANAGING, OBSERVING
+
+ANN, BOB, CARL = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(3, "carl")
+WAIT_S = 60.0
+MEASURED = ("t_ms", "relay_ms")
+UPGRADE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+}
+# A connection gets ten refusals at once.
+ANSWERS = 8
+
+
+class World:
+    """A relay with robot sim1, which ann drives, bob observes and carl manages; and who connects."""
+
+    def __init__(
+        self, relay: RelayServer, database: MemoryDatabase, http: aiohttp.ClientSession
+    ) -> None:
+        self.relay = relay
+        self.database = database
+        self.http = http
+        self._robots: list[FakeRobot] = []
+
+    @property
+    def sim1(self) -> RelayRobot:
+        return self.database.robots[7]
+
+    async def robot(self, mode: Mode = "guarded") -> FakeRobot:
+        """Bring the robot online, and wait until the relay knows all of it."""
+        made = FakeRobot(7, SESSION_KEY, mode)
+        await made.start(self.relay.relay.session_port)
+        self._robots.append(made)
+        # What the robot says last of all.
+        registry = self.relay.relay.registry
+        await until(lambda: registry.presence(7).ros == "ok", "the robot is online", WAIT_S)
+        return made
+
+    async def change(self, **settings: Any) -> None:
+        """Change sim1's settings, also to what no admin may set."""
+        row = replace(self.sim1, settings=structs.replace(self.sim1.settings, **settings))
+        self.database.robots = {7: row}
+        await self.relay.relay.fleet.poll()
+
+    def connect(self, mode: str = "drive", user: RelayUser = ANN, **options: Any) -> Any:
+        """Open a connection to sim1."""
+        url = self.relay.ros_url(self.sim1, mode, user)
+        return self.http.ws_connect(url, max_msg_size=0, **options)
+
+    async def ask(self, user: RelayUser, what: str, **members: str) -> None:
+        """Change the control of sim1 over HTTP."""
+        token = self.database.add_credential("token", user)
+        url = f"{self.relay.url}/api/v1/robots/sim1/{what}"
+        headers = {"Authorization": f"Bearer {token}"}
+        async with self.http.post(url, json=members, headers=headers) as answer:
+            assert answer.status == 200, await answer.text()
+
+    async def close(self) -> None:
+        for robot in self._robots:
+            await robot.stop()
+
+
+@asynccontextmanager
+async def running_world(timing: Timing) -> AsyncIterator[World]:
+    database = MemoryDatabase()
+    database.add_robot(7, "sim1", u1="drive", u2="observe", u3="manage")
+    connector = aiohttp.TCPConnector(force_close=True)
+    async with (
+        running_relay(database, timing) as relay,
+        aiohttp.ClientSession(connector=connector) as http,
+    ):
+        world = World(relay, database, http)
+        # No command is late because the machine is busy.
+        guard = structs.replace(world.sim1.settings.guard, max_age_ms=60_000)
+        await world.change(guard=guard)
+        try:
+            yield world
+        finally:
+            await world.close()
+
+
+@pytest.fixture
+async def world(patient: Timing) -> AsyncIterator[World]:
+    async with running_world(patient) as made:
+        yield made
+
+
+async def outcomes(
+    world: World, robot: FakeRobot, texts: Sequence[str], mode: str = "drive", user: RelayUser = ANN
+) -> list[tuple[str, str]]:
+    """Send each message; return who has it in the end, the robot or the relay, and what that one wrote."""
+    found = []
+    for begin in range(0, len(texts), ANSWERS):
+        async with world.connect(mode, user) as socket:
+            for text in texts[begin : begin + ANSWERS]:
+                # Each is answered: by the robot, which sends back what it got, or by the relay.
+                before = len(robot.received)
+                await socket.send_str(text)
+                answer = await asyncio.wait_for(socket.receive_str(), WAIT_S)
+                got = [str(data) for data in robot.received[before:]]
+                found.append(("robot", got[0]) if got else ("relay", answer))
+    return found
+
+
+LEVELS: dict[str, tuple[str, RelayUser]] = {
+    "bob observes": ("observe", BOB),
+    "carl observes": ("observe", CARL),
+    "ann drives": ("drive", ANN),
+    "carl drives": ("drive", CARL),
+}
+
+
+async def test_what_each_level_may_send(world: World, recorded: SnapshotAssertion) -> None:
+    """Of each operation what the robot gets, or why it gets nothing; a manager who observes is an observer."""
+    transcript, robot = Transcript(MEASURED), await world.robot()
+    messages = [*OBSERVING, *DRIVING, *MANAGING]
+    texts = [json.dumps(message) for message in messages]
+    found = {who: await outcomes(world, robot, texts, *how) for who, how in LEVELS.items()}
+    for number, message in enumerate(messages):
+        transcript.add("client:", message)
+        by_outcome: dict[tuple[str, str], list[str]] = {}
+        for who, each in found.items():
+            by_outcome.setdefault(each[number], []).append(who)
+        for (what, text), users in by_outcome.items():
+            is_same = what == "robot" and json.loads(text) == message
+            shown = "the same" if is_same else json.loads(text)
+            transcript.add(f"  {', '.join(users)}: {what}", shown)
+    assert transcript == recorded
+
+
+# Another parser than the relay's reads what reaches the robot.
+WRITTEN = [
+    '{"op": "subscribe",  "topic": "pose", "message_intervall": 9, "x": {"op": "publish"}}',
+    '{"op":"subscribe","topic":"/\\u0070ose","type":null,"throttle_rate":0}',
+    '{"op":"call_service","service":"/rosapi/topics","timeout":3,"args":{"a":-0.0,"b":1e22}}',
+    '{"op":"publish","topic":"/chatter","msg":{"a":"\\u00fc\\ud83d\\ude00/<\\u0000","z":[1.0,1e-7,1E400]}}',
+    '{"op":"publish","topic":"/chatter","msg":{"z":1,"a":"\\u00fc\\ud83d\\ude00/<\\u0000"}}',
+    '{"msg":{"data":[null,true,[],{},1.0,1e-7,0.1]},"topic":"/chatter","op":"publish","id":"last"}',
+]
+REFUSED = [
+    "",
+    "[1]",
+    '{"op":"subscribe","op":"publish"}',
+    '{"op":"set_level","level":NaN}',
+    '{"op":"set_level","x":1' + "0" * 30 + "}",
+    '{"op":"subscribe","topic":"/a","x":' + "[" * 70 + "]" * 70 + "}",
+    "[" * 100_000,
+    '{"op":"set_level","level":"none","id":"\\ud800"}',
+    "{}",
+    '{"op":"fragment","id":"f","data":"","num":0,"total":1}',
+    '{"op":"robotether.go","id":7}',
+    '{"op":"subscribe","topic":"/a b","id":"x"}',
+    '{"op":"subscribe","topic":"/a","type":7}',
+    '{"op":"subscribe","topic":"/a","id":[]}',
+    '{"op":"subscribe","topic":"/a","throttle_rate":-1}',
+    '{"op":"subscribe","topic":"/a","compression":"zip"}',
+    '{"op":"subscribe","topic":"/a","qos":{"op":1}}',
+    '{"op":"call_service","service":"/rosapi/topics","args":{"a":{}}}',
+    '{"op":"call_service","service":"/rosapi/set_param"}',
+    '{"op":"publish","topic":"/cmd_vel","latch":1}',
+    '{"op":"publish","topic":"/cmd_vel","msg":[]}',
+    '{"op":"publish","topic":"/cmd_vel","robotether":{}}',
+    '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"w":1}}}',
+    '{"op":"publish","topic":"/cmd_vel","msg":{"x":1}}',
+    '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1e999}},"id":"v"}',
+    '{"op":"publish","topic":"/cmd_vel","robotether":{"t_ms":-1e9}}',
+    '{"op":"publish","topic":"/cmd_vel","robotether":{"t_ms":1e15}}',
+    '{"op":"robotether.beat","t_ms":"1"}',
+]
+LIMITED = {
+    "the second subscription": ['{"op":"subscribe","topic":"/a","id":1}', '{"op":"subscribe","topic":"/b"}'],
+    "a message over 4 KB": ['{"op":"publish","x":"' + "x" * 4096 + '"}'],
+    "a message of many values": ['{"op":"publish","x":[' + "1," * 1800 + "1]}"],
+    "many messages at once": ['{"op":"unsubscribe","topic":"/a"}'] * 50,
+}  # fmt: skip
+AGE = re.compile(r"\d+ ms old")
+
+
+async def test_what_is_refused(world: World, recorded: SnapshotAssertion) -> None:
+    """How the relay writes messages anew, and the status of each message that goes no further."""
+    transcript, robot = Transcript(), await world.robot()
+    for text, (what, got) in zip(
+        WRITTEN, await outcomes(world, robot, WRITTEN, "drive", CARL), strict=True
+    ):
+        transcript.add("client:", text)
+        transcript.add(f"  {what}:", got)
+    for text in REFUSED:
+        ((what, answer),) = await outcomes(world, robot, [text])
+        shown = text if len(text) < 200 else f"{text[:40]}... ({len(text)} characters)"
+        transcript.add("client:", shown)
+        transcript.add(f"  {what}:", AGE.sub("<age> ms old", answer))
+    async with world.connect() as socket:
+        await socket.send_bytes(bytes(range(256)))
+        transcript.add("client, bytes that are no UTF-8:", await socket.receive_json())
+    limits = Limits(subscriptions=1, messages_per_s=1, message_kb=4)
+    await world.change(policy=structs.replace(world.sim1.settings.policy, limits=limits))
+    for case, texts in LIMITED.items():
+        async with world.connect() as socket:
+            for text in texts:
+                await socket.send_str(text)
+            async with asyncio.timeout(WAIT_S):
+                while (answer := await socket.receive_json())["op"] != "status":
+                    pass
+            transcript.add(f"{case}:", answer)
+    assert transcript == recorded
+
+
+async def test_relay_and_robot(world: World, recorded: SnapshotAssertion) -> None:
+    """The handshake, a drive command as text with and without a guard, and what passes back as it is."""
+    transcript = Transcript(MEASURED)
+    transcript.name(world.sim1.ros_port or 0, "ros port")
+    varying = {"User-Agent": "<aiohttp>", "Sec-WebSocket-Key": "<random>"}
+    modes: tuple[Mode, ...] = ("guarded", "guard_off")
+    for robot_mode in modes:
+        robot = await world.robot(robot_mode)
+        transcript.name(robot.session.configs[-1]["guard"]["key"], "guard's key")
+        for number, (mode, user) in enumerate((("observe", BOB), ("drive", ANN)), 1):
+            async with world.connect(mode, user) as socket:
+                headers = (await robot.connections(number))[-1]
+                shown = {name: varying.get(name, value) for name, value in headers.items()}
+                transcript.add(
+                    f"{user.name} of sim1, which is {robot_mode}:",
+                    *(f"{name}: {value}" for name, value in sorted(shown.items())),
+                )
+                if mode == "observe":
+                    continue
+                for stamp in ({}, {"robotether": {"t_ms": 0}}):
+                    message = {"op": "publish", "topic": "/cmd_vel", "id": "p", **stamp}
+                    if stamp:
+                        await socket.send_json({"op": "robotether.beat", "t_ms": 0})
+                        beat = await socket.receive_json(timeout=WAIT_S)
+                        message["robotether"] = {"t_ms": beat["relay_ms"]}
+                    await socket.send_json({**message, "msg": {"linear": {"x": 1, "y": 0.5}}})
+                    expected = 2 if stamp else 1
+                    await until(lambda r=robot, n=expected: len(r.received) == n, "it came", WAIT_S)
+                    text = re.sub(r"\b\d+\.\d{3},", "<ms, 3 digits>,", str(robot.received[-1]))
+                    transcript.add(f"{'with' if stamp else 'without'} a client's time:", text)
+                    if not stamp:
+                        await socket.receive_str()
+        if robot_mode == "guarded":
+            await robot.stop()
+    async with world.connect("observe", BOB) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge", WAIT_S)
+        for data in (b'{"op": "publish",  "topic": "/a", "msg": {"x": NaN}}', b"no JSON", b""):
+            await robot.send_to_clients(data)
+            message = await asyncio.wait_for(socket.receive(), WAIT_S)
+            transcript.add(f"from the robot, {message.type.name}:", json.dumps(message.data))
+        for client in robot.clients:
+            await client.send_bytes(b"\x00\x01bson\xff")
+        message = await asyncio.wait_for(socket.receive(), WAIT_S)
+        transcript.add(f"from the robot, {message.type.name}:", message.data.hex(" "))
+    assert transcript == recorded
+
+
+async def test_own_operations(world: World, recorded: SnapshotAssertion) -> None:
+    """Clock syncs, the control object in each of its states, and a stop from an observer."""
+    transcript, robot = Transcript(["relay_ms"]), await world.robot()
+    async with AsyncExitStack() as stack:
+        bob = await stack.enter_async_context(world.connect("observe", BOB))
+
+        async def add(state: str, condition: Callable[[dict[str, Any]], object]) -> None:
+            async with asyncio.timeout(WAIT_S):
+                while True:
+                    message = await bob.receive_json()
+                    if message["op"] == "robotether.control" and condition(message["control"]):
+                        break
+            transcript.add(f"{state}:", message)
+
+        await bob.send_str('{"op":"robotether.beat","t_ms":81.25,"key":"k1","x":1}')
+        transcript.add("beat:", await bob.receive_json(timeout=WAIT_S))
+        await add("nobody drives", lambda c: not c["driver"])
+        await stack.enter_async_context(world.connect())
+        await add("ann drives", lambda c: c["driver"])
+        await world.ask(CARL, "lease", action="ask")
+        await add("carl asks", lambda c: c["waiting"] and c["waiting"]["passes_at"])
+        await world.ask(ANN, "lease", action="hand_over")
+        await add("it is kept for carl", lambda c: c["reserved"])
+        await stack.enter_async_context(world.connect("drive", CARL))
+        await add("carl drives", lambda c: c["driver"])
+        robot.session.answers_orders = False
+        await bob.send_str('{"op":"robotether.stop","x":1}')
+        await add("bob has stopped it", lambda c: c["stopped"] and not c["stopped"]["confirmed"])
+        robot.session.answers_orders = True
+        await add("its guard has the stop", lambda c: c["stopped"] and c["stopped"]["confirmed"])
+        await world.ask(ANN, "release")
+        await add("ann has released it", lambda c: not c["stopped"])
+        robot.session.send(type="guard", state="down", stopped=False, by="", moving=False,
+                           answers=None, refused={})  # fmt: skip
+        await add("its guard is down", lambda c: c["guard"] == "down")
+        await robot.stop()
+        await add("it is offline", lambda c: c["guard"] not in {"down", "ready"})
+    assert robot.received == []
+    assert transcript == recorded
+
+
+class Ends:
+    """Opens connections that end, and adds how to a transcript."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.transcript = Transcript()
+        self.robot: FakeRobot | None = None
+
+    async def add(
+        self,
+        case: str,
+        act: Callable[[aiohttp.ClientWebSocketResponse], Any] = lambda _: None,
+        mode: str = "drive",
+        user: RelayUser = ANN,
+    ) -> None:
+        """Have a connection ended by `act`, once it has reached the robot if there is one that lets it."""
+        before = 0 if self.robot is None else self.robot.clients_ever
+        async with self.world.connect(mode, user) as socket:
+            if (robot := self.robot) is not None:
+                await until(lambda: robot.clients_ever > before, "rosbridge is reached", WAIT_S)
+            done = act(socket)
+            if done is not None:
+                await done
+            await self.add_end(case, socket)
+        connections = self.world.relay.relay.connections
+        await until(lambda: not connections.count(mode), "it has left", WAIT_S)
+
+    async def add_refused(self, case: str, user: RelayUser = ANN) -> None:
+        """Have a connection that does not reach the robot."""
+        async with self.world.connect("drive", user) as socket:
+            await self.add_end(case, socket)
+
+    async def add_end(self, case: str, socket: aiohttp.ClientWebSocketResponse) -> None:
+        """Wait for the end."""
+        self.transcript.add(f"{case}:", await ending_of(socket))
+
+    async def online(self) -> FakeRobot:
+        """Bring the robot online, to be reached by each connection."""
+        self.robot = await self.world.robot()
+        return self.robot
+
+
+async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
+    """Read on until the relay closes; return the code and its reason."""
+    async with asyncio.timeout(WAIT_S):
+        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+            assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
+    return f"{message.data} {message.extra}"
+
+
+def announced(size: int) -> Callable[[aiohttp.ClientWebSocketResponse], None]:
+    """Announce a message of this size to the relay."""
+    header = b"\x81\xff" + struct.pack("!Q", size)
+    return lambda socket: socket._writer.transport.write(header)
+
+
+async def test_how_connections_end(world: World, recorded: SnapshotAssertion) -> None:
+    """The close code and reason of each end."""
+    ends = Ends(world)
+    await ends.add("never connected")
+    await _ends_by_messages(ends)
+    await _ends_by_rights(ends)
+    await _ends_by_robot(ends)
+    assert ends.transcript == recorded
+
+
+async def _ends_by_messages(ends: Ends) -> None:
+    robot = await ends.online()
+
+    def by_robot(data: bytes) -> Callable[[object], None]:
+        def write(_: object) -> None:
+            for client in robot.clients:
+                client._req.transport.write(data)
+
+        return write
+
+    def no_websocket(socket: aiohttp.ClientWebSocketResponse) -> None:
+        socket._writer.transport.write(b"\xff\xff\xff\xff")
+
+    goodbye = struct.pack("!H", 1000)
+    await ends.add("client leaves", lambda s: s.send_frame(goodbye, WSMsgType.CLOSE))
+    await ends.add("over an observer's limit", announced(65 * 1024), "observe", BOB)
+    await ends.add("over a driver's limit", announced(11 * 2**20))
+    await ends.add("robot over its limit", by_robot(b"\x81\x7f" + struct.pack("!Q", 2**24)))
+    await ends.add("no WebSocket", no_websocket)
+    await ends.add("no WebSocket from the robot", by_robot(b"\xff\xff"))
+
+
+async def _ends_by_rights(ends: Ends) -> None:
+    world, database, relay = ends.world, ends.world.database, ends.world.relay.relay
+
+    def broken(_: object) -> None:
+        raise RuntimeError("a defect of the test's own")
+
+    async def to_carl(_: object) -> None:
+        await world.ask(CARL, "lease", action="ask")
+        await world.ask(ANN, "lease", action="hand_over")
+
+    grants = dict(database.grants)
+    await ends.add("rights ended", lambda _: database.grants.clear())
+    database.grants |= grants
+    await relay.fleet.poll()
+    usual = relay.connections.caps
+    relay.connections.caps = replace(usual, per_user=0)
+    await ends.add_refused("too many of a user")
+    relay.connections.caps = usual
+    database.down = True
+    await ends.add_refused("no database")
+    database.down = False
+    await relay.fleet.poll()
+    database.next_fence = broken  # type: ignore[assignment,method-assign]
+    await ends.add_refused("a defect of the relay")
+    del database.next_fence
+    async with world.connect() as socket:
+        await until(lambda: relay.control.driver(7), "ann drives", WAIT_S)
+        async with world.connect():
+            await ends.add_end("superseded", socket)
+            await ends.add_refused("held by another", CARL)
+    await until(lambda: not relay.connections.count("drive"), "all have left", WAIT_S)
+    await ends.add("handed over", to_carl)
+    await ends.add_refused("kept for another")
+    await ends.add("stopped", lambda _: world.ask(BOB, "stop"), user=CARL)
+    await ends.add_refused("still stopped")
+    await world.ask(ANN, "release")
+
+
+async def _ends_by_robot(ends: Ends) -> None:
+    robot, relay = ends.robot, ends.world.relay.relay
+    assert robot is not None
+    await ends.add("rosbridge ends", lambda _: next(iter(robot.clients)).close())
+    await ends.add("rosbridge breaks", lambda _: next(iter(robot.clients))._req.transport.abort())
+    robot.mode = "port_taken"
+    await ends.add("link lost", lambda _: robot.session.close())
+    await robot.stop()
+    ends.robot = None
+    await ends.add("offline")
+    other = await ends.world.robot("no_rosbridge")
+    await ends.add("no rosbridge")
+    await other.stop()
+    await ends.online()
+    stopping: list[asyncio.Task[None]] = []
+    stop = relay.stop
+    await ends.add("relay stops", lambda _: stopping.append(asyncio.create_task(stop())))
+    await stopping[0]
+
+
+async def test_how_slow_connections_end(
+    patient: Timing, recorded: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who says nothing or far too much, and a robot that takes nothing; of all limits only this one is short."""
+    transcript, short_s = Transcript(), 0.5
+    driver_limits = replace(patient.driver_limits, silent_after_s=short_s)
+    async with running_world(replace(patient, driver_limits=driver_limits)) as world:
+        await world.robot()
+        async with world.connect(autoping=False) as socket:
+            transcript.add("client says nothing:", await ending_of(socket))
+    driver_limits = replace(patient.driver_limits, slow_after_s=short_s)
+    async with running_world(replace(patient, driver_limits=driver_limits)) as world:
+        await world.robot("slow_reader")
+        async with world.connect("drive", CARL) as socket:
+            large = {"op": "publish", "topic": "/chatter", "msg": {"x": "x" * 500_000}}
+            transcript.add("robot takes nothing:", await _end_of_sender(socket, large))
+    monkeypatch.setattr(message_validator, "FLOOD_AFTER_S", short_s)
+    async with running_world(patient) as world:
+        await world.robot()
+        async with world.connect("observe", BOB) as socket:
+            large = {"op": "subscribe", "topic": "/a", "x": "x" * 30_000}
+            transcript.add("client floods:", await _end_of_sender(socket, large))
+    assert transcript == recorded
+
+
+async def _end_of_sender(socket: aiohttp.ClientWebSocketResponse, message: object) -> str:
+    """Send a message as often as it is taken, until the relay closes."""
+
+    async def send() -> None:
+        with suppress(ConnectionError):
+            while not socket.closed:
+                await socket.send_json(message)
+                await asyncio.sleep(0)
+
+    sending = asyncio.create_task(send())
+    found = await ending_of(socket)
+    await sending
+    return found
+
+
+async def test_what_opens_nothing(world: World, recorded: SnapshotAssertion) -> None:
+    """The answer of HTTP to each handshake that is refused before the upgrade."""
+    transcript, relay = Transcript(), world.relay
+    other = world.database.add_robot(8, "sim2", u1="observe")
+    await until(lambda: 8 in relay.relay.fleet.known.robots, "the relay knows both", WAIT_S)
+    base, good = f"{relay.url}/robots/sim1/ros", relay.ticket(world.sim1)
+    kept = ("Content-Type", "Cache-Control", "WWW-Authenticate", "X-Content-Type-Options")
+
+    async def add(case: str, url: str, **headers: str) -> None:
+        sent = headers if case == "no upgrade" else UPGRADE | headers
+        async with world.http.get(url, headers=sent) as answer:
+            shown = {name: answer.headers[name] for name in kept if name in answer.headers}
+            transcript.add(f"{case}: {answer.status}", shown, await answer.json(content_type=None))
+
+    await add("without a ticket", base)
+    await add("a ticket that is none", f"{base}?ticket=rubbish")
+    await add("forged", f"{base}?ticket={good[:-3]}{'BBB' if good.endswith('AAA') else 'AAA'}")
+    await add("for another robot", f"{base}?ticket={relay.ticket(other, 'observe')}")
+    await add("unknown robot", f"{relay.url}/robots/nosuch/ros?ticket={good}")
+    drive = relay.ticket(other, "drive")
+    await add("no right to drive", f"{relay.url}/robots/sim2/ros?ticket={drive}")
+    await add("another site", f"{base}?ticket={good}", Origin="https://evil.example")
+    await add("no upgrade", f"{base}?ticket={good}")
+    async with world.http.ws_connect(f"{base}?ticket={good}") as socket:
+        transcript.add("good, while the robot is offline:", await ending_of(socket))
+    await add("used", f"{base}?ticket={good}")
+    assert transcript == recorded

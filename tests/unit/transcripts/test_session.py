@@ -1,0 +1,302 @@
+"""The lines of a robot's session in both directions, as agent and relay write them.
+
+The agent is the real program with its guard, and OpenSSH carries its lines to the real relay. Only the session
+command is a double; its first line is read from the real one's source.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import json
+import os
+import re
+import shutil
+import socket
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from fake_cameras import FakeVideoServer, TopicRosbridge
+from fake_cloud import FakeCloud, Link, agent_environ, eventually
+from fake_robot import FINGERPRINT, HOST, RobotSession
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.main import Timing
+from syrupy.assertion import SnapshotAssertion
+from transcripts import Transcript
+
+ROOT = Path(__file__).resolve().parents[3]
+BATTERY = {"/battery_state": "sensor_msgs/msg/BatteryState"}
+WAIT_S = 60.0
+Said = dict[str, Any]
+
+
+def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
+    """Write the first line of a connection, as session.c does."""
+    source = (ROOT / "images/sshd/session.c").read_text()
+    found = re.search(r"snprintf\(line, sizeof line,\s*(.*?),\s*wanted_kind", source, re.DOTALL)
+    assert found
+    layout = ast.literal_eval(f"({found[1]})").replace("%lu", "%d")
+    given = (kind, robot_id, FINGERPRINT, ",".join(map(str, ports)), "198.51.100.7", SESSION_KEY)
+    return (layout % given).encode()
+
+
+class Server(FakeCloud):
+    """A server with the real relay behind its sshd, which keeps what passes."""
+
+    def __init__(self, relay: RelayServer, robot_id: int) -> None:
+        super().__init__()
+        self.said: list[tuple[str, str, Said]] = []
+        self._relay_port = relay.relay.session_port
+        self._robot_id = robot_id
+
+    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+        relay_in, relay_out = await asyncio.open_connection(HOST, self._relay_port)
+        first = preface(link.kind, self._robot_id, self.ports)
+        self.said.append((link.kind, "session command", json.loads(first)))
+        relay_out.write(first)
+        up = asyncio.ensure_future(self._pass(link.kind, "agent", reader, relay_out))
+        try:
+            await self._pass(link.kind, "relay", relay_in, link._writer)
+        finally:
+            up.cancel()
+            await asyncio.gather(up, return_exceptions=True)
+            relay_out.close()
+
+    async def _pass(
+        self, kind: str, who: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        while line := await reader.readline():
+            self.said.append((kind, who, json.loads(line)))
+            writer.write(line)
+
+
+class Session:
+    """One agent at a server: waits for lines, and writes each down that was waited for."""
+
+    def __init__(self, server: Server, relay: RelayServer, database: MemoryDatabase) -> None:
+        self.server, self.relay, self.database = server, relay, database
+        self.transcript = Transcript(measured=["t_ms", "seq"])
+        self.transcript.name(socket.gethostname(), "hostname")
+        for port, name in zip(server.ports, ("ROS port", "video port"), strict=True):
+            self.transcript.name(port, name)
+        self._from = 0
+
+    async def line(
+        self, who: str, kind: str, of: str = "session", *, at: int | None = None, **members: object
+    ) -> Said:
+        """Wait for a line of this type with these members; `at` is its place among those of this side.
+
+        Without a place it may be any since the last thing that happened.
+        """
+
+        def fits(said: Said) -> bool:
+            return said["type"] == kind and members.items() <= said.items()
+
+        def found() -> list[Said]:
+            lines = self.server.said if at is not None else self.server.said[self._from :]
+            of_side = [one[2] for one in lines if one[:2] == (of, who)]
+            return list(filter(fits, of_side if at is None else _slice(of_side, at)))
+
+        await eventually(
+            lambda: bool(found()), lambda: f"{who} {kind} {members}: {self.server.said}", WAIT_S
+        )
+        said = found()[0]
+        if kind == "hello":
+            self.transcript.name(said["agent_version"], "version")
+        self.transcript.add(f"{who} ({of}):", said)
+        return said
+
+    def happens(self, what: str) -> None:
+        """Note what happens now; only lines after it are waited for."""
+        self.transcript.add(f"--- {what}")
+        self._from = len(self.server.said)
+
+    async def change(self, **changes: Any) -> None:
+        """Change the robot's row."""
+        robots = self.database.robots
+        self.database.robots = {7: replace(robots[7], **changes)}
+        await self.relay.relay.fleet.poll()
+
+
+def _slice(lines: list[Said], at: int) -> list[Said]:
+    return lines[at:] if at == -1 else lines[at : at + 1]
+
+
+@pytest.fixture
+async def session(patient: Timing) -> AsyncIterator[Session]:
+    """An agent whose robot is well, at a relay on which user 1 drives it."""
+    database = MemoryDatabase()
+    robot = database.add_robot(7, "sim1", u1="drive")
+    async with (
+        running_relay(database, patient) as relay,
+        TopicRosbridge(BATTERY) as rosbridge,
+        FakeVideoServer() as video,
+    ):
+        server = Server(relay, robot.id)
+        server.ports = (robot.ros_port, robot.video_port)
+        await server.start()
+        urls = {"rosbridge_url": rosbridge.url, "video_url": video.url}
+        place = Path(
+            tempfile.mkdtemp(prefix="rt-")
+        )  # a Unix socket's path is at most 107 bytes long
+        try:
+            async with running_agent(agent_environ(server, place, **urls)):
+                session = Session(server, relay, database)
+                await battery(rosbridge)
+                yield session
+        finally:
+            await server.close()
+            shutil.rmtree(place)
+
+
+@asynccontextmanager
+async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
+    """Run the agent as its boot service does."""
+    environ = {"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT / "agent"), **environ}
+    agent = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "robotether_agent", "run", env=environ
+    )
+    try:
+        yield
+    finally:
+        agent.terminate()
+        await agent.wait()
+
+
+async def battery(rosbridge: TopicRosbridge) -> None:
+    """Have the robot say how full its battery is, as soon as somebody wants to know."""
+    await eventually(
+        lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got), WAIT_S
+    )
+    await rosbridge.publish("/battery_state", {"percentage": 0.81, "power_supply_status": 1})
+
+
+async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
+    """From the first line to the bye, each type of line in both directions."""
+    relay, line = session.relay, session.line
+    await line("session command", "preface")
+    await line("relay", "config", at=0)
+    await line("relay", "lease", at=1)
+    await line("agent", "hello", at=0)
+    await line("agent", "health", ros="ok", video="ok")
+    await line("agent", "guard", state="ready")
+    await line("agent", "vitals")
+    await line("agent", "ping")
+    await line("relay", "pong")
+    await line("relay", "ping")
+    await line("agent", "pong")
+    await line("agent", "check")
+    await line("session command", "preface", "media")
+    await line("relay", "config", "media", at=0)
+    await line("agent", "ping", "media")
+    await line("relay", "pong", "media")
+    # Once both tunnels are open.
+    await line("relay", "checked", ros="ok", video="ok")
+    robot = session.database.robots[7]
+    token = session.database.add_credential("token", RelayUser(1, "ann"))
+    connector = aiohttp.TCPConnector(force_close=True)
+    async with aiohttp.ClientSession(
+        connector=connector, headers={"Authorization": f"Bearer {token}"}
+    ) as http:
+        session.happens("ann drives")
+        async with http.ws_connect(relay.ros_url(robot)):
+            await line("relay", "lease", held=True)
+            session.happens("ann stops driving")
+        await line("relay", "lease", held=False)
+        for order, stopped in (("stop", True), ("release", False)):
+            session.happens(f"ann asks for {order}")
+            async with http.post(f"{relay.url}/api/v1/robots/sim1/{order}") as answer:
+                assert answer.status == 200
+            told = await line("relay", order)
+            await line("agent", "guard", stopped=stopped, answers=told["id"])
+    session.happens("an admin asks for a new name")
+    await session.change(name="turtle")
+    await line("relay", "config")
+    session.happens("an admin disables the robot")
+    await session.change(state="disabled")
+    await line("relay", "bye", at=-1)
+    await line("relay", "bye", "media", at=-1)
+    assert session.transcript == recorded
+
+
+BROKEN = (
+    b"no JSON",
+    b'{"seq": 1}',
+    b'{"type": "ping"}',
+    b'{"type": "pong", "seq": "one"}',
+    b'{"type": "ping", "seq": 1, "t_ms": -1}',
+    b'{"type": "hello", "agent_version": "0.1.0"}',
+    b'{"type": "hello", "hostname": "turtle", "agent_version": "\\n"}',
+    b'{"type": "hello", "hostname": "turtle", "agent_version": "1", "guard": "maybe"}',
+    b'{"type": "health", "ros": "fine", "video": "ok"}',
+    b'{"type": "guard", "state": "asleep"}',
+    b'{"type": "vitals", "battery": {"percent": 101, "charging": true}}',
+)
+
+
+async def connected(relay: RelayServer, **given: Any) -> RobotSession:
+    """Open a connection to the session port, as the session command does."""
+    fields = {"robot_id": 7, "kind": "session", "session_key": SESSION_KEY} | given
+    session = RobotSession(fields.pop("robot_id"), **fields)
+    await session.connect(relay.relay.session_port)
+    return session
+
+
+async def ended(session: RobotSession) -> Said | None:
+    """Wait for the end, and return the bye."""
+    await asyncio.wait_for(session.closed.wait(), WAIT_S)
+    await session.close()
+    return session.bye
+
+
+async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
+    """What the relay says to who may not connect, does not keep to the protocol, or has to go."""
+    database = MemoryDatabase()
+    robot = database.add_robot(7, "sim1")
+    transcript = Transcript()
+    transcript.name(robot.ros_port, "ROS port")
+    async with running_relay(database, patient) as relay:
+
+        async def add(what: str, data: bytes = b"", **given: Any) -> None:
+            session = await connected(relay, **given)
+            session.send_raw(data)
+            transcript.add(f"{what}:", await ended(session))
+
+        await add("another session key", session_key="wrong")
+        await add("another kind", kind="party")
+        await add("an unknown robot", robot_id=8)
+        await add("another key", fingerprint="SHA256:other")
+        await add("a shell that is off", kind="shell")
+        await add("other ports", ports=(1,))
+        for line in BROKEN:
+            await add(line.decode(), line + b"\n")
+        # No byte more than the relay has to read: it would be gone before its bye arrives.
+        await add("a line over 64 KiB", b"x" * (64 * 1024 + 1))
+        older = await connected(relay)
+        await asyncio.wait_for(older.configured.wait(), WAIT_S)
+        newer = await connected(relay)
+        transcript.add("a newer session:", await ended(older))
+        await newer.close()
+        holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, robot.ros_port)
+        await add("a port that somebody holds")
+        holder.close()
+        database.robots = {7: replace(robot, state="disabled")}
+        await relay.relay.fleet.poll()
+        await add("a disabled robot")
+        database.robots = {7: robot}
+        await relay.relay.fleet.poll()
+        last = await connected(relay, kind="media")
+        await asyncio.wait_for(last.configured.wait(), WAIT_S)
+    transcript.add("a relay that stops:", await ended(last))
+    async with running_relay(database, replace(patient, timeout_s=0.5)) as relay:
+        silent = await connected(relay, silent=True)
+        transcript.add("a robot that answers no ping:", await ended(silent))
+    assert transcript == recorded
