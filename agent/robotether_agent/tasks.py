@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
 
@@ -32,18 +33,36 @@ async def within(timeout_s: float, work: Coroutine[Any, Any, T]) -> T:
     """Return what `work` returns, or raise asyncio.TimeoutError after `timeout_s`.
 
     In place of asyncio.wait_for, which before Python 3.12 swallows a cancellation that comes in the moment
-    when the work ends (python/cpython#86296): a task that reads line after line then never ends.
+    when the work ends (python/cpython#86296): a task that reads line after line then never ends. Nor is the result
+    lost in that moment, since only the caller can close it: it is returned, and the caller's next await is cancelled.
     """
     task = asyncio.ensure_future(work)
     try:
         await asyncio.wait({task}, timeout=timeout_s)
-    finally:
-        if not task.done():
-            task.cancel()
-            await asyncio.wait({task})
+        await _cancelled(task)
+    except asyncio.CancelledError:
+        await _cancelled(task)
+        if task.cancelled() or task.exception() is not None:
+            raise
+        _cancel_at_next_await()
     if task.cancelled():
         raise asyncio.TimeoutError
     return task.result()
+
+
+async def _cancelled(task: asyncio.Future[T]) -> None:
+    if not task.done():
+        task.cancel()
+        await asyncio.wait({task})
+
+
+def _cancel_at_next_await() -> None:
+    caller = asyncio.current_task()
+    if caller is not None:
+        if sys.version_info >= (3, 11):
+            # One request to cancel stays one: asyncio.timeout counts them.
+            caller.uncancel()
+        caller.cancel()
 
 
 async def _end(tasks: Sequence[asyncio.Future[None]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 
 import pytest
 from robotether_agent.tasks import first_of, within
@@ -84,3 +85,54 @@ async def test_within_never_swallows_a_cancellation():
     done, _ = await asyncio.wait({task}, timeout=1)
     assert done
     assert task.cancelled()
+
+
+async def test_within_loses_no_result_to_a_cancellation():
+    """What was opened in the very moment of a cancellation reaches the one who closes it."""
+    opened, log = asyncio.Event(), []
+
+    async def opening() -> str:
+        await opened.wait()
+        return "a socket"
+
+    async def using() -> None:
+        socket = await within(5, opening())
+        try:
+            log.append(f"has {socket}")
+            await asyncio.sleep(0)
+            log.append("was not cancelled")
+        finally:
+            log.append("closed it")
+
+    task = asyncio.ensure_future(using())
+    for _ in range(3):
+        await asyncio.sleep(0)
+    opened.set()
+    # One turn lets the inner work end; its result and the cancellation then arrive together.
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait({task}, timeout=1)
+    assert task.cancelled()
+    assert log == ["has a socket", "closed it"]
+
+
+async def test_within_drops_an_error_when_it_is_cancelled():
+    """Work that fails in the moment of the cancellation is not reported as an error that nobody saw."""
+    failing, reported = asyncio.Event(), []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
+
+    async def fails() -> None:
+        await failing.wait()
+        raise ValueError("too late")
+
+    task = asyncio.ensure_future(within(5, fails()))
+    for _ in range(3):
+        await asyncio.sleep(0)
+    failing.set()
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait({task}, timeout=1)
+    assert task.cancelled()
+    del task
+    gc.collect()
+    assert reported == []
