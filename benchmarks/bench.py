@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+import agent_memory
 import behind_video
 import drive_page
 import guard_latency
@@ -55,6 +56,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
     "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
     "operations_rate": lambda _demo, _effort: operations_rate.measure(),
+    "agent_memory": lambda _demo, _effort: agent_memory.measure(),
     "guard_latency": lambda _, effort: guard_latency.measure(200 if effort.quick else 2000),
 }  # fmt: skip
 

@@ -1,0 +1,144 @@
+"""What the agent's processes cost a robot's memory: the real agent, connected to a fake cloud, and all that it started.
+
+Used by `bench`. Alone it also compares: `agent_memory.py agent ../other/agent` measures several checkouts in turn, in
+one run. PSS shares a page among the processes that have it, those of other programs too: what is anonymous is the
+agent's own, while the file pages of Python and its libraries count less here than on a robot without other Python.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import compileall
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from fake_cloud import FakeCloud, agent_environ, eventually
+from guard_latency import ROOT, simulated_robot
+from openssh_server import command_line, descendants
+from robotether_agent.status import read_status
+from sections import Section
+
+AGENT = ROOT / "agent"
+# By then all that the agent starts later has started, and its first work is over.
+SETTLED_AFTER_S = 10.0
+AIM_MB = 45
+
+
+@dataclass(frozen=True)
+class Memory:
+    """One process, in KB."""
+
+    command: str
+    pss: int
+    pss_anon: int
+    uss: int
+    rss: int
+
+    @property
+    def is_python(self) -> bool:
+        """Whether it is the agent or one of its guards, and no OpenSSH."""
+        return not self.command.startswith("ssh ")
+
+
+def memory_of(pid: int) -> Memory:
+    """Read /proc/PID/smaps_rollup."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
+    kb = {name: int(value.split()[0]) for name, value in (line.split(":", 1) for line in lines)}
+    command = " ".join(Path(word).name for word in command_line(pid).split()[:4])
+    uss = kb["Private_Clean"] + kb["Private_Dirty"]
+    return Memory(command, kb["Pss"], kb["Pss_Anon"], uss, kb["Rss"])
+
+
+def installed(agent: Path, place: Path) -> Path:
+    """Copy the agent's packages and compile them, as an installer does: Python that compiles keeps memory for it."""
+    for package in (agent / "robotether_agent", agent.parent / "common" / "robotether_common"):
+        if package.is_dir():
+            shutil.copytree(package, place / package.name)
+    compileall.compile_dir(place, quiet=1)
+    return place
+
+
+async def measured(agent: Path, settled_after_s: float) -> list[Memory]:
+    """Start the agent whose package is in this folder, and measure it when it has been connected for a while."""
+    async with AsyncExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-")))
+        port = await stack.enter_async_context(simulated_robot())
+        cloud = FakeCloud()
+        stack.push_async_callback(cloud.close)
+        await cloud.start()
+        urls = {"rosbridge_url": f"ws://127.0.0.1:{port}", "log_level": "warning"}
+        packages = installed(agent, place / "packages")
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-m", "robotether_agent", "run"),
+            env={
+                **os.environ,
+                **agent_environ(cloud, place, **urls),
+                "PYTHONPATH": str(packages),
+            },
+        )
+        try:
+
+            def is_connected() -> bool:
+                status = read_status(place / "run")
+                return status is not None and status.video_tunnel == "open"
+
+            await eventually(is_connected, lambda: "the agent is connected", 60)
+            await asyncio.sleep(settled_after_s)
+            return [memory_of(pid) for pid in (process.pid, *descendants(process.pid))]
+        finally:
+            process.terminate()
+            await process.wait()
+
+
+def rows_of(memories: Sequence[Memory], where: str = "") -> list[str]:
+    """The rows of one agent: each process, and the sum of those that are Python."""
+    python = [memory for memory in memories if memory.is_python]
+    total = Memory(
+        f"**Python, {len(python)} processes**",
+        *(sum(getattr(m, name) for m in python) for name in ("pss", "pss_anon", "uss", "rss")),
+    )
+    rows = [*python, *(memory for memory in memories if not memory.is_python), total]
+    return [
+        f"| {where}{row.command} | "
+        + " | ".join(f"{kb / 1024:.1f}" for kb in (row.pss, row.pss_anon, row.uss, row.rss))
+        + " |"
+        for row in rows
+    ]
+
+
+def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_AFTER_S) -> Section:
+    """The table for docs/measurements.md."""
+    table = ["| process | PSS MB | of it anonymous | USS MB | RSS MB |", "|---|---|---|---|---|"]
+    for agent in agents:
+        found = asyncio.run(measured(agent.resolve(), settled_after_s))
+        table += rows_of(found, f"{agent}: " if len(agents) > 1 else "")
+    return Section(
+        title="Memory of the agent and its guard",
+        text=(
+            f"The agent, connected and with rosbridge, {settled_after_s:.0f} s after its start. PSS counts a page "
+            "that several processes share once in all, USS what one process has alone.\n\n"
+            f"Aim: at most {AIM_MB} MB PSS in all Python processes."
+        ),
+        table=table,
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("agents", type=Path, nargs="*", default=[AGENT])
+    parser.add_argument("--after", type=float, default=SETTLED_AFTER_S, metavar="S")
+    chosen = parser.parse_args()
+    sys.stdout.write(measure(chosen.agents, chosen.after).markdown)
+
+
+if __name__ == "__main__":
+    main()
