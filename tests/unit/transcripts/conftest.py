@@ -29,8 +29,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
         (stops, "RELEASED_WITHIN_S"),
         (leases, "PASSES_AFTER_S"),
         (leases, "RESERVED_FOR_S"),
-        # A port that does not accept within this counts as free.
-        (port_checks, "RELEASE_CONNECT_S"),
         (port_checks, "CONNECT_WITHIN_S"),
     ):
         monkeypatch.setattr(module, name, PATIENCE_S)
