@@ -1,4 +1,4 @@
-"""The frames protocol (docs/media.md) between agent, relay and viewer."""
+"""The frames protocol (docs/reference/media.md) between agent, relay and viewer."""
 
 from __future__ import annotations
 

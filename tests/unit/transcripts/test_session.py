@@ -160,7 +160,11 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
 @asynccontextmanager
 async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
     """Run the agent as its boot service does."""
-    environ = {"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT / "agent"), **environ}
+    environ = {
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": f"{ROOT / 'agent'}:{ROOT / 'common'}",
+        **environ,
+    }
     agent = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "robotether_agent", "run", env=environ
     )

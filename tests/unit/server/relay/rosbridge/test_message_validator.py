@@ -26,7 +26,7 @@ from robotether_server.relay.rosbridge.message_validator import (
 from robotether_server.robot_settings import DEFAULTS, Level, LevelPolicy, Limits
 from validators import DRIVING, MANAGING, OBSERVING, Clock, check, name_of, refused, sent, validator
 
-PROTOCOLS = Path(__file__).resolve().parents[5] / "docs" / "protocols.md"
+PROTOCOLS = Path(__file__).resolve().parents[5] / "docs" / "reference" / "protocols.md"
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 
 
