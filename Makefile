@@ -3,15 +3,14 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 VENV := .venv
 PYTEST := $(VENV)/bin/pytest
-# Files side by side, each worker beside a stack of its own; those that take long first (tests/conftest.py).
-WORKERS := 2
-BY_FILE = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
+BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 # Where programs that are no tests find the modules of tests/support.
 SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
 comma := ,
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-robots test-server lint check coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -36,8 +35,8 @@ $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 test: venv ## everything: checks, unit, images, end to end, playbooks, experiments in small (some 35 minutes on two cores)
 	@tools/ensure_test_hosts
 	@$(MAKE) --no-print-directory --jobs=2 lint images frontend-test
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory --jobs=2 --output-sync=line test-running test-robots
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit test-running test-ansible
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
@@ -68,7 +67,6 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/e2e
 
-test-running: WORKERS := 3
 test-running: venv images ## the tests of images and end to end in one go, with two stacks less to start
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images tests/e2e
@@ -77,9 +75,6 @@ test-ansible: venv images ## playbooks and install line on hosts that boot syste
 	@tools/ensure_test_hosts
 	@tools/ensure_robot_host_image
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/ansible --ignore tests/ansible/test_server.py
-
-test-robots: test-ansible ## the playbooks, then the experiments in small
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
 test-server: venv images ## server.yml on a machine of its own with a Docker engine inside; not in make test, for its 4 to 9 minutes
 	@tools/ensure_test_hosts
