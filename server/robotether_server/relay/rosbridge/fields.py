@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from robotether_common.ros import MAX_NAME_LENGTH, NAME
+from robotether_common.ros import MAX_NAME_LENGTH, full_name
 
 Check = Callable[[Any], object]
 
@@ -42,11 +42,12 @@ def text(value: Any) -> str:
 
 def ros_name(value: Any) -> str:
     """Pass the name of a topic, service or action, with the first slash that it may lack."""
-    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH or not NAME.fullmatch(value):
+    name = full_name(value)
+    if name is None:
         raise FieldRefusedError(
             f"is no full name such as /a/b_1, of up to {MAX_NAME_LENGTH} characters"
         )
-    return value if value[0] == "/" else "/" + value
+    return name
 
 
 def flag(value: Any) -> bool:
