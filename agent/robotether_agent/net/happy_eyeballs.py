@@ -72,8 +72,18 @@ class HappyEyeballs(Generic[T]):
             self._pausing = None
         attempt = next(self._waiting, None)
         if attempt is not None:
-            self._running.append(asyncio.ensure_future(attempt()))
+            self._running.append(asyncio.ensure_future(self._run(attempt)))
             self._pausing = asyncio.ensure_future(self._pause())
+
+    async def _run(self, attempt: Callable[[], Awaitable[T]]) -> T:
+        """Return what the attempt returns; drop it when a cancellation came with it (`within`), which would lose it."""
+        result = await attempt()
+        try:
+            await asyncio.sleep(0)
+        except asyncio.CancelledError:
+            self._drop(result)
+            raise
+        return result
 
     async def _something(self) -> None:
         awaited: list[asyncio.Future[T] | asyncio.Future[None]] = [*self._running]

@@ -8,7 +8,7 @@ import pytest
 from relay_server import FAST
 from robotether_server.relay.control import leases, stops
 from robotether_server.relay.main import Timing
-from robotether_server.relay.robots import port_checks
+from robotether_server.relay.robots import port_checks, robot_dialer
 from syrupy.assertion import SnapshotAssertion
 from transcripts import TranscriptFile
 
@@ -30,6 +30,8 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
         (leases, "PASSES_AFTER_S"),
         (leases, "RESERVED_FOR_S"),
         (port_checks, "CONNECT_WITHIN_S"),
+        (robot_dialer, "MIN_CONNECT_TIMEOUT_S"),
+        (robot_dialer, "MAX_CONNECT_TIMEOUT_S"),
     ):
         monkeypatch.setattr(module, name, PATIENCE_S)
     patience = {"silent_after_s": PATIENCE_S, "slow_after_s": PATIENCE_S}

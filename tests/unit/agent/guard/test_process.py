@@ -15,7 +15,7 @@ import aiohttp
 import pytest
 from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
-from guard_process import GuardClient, GuardProcess
+from guard_process import WAIT_S, GuardClient, GuardProcess
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
@@ -25,9 +25,12 @@ from sim_client import SETTINGS, until
 from sim_robot.bus import Node, TopicMessage
 from sim_robot.simulator import Simulator
 
-# From the last command to the first zero: the deadman time and what a loaded machine adds.
+# What a loaded machine may add: this process, the guard's and the robot's wheels wait for a processor in turn. Where
+# something else than the deadman has to stop the robot, the deadman time is longer than that. To the millisecond the
+# deadman is tested with a given clock (test_deadman), and how long it takes in all is in benchmarks/stopping.py.
+SLACK_S = 1.5
 DEADMAN_S = 0.5
-SLACK_S = 0.35
+LATE_DEADMAN_MS = 2000
 
 
 class Robot:
@@ -106,7 +109,7 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
 
 async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
     """A stop is told in the words that the robot took, whatever its driver said last."""
-    async with GuardProcess(place, robot.port, deadman_ms=2000) as guard:
+    async with GuardProcess(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await client.drive(0.5)
@@ -133,7 +136,7 @@ LOSSES: dict[str, Callable[[GuardProcess, GuardClient], object]] = {
 @pytest.mark.parametrize("loss", LOSSES)
 async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -> None:
     """At once, well before the deadman time would, and whoever may not drive any more is put out."""
-    async with GuardProcess(place, robot.port) as guard:
+    async with GuardProcess(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client)
@@ -142,7 +145,7 @@ async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -
             put_out = loss in ("lease", "newer lease", "stop", "session")
             assert not put_out or await client.closed() == 1001
             await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
-            assert robot.zero_after(moment) <= 0.05 + SLACK_S
+            assert robot.zero_after(moment) <= SLACK_S
             if loss in ("end of input", "exit", "SIGTERM"):
                 assert await guard.ended() == 0
                 assert not (place / "motion.json").exists()
@@ -150,14 +153,17 @@ async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -
 
 async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None:
     """One second without a tick, and a driver who goes on drives nobody until the next one."""
-    async with GuardProcess(place, robot.port) as guard:
+    async with GuardProcess(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client)
             moment = time.monotonic()
             guard.silence()
-            await drive_on(client, 1.5)
+            async with asyncio.timeout(WAIT_S):
+                while 0.0 not in robot.speeds:
+                    await drive_on(client, 0.1)
             assert robot.zero_after(moment) <= 1.0 + SLACK_S
+            await client.drive(0.5)
             assert "agent" in (await client.receive())["msg"]
             guard.tell(type="tick")
             await guard.heard()
@@ -259,12 +265,12 @@ async def test_everything_else_passes_unchanged(place: Path) -> None:
         async with GuardClient(guard.port, 13) as client:
             text = '{"op":"publish",  "topic":"/echo", "msg":{"x": 1.50, "y":"\\u00e4ä"}}\n'
             await client.socket.send_str(text)
-            assert await client.socket.receive_str(timeout=5) == text
+            assert await client.socket.receive_str(timeout=WAIT_S) == text
             await client.socket.send_bytes(text.encode())
-            assert await client.socket.receive_bytes(timeout=5) == text.encode()
+            assert await client.socket.receive_bytes(timeout=WAIT_S) == text.encode()
             large = json.dumps({"op": "publish", "topic": "/echo", "msg": "x" * 5_000_000})
             await client.socket.send_str(large)
-            assert await client.socket.receive_str(timeout=20) == large
+            assert await client.socket.receive_str(timeout=WAIT_S) == large
 
 
 async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> None:
@@ -338,7 +344,7 @@ async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(pl
             await guard.until(lambda: rosbridge.connections > 0, "the publisher is connected")
             assert await status() == 426
             await rosbridge.stop()
-            end = time.monotonic() + 5
+            end = time.monotonic() + WAIT_S
             while await status() != 502:
                 assert time.monotonic() < end, "rosbridge is gone, and the guard says it is there"
             await rosbridge.start()

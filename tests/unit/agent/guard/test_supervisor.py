@@ -117,16 +117,15 @@ async def test_a_session_reaches_the_guard_in_order(keep, place):
     ]
 
 
-async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place):
+async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place, caplog):
     """The next one starts at once, on a port of its own, with configuration, session and lease."""
     running = keep("serves")
     await running.ready()
     running.supervisor.on_config(WANTS, direct=False)
     running.supervisor.on_lease(13, held=True)
-    killed_at = asyncio.get_running_loop().time()
     os.kill(births(place)[0]["pid"], signal.SIGKILL)
     await running.ready(2)
-    assert asyncio.get_running_loop().time() - killed_at < 1.0
+    assert "ended by SIGKILL [guard_down]; another one follows in 0.0 s" in caplog.text
     config, session, lease = await running.hears("config", "session", "lease")
     assert (config["guard"], session["up"]) == (WANTS, True)
     assert (lease["fence"], lease["held"]) == (13, True)
@@ -146,11 +145,15 @@ async def test_a_hot_spare_takes_over(keep, place, monkeypatch):
     os.kill(births(place)[0]["pid"], signal.SIGKILL)
     at_port = births(place)[1]["port"]
     await eventually(
-        lambda: running.supervisor.view.port == at_port, lambda: f"{running.supervisor.view}", 1
+        lambda: running.supervisor.view.port == at_port, lambda: f"{running.supervisor.view}"
     )
-    lines = heard(place)
-    born = [at for at, line in enumerate(lines) if line["type"] == "born"][1]
-    assert [line["type"] for line in lines[born + 1 : born + 3]] == ["config", "session"]
+
+    def heard_by_the_spare() -> list[str]:
+        kinds = [line["type"] for line in heard(place)]
+        return kinds[kinds.index("born", kinds.index("born") + 1) + 1 :]
+
+    await eventually(lambda: len(heard_by_the_spare()) >= 2, lambda: f"{heard_by_the_spare()}")
+    assert heard_by_the_spare()[:2] == ["config", "session"]
     assert running.supervisor.view.state == "ready"
     await eventually(lambda: len(births(place)) == 3, lambda: "another one a hot spare")
     await running.stop()
@@ -215,9 +218,10 @@ async def test_a_stop_that_its_guard_did_not_answer_is_told_to_the_next(keep, pl
     await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
     os.kill(births(place)[1]["pid"], signal.SIGKILL)
     await running.ready(3)
-    await running.hears("config", "session")
     # The third guard may know it from its own file.
-    assert stops_sent(place) == ["5f0c", "5f0c", "kept"]
+    await eventually(
+        lambda: stops_sent(place) == ["5f0c", "5f0c", "kept"], lambda: f"{stops_sent(place)}"
+    )
 
 
 async def test_a_stop_that_the_disk_did_not_take_outlives_its_guard(keep, place):

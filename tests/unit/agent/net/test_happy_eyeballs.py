@@ -136,6 +136,28 @@ async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns
     assert attempts.dropped == ([] if won == "works" else came)
 
 
+async def test_what_came_together_with_a_cancellation_is_dropped(attempts):
+    """As `within` ends: with its result, and with the cancellation left to the next await."""
+
+    async def attempt() -> str:
+        attempts.started.append("late")
+        current = asyncio.current_task()
+        assert current is not None
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            current.cancel()
+        return "late"
+
+    racing = asyncio.ensure_future(
+        HappyEyeballs([attempt], pause=never, drop=attempts.dropped.append).winner()
+    )
+    await eventually(lambda: bool(attempts.started), lambda: "it has started")
+    racing.cancel()
+    await asyncio.wait({racing})
+    assert attempts.dropped == ["late"]
+
+
 def test_silence_is_told_only_if_nothing_answered():
     """A refusal counts more than the silence beside it, since it waits longer."""
     assert isinstance(combined_problem([NoAnswer("a"), ServerUnreachable("b")]), ServerUnreachable)
