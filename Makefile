@@ -5,12 +5,15 @@ VENV := .venv
 PYTEST := $(VENV)/bin/pytest
 # Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
 BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
+# A test that hangs ends its worker with the traceback of each thread: a page that waits for ever hears nothing gentler.
+# The seconds are of a test with what it sets up first, such as the stack or enrolled robots.
+ENDS_AFTER := --timeout-method thread --timeout
 # Where programs that are no tests find the modules of tests/support.
 SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
 comma := ,
 
-.PHONY: help demo up down images test test-unit test-images test-e2e test-running test-ansible test-server lint check coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down docker images robot-host-image test-hosts ready test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -24,18 +27,35 @@ up: ## the stack alone
 down: ## stop the stack and the simulated robots; data stays
 	@tools/compose --profile '*' down
 
-images: ## build all images
-	@[ -n "$$IMAGES_ARE_BUILT" ] || { tools/ensure_docker && tools/ensure_base_image && tools/build demo; }
+docker:
+	@[ -n "$$IMAGES_ARE_BUILT" ] || { tools/ensure_docker && tools/ensure_base_image; }
+
+images: docker ## build all images
+	@[ -n "$$IMAGES_ARE_BUILT" ] || tools/build demo
+
+robot-host-image: docker
+	@[ -n "$$IMAGES_ARE_BUILT" ] || tools/ensure_robot_host_image
+
+test-hosts: docker
+	@tools/ensure_test_hosts
 
 venv: $(VENV)/.complete ## the Python tools that tests and checks need
 
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-test: venv ## everything: checks, unit, images, end to end, playbooks, experiments in small (some 35 minutes on two cores)
-	@tools/ensure_test_hosts
-	@$(MAKE) --no-print-directory --jobs=2 lint images frontend-test
+# Beside each other: what waits for a network or a disk, and what needs a processor.
+ready: lint frontend-test images test-hosts robot-host-image
+
+test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 15 minutes on two cores)
+	@[ -n "$$CI" ] || tools/ensure_docker  # its questions, which several jobs at once cannot ask
+	@$(MAKE) --no-print-directory --jobs=4 --output-sync=target ready
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit test-running test-ansible
+
+test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml (some 25 minutes)
+	@tools/ensure_test_hosts
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/images tests/e2e tests/ansible --ignore tests/ansible/test_server.py
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
@@ -43,11 +63,16 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 4 --timeout 120 --timeout-method thread -m "not alone" tests/unit benchmarks/tests tests/fuzz
-	@$(PYTEST) --timeout 120 --timeout-method thread -m alone tests/unit benchmarks/tests
+	@$(PYTEST) -n 4 $(ENDS_AFTER) 120 -m "not alone" tests/unit benchmarks/tests tests/fuzz
+	@$(PYTEST) $(ENDS_AFTER) 120 -m alone tests/unit benchmarks/tests
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check-lint check-unit
+
+check-lint:
 	@tools/lint quick
+
+check-unit:
 	@$(PYTEST) -q -n 2 --timeout 60 -m "not daemon and not waits and not alone" tests/unit
 
 coverage: venv ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
@@ -57,32 +82,29 @@ coverage: venv ## branch coverage of the product by its unit tests, into tests/a
 mutants: venv ## how many faults in the rules that keep robots safe the unit tests notice (up to an hour; ONLY=guard,leases,...)
 	@$(VENV)/bin/python tools/mutants.py $(subst $(comma), ,$(ONLY))
 
-frontend-test: ## the browser modules' own tests, in the image's Node.js
-	@tools/ensure_docker && tools/ensure_base_image && tools/test_frontend
+frontend-test: docker ## the browser modules' own tests, in the image's Node.js
+	@tools/test_frontend
 
 test-images: venv images ## ask the daemons in the images what is in force
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/images
 
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/e2e
 
 test-running: venv images ## the tests of images and end to end in one go, with two stacks less to start
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/images tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/images tests/e2e
 
-test-ansible: venv images ## playbooks and install line on hosts that boot systemd, against a stack of their own
+test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
-	@tools/ensure_robot_host_image
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) tests/ansible --ignore tests/ansible/test_server.py
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 600 -m "not release" tests/ansible --ignore tests/ansible/test_server.py
 
-test-server: venv images ## server.yml on a machine of its own with a Docker engine inside; not in make test, for its 4 to 9 minutes
+test-server: venv images robot-host-image ## server.yml on a machine of its own with a Docker engine inside (4 to 10 minutes)
 	@tools/ensure_test_hosts
-	@tools/ensure_robot_host_image
 	@$(PYTEST) tests/ansible/test_server.py
 
-enrol-times: venv images ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
-	@tools/ensure_robot_host_image
+enrol-times: venv images robot-host-image ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
 	@PYTHONPATH=$(SUPPORT):common:server $(VENV)/bin/python benchmarks/enrol_times.py
 
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root

@@ -1,6 +1,6 @@
 # What the scripts in this folder share; they source it.
 # shellcheck shell=bash
-# A script's own name stands before everything it prints.
+# Each line that a script prints begins with its name.
 
 readonly PROGRAM=${0##*/}
 
@@ -17,11 +17,18 @@ need_root() { # what for
   fail "cannot $1 as user $(id -un): neither root nor sudo. As root, run in this folder: tools/$PROGRAM"
 }
 
-# apt's lists, which a fresh machine has not got; fetched once a script.
+# As root, and one after the other: apt waits for no other apt, and make runs several of these scripts at once. What apt
+# starts and leaves running does not keep the lock.
+apt_get() {
+  # A machine that only needs a program must not get a listening daemon, too.
+  as_root flock --close /var/lib/apt env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get "$@"
+}
+
+# apt's lists, which a fresh machine does not have; fetched once a script.
 apt_update() {
   if [ -n "${apt_updated:-}" ]; then return; fi
   need_root "fetch apt's lists"
-  as_root apt-get update -qq
+  apt_get update -qq
   apt_updated=1
 }
 
@@ -30,11 +37,10 @@ apt_install() {
   command -v apt-get >/dev/null 2>&1 || fail "cannot install $*: this is no Debian or Ubuntu; install them and run this again"
   need_root "install $*"
   apt_update
-  # A machine that only needs a program must not get a listening daemon with it.
-  as_root env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+  apt_get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
-# A user whom ensure_docker has just put into the group docker has not got it in this login: take it for this script.
+# A user whom ensure_docker has just put into the group docker does not have it in this login: use it for this script.
 with_docker_group() { # the script's own arguments
   if [ -w /var/run/docker.sock ] || [ -n "${ROBOTETHER_IN_GROUP:-}" ]; then return; fi
   if [[ " $(id -nG "$(id -un)") " != *' docker '* ]]; then return; fi
