@@ -27,7 +27,7 @@ import aiohttp
 from link import Link, Shape, why_not_here
 from local_network import free_port
 from openssh_server import OpenSshServer, listens, wait_until
-from sections import Section, percentile
+from sections import Section, quantile
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
 HERE = Path(__file__).resolve().parent
@@ -263,10 +263,10 @@ def table(measured: list[Setup]) -> Iterator[str]:
             rate = setup.frame_bytes * 8 / setup.lasted_s / 1e6
             video = (
                 f"{rate:.2f} | {len(ages) / setup.lasted_s:.1f} "
-                f"| {percentile(ages, 50):.0f} | {percentile(ages, 99):.0f}"
+                f"| {quantile(ages, 0.5):.0f} | {quantile(ages, 0.99):.0f}"
             )
         yield (
-            f"| {setup.name} | {len(trips)} | {percentile(trips, 50):.1f} | {percentile(trips, 99):.1f} "
+            f"| {setup.name} | {len(trips)} | {quantile(trips, 0.5):.1f} | {quantile(trips, 0.99):.1f} "
             f"| {max(trips):.1f} | {video} |"
         )
 

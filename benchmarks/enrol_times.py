@@ -15,9 +15,9 @@ import time
 from pathlib import Path
 
 import aiohttp
-from playbooks import Played, Site, build_wheel
+from playbooks import FROM_INDEX, Played, Site
 from programs import Program
-from robot_hosts import ROOT, RobotHost, RobotHosts
+from robot_hosts import RobotHost, RobotHosts
 from stack import Stack
 
 FLEET = 5
@@ -84,9 +84,7 @@ def main() -> None:
             with RobotHosts(folder) as hosts:
                 # The playbook proves each robot by a round trip of its own before it ends.
                 site = Site(folder, stack, hosts, stack.token("enrol-times"))
-                (folder / "wheel").mkdir()
-                wheel = build_wheel(ROOT / "agent", folder / "wheel")
-                site.variables["robotether_wheel_file"] = str(wheel)
+                site.variables["robotether_agent_environment"] = str(FROM_INDEX)
                 sys.stdout.write("\n".join(measure(site, hosts)) + "\n")
         finally:
             stack.down()

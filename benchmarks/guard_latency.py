@@ -22,7 +22,7 @@ from pathlib import Path
 
 import aiohttp
 from guard_process import KEY, GuardProcess
-from sections import Section, percentile
+from sections import Section, quantile
 
 ROOT = Path(__file__).resolve().parents[1]
 FRAME_BYTES = 200
@@ -43,9 +43,9 @@ class Latency:
     guarded_ms: list[float]
     ready_s: float
 
-    def added_ms(self, percent: int) -> float:
-        """What the guard adds at a percentile."""
-        return percentile(self.guarded_ms, percent) - percentile(self.straight_ms, percent)
+    def added_ms(self, part: float) -> float:
+        """What the guard adds at a quantile."""
+        return quantile(self.guarded_ms, part) - quantile(self.straight_ms, part)
 
 
 @asynccontextmanager
@@ -134,13 +134,13 @@ async def compare(count: int = COUNT, rate_hz: float = RATE_HZ) -> Latency:
 def measure(count: int = COUNT) -> Section:
     """The table for docs/measurements.md."""
     found = asyncio.run(compare(count))
-    added = found.added_ms(50) / PASSES
+    added = found.added_ms(0.5) / PASSES
     table = ["| route | round trips | p50 ms | p99 ms |", "|---|---|---|---|"]
     for name, values in (
         ("straight to rosbridge", found.straight_ms),
         ("through the guard", found.guarded_ms),
     ):
-        row = f"{percentile(values, 50):.2f} | {percentile(values, 99):.2f}"
+        row = f"{quantile(values, 0.5):.2f} | {quantile(values, 0.99):.2f}"
         table.append(f"| {name} | {len(values)} | {row} |")
     return Section(
         title="What the guard adds to a message",

@@ -12,9 +12,9 @@ import time
 from collections.abc import Callable
 
 from demo import Demo
-from pages import chromium, drive_robot, expect_live, log_in
+from pages import chromium, drive_live, expect_live, log_in
 from playwright.sync_api import Page, sync_playwright
-from sections import Section, percentile
+from sections import Section, quantile
 from sim_watch import Seen, SimWatch
 from stopping import is_zero
 
@@ -86,7 +86,7 @@ def press(page: Page, watch: SimWatch) -> tuple[float, float]:
 def row(event: str, took_ms: list[float]) -> str:
     """A line of the table."""
     return (
-        f"| {event} | {len(took_ms)} | {percentile(took_ms, 50):.1f} | {percentile(took_ms, 99):.1f} "
+        f"| {event} | {len(took_ms)} | {quantile(took_ms, 0.5):.1f} | {quantile(took_ms, 0.99):.1f} "
         f"| {max(took_ms):.1f} |"
     )
 
@@ -97,7 +97,7 @@ def measure(demo: Demo, presses: int = PRESSES) -> Section:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
-        drive_robot(page, demo, ROBOT)
+        drive_live(page, demo, ROBOT)
         page.wait_for_timeout(1000)
         page.evaluate(LISTEN)
         with SimWatch(demo, ROBOT) as watch:

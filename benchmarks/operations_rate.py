@@ -19,7 +19,7 @@ from sections import Section
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "server"))
 
-from robotether_server.relay.rosbridge.drive_path import stamped
+from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS, Limits
 

@@ -1,4 +1,4 @@
-"""How old a picture is at the viewer, by the moment that the simulated camera has drawn into it.
+"""How old a frame is at the viewer, by the timestamp that the simulated camera has drawn into it.
 
 On loopback over the whole demo, and over an emulated link like the worst of the paper's (link.py) with the real agent,
 OpenSSH and relay; each beside plain MJPEG through a bare `ssh -R` over the same. Used by `bench`; needs `make demo` and
@@ -29,7 +29,7 @@ from openssh_server import OpenSshServer, listens
 from recovery import Site, Subject
 from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
 from robotether_server.relay.main import Timing
-from sections import Section, percentile
+from sections import Section, quantile
 from video_viewers import Frame, OnFrame, view_frames, view_stream
 
 SIM_ROBOT = Path(__file__).resolve().parents[1] / "images" / "sim_robot"
@@ -57,8 +57,8 @@ class Row:
         ages = [frame.age_ms for frame in self.viewed_frames]
         size = sum(len(frame.jpeg) for frame in self.viewed_frames)
         return (
-            f"| {self.where} | {self.transport} | {len(ages)} | {percentile(ages, 50):.0f} "
-            f"| {percentile(ages, 95):.0f} | {max(ages):.0f} | {len(ages) / self.lasted_s:.1f} "
+            f"| {self.where} | {self.transport} | {len(ages)} | {quantile(ages, 0.5):.0f} "
+            f"| {quantile(ages, 0.95):.0f} | {max(ages):.0f} | {len(ages) / self.lasted_s:.1f} "
             f"| {size / len(ages) / 1000:.0f} | {size * 8 / self.lasted_s / 1e6:.2f} |"
         )
 

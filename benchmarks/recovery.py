@@ -38,7 +38,7 @@ from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
-from sections import Section, percentile
+from sections import Section, quantile
 
 AGENT = os.pathsep.join(
     str(Path(__file__).resolve().parents[1] / name) for name in ("common", "agent")
@@ -218,7 +218,7 @@ class Cut:
     def row(self) -> str:
         """The row of the table."""
         good = [value for value in self.took_s if not math.isinf(value)] or [math.nan]
-        numbers = (percentile(good, 50), percentile(good, 99), max(good))
+        numbers = (quantile(good, 0.5), quantile(good, 0.99), max(good))
         cells = [self.name, *(f"{value:.2f}" for value in numbers), str(self.failures)]
         return f"| {' | '.join(cells)} |"
 

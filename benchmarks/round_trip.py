@@ -2,7 +2,7 @@
 
 A 200-byte std_msgs/String is published at 100 Hz and comes back to the same connection, on three connections whose
 messages alternate: straight to the simulated robot's rosbridge, through a bare `ssh -R` as in the paper, and through
-browser's door, nginx, TLS, ticket, relay, tunnel and guard. Used by `bench`; needs `make demo`. It must never drop a
+nginx, TLS, ticket, relay, tunnel and guard. Used by `bench`; needs `make demo`. It must never drop a
 sample: a message that does not come back in 5 s ends the run.
 """
 
@@ -18,7 +18,7 @@ import aiohttp
 from bare_tunnel import BareTunnel
 from demo import Demo
 from local_network import insecure_tls
-from sections import Section, percentile
+from sections import Section, quantile
 
 ROBOT = "sim1"
 FRAME_BYTES = 200
@@ -94,10 +94,10 @@ def table(routes: list[Route]) -> Iterator[str]:
     yield "| route | round trips | p50 ms | p99 ms | max ms | p50 above bare ssh -R, ms | p99, times bare ssh -R |"
     yield "|---|---|---|---|---|---|---|"
     for route in routes:
-        p50, p99 = percentile(route.round_trips, 50), percentile(route.round_trips, 99)
+        p50, p99 = quantile(route.round_trips, 0.5), quantile(route.round_trips, 0.99)
         yield (
             f"| {route.name} | {len(route.round_trips)} | {p50:.2f} | {p99:.2f} | {max(route.round_trips):.2f} "
-            f"| {p50 - percentile(bare, 50):+.2f} | {p99 / percentile(bare, 99):.2f} |"
+            f"| {p50 - quantile(bare, 0.5):+.2f} | {p99 / quantile(bare, 0.99):.2f} |"
         )
 
 

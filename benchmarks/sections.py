@@ -5,7 +5,6 @@ Each experiment that `make bench` runs returns a `Section`; `bench` writes them 
 
 from __future__ import annotations
 
-import statistics
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,8 +38,10 @@ def wrapped(text: str, indent: str = "") -> str:
     )
 
 
-def percentile(values: Sequence[float], percent: int) -> float:
-    """The value that `percent` of 100 stay below, as statistics.quantiles has it."""
-    if len(values) == 1:
-        return values[0]
-    return statistics.quantiles(values, n=100, method="inclusive")[percent - 1]
+def quantile(values: Sequence[float], part: float) -> float:
+    """The value that `part` (0 to 1) of them stay below or reach; linear between neighbours."""
+    ordered = sorted(values)
+    position = part * (len(ordered) - 1)
+    low = int(position)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (ordered[high] - ordered[low]) * (position - low)

@@ -19,10 +19,10 @@ from functools import partial
 
 import processes
 from demo import Demo
-from pages import chromium, drive_robot, log_in
+from pages import chromium, drive_live, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
-from sections import Section, percentile
+from sections import Section, quantile
 from sim_watch import Seen, SimWatch
 
 ROBOT = "sim1"
@@ -105,7 +105,7 @@ def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> 
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
-        drive_robot(page, demo, ROBOT)
+        drive_live(page, demo, ROBOT)
         page.keyboard.down("w")
         judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
         undo.close()
@@ -234,8 +234,8 @@ def row(cause: str, outcome: Outcome) -> str:
     if not times:
         return f"| {cause} | 0 | - | - | - | {outcome.drove_on} |"
     return (
-        f"| {cause} | {len(times)} | {percentile(times, 50):.0f} | {max(times):.0f} "
-        f"| {percentile(losses, 50):.0f} | {outcome.drove_on} |"
+        f"| {cause} | {len(times)} | {quantile(times, 0.5):.0f} | {max(times):.0f} "
+        f"| {quantile(losses, 0.5):.0f} | {outcome.drove_on} |"
     )
 
 

@@ -1,4 +1,4 @@
-"""The robot's two SSH connections as the agent makes them, with the media door; for behind_video.
+"""The robot's two SSH connections as the agent makes them, with the video proxy; for behind_video.
 
 Started by behind_video inside the robot's namespace with a directory that has `key` and `known_hosts`, then address and
 port of sshd, the two ports to forward, and the congestion control of the media connection, in place of what the agent

@@ -1,6 +1,6 @@
-"""Robots that the server has let in: their rows, keys and pinned host keys, ready for any agent to start with.
+"""Robots that the server has admitted: their rows, keys and pinned host keys, ready for any agent to start with.
 
-Used by world.py, which makes the rows. The join is the agent's own code against the server's own door.
+Used by world.py, which makes the rows. The join is the agent's own code against the server itself.
 """
 
 from __future__ import annotations

@@ -187,7 +187,7 @@ class Run:
     settled: Reading
 
     def values(self) -> dict[str, Any]:
-        """For the journal."""
+        """For the results."""
         return {
             **self.arrivals.values(),
             "took_s": round(self.last.at_s - self.first.at_s, 3),

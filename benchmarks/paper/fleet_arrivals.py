@@ -72,7 +72,7 @@ class Arrivals:
         await self._arrived[robot].wait()
 
     def values(self) -> dict[str, Any]:
-        """For the journal: lists have one place a robot, null where it did not happen; seconds."""
+        """For the results: lists have one place a robot, null where it did not happen; seconds."""
         return {
             "message_s": [_rounded(self._message_s.get(robot)) for robot in self._arrived],
             "online_s": [_rounded(self._online_s.get(robot)) for robot in self._arrived],

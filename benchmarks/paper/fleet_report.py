@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from sections import Section
+from sections import Section, quantile
 
 from paper.fleet_groups import FAILED_AFTER_S, Group, groups
 from paper.fleet_plots import plots
 from paper.reconnect import IN_WORDS
-from paper.step import Comparison, Data, Report, Results, failures, quantile
+from paper.step import Comparison, Data, Report, Results, failures
 from paper.words import number, plain
 
 NONE = "-"

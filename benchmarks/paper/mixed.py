@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-from sections import Section
+from sections import Section, quantile
 
 from paper import numbered_report
 from paper.enrolled import Enrolled
@@ -36,7 +36,6 @@ from paper.step import (
     Scale,
     Step,
     Values,
-    quantile,
     succeeded,
 )
 from paper.uplinks import Uplink

@@ -69,7 +69,7 @@ class Histogram:
         return max(self._counts) * self.FINEST_MS if self._counts else None
 
     def quantile_ms(self, part: float) -> float | None:
-        """The time that `part` (0 to 1) of them stay below or reach, as `step.quantile` has it; None where none is."""
+        """The time that `part` (0 to 1) of them stay below or reach, as `quantile` has it; None where none is."""
         if not self.total:
             return None
         position = part * (self.total - 1)

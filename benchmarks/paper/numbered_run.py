@@ -200,7 +200,7 @@ def tokens(world: World, how_many: int) -> Iterator[list[str]]:
 
 
 def operator_end(world: World, pair: Pair, number: int, plan: Plan, token: str) -> End:
-    """The end outside: through the site's door, with tickets."""
+    """The end outside: through nginx, with tickets."""
     site, robot = f"{pair.operator.machine}:{world.https_port}", pair.robot.name
     return End(
         pair=number,

@@ -242,7 +242,7 @@ def _data(runs: Runs) -> Data:
     for (network, quality, transport), run in runs.items():
         for number, robot in enumerate(run.robots, 1):
             figures = asdict(summary([robot], run.lasted_s))
-            # What the journal has for each robot, and the machine for all of them.
+            # What the results have for each robot, and the machine for all of them.
             rows.append(
                 [
                     network,

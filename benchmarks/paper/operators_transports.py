@@ -44,7 +44,7 @@ Transport = Callable[
 async def ours(
     world: World, pairs: Sequence[Pair], quality: int | None
 ) -> AsyncIterator[list[OperatorClient]]:
-    """Video by the frames protocol and commands by a drive session, both through the stack's door."""
+    """Video by the frames protocol and commands by a drive session, both through the stack's nginx."""
     robots = [pair.robot for pair in pairs]
     wait_all_online(robots, ONLINE_WITHIN_S)
     async with AsyncExitStack() as stack:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from paper.step import quantile
+from sections import quantile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class Run:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Run:
-        """Read it back from the journal."""
+        """Read it back from the results."""
         robots = [
             Seen(**{**robot, "pictures": list(map(tuple, robot["pictures"]))})
             for robot in values["robots"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from paper.step import Plot, quantile
+from sections import quantile
+
+from paper.step import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sections import Section
+from sections import Section, quantile
 
 from paper.peer_changes import EVERY_S, GIVE_UP_S, HELD_HZ, PATIENT_EVERY_S
 from paper.peer_echo import MESSAGE_BYTES, RATE_HZ
@@ -30,7 +30,7 @@ from paper.peer_plan import (
 from paper.peer_plots import plots
 from paper.peer_ssh import ALIVE_S, ALIVE_TIMES
 from paper.peer_vpn import WireGuard
-from paper.step import Comparison, Data, Report, Results, Values, failures, quantile, succeeded
+from paper.step import Comparison, Data, Report, Results, Values, failures, succeeded
 
 NONE = "-"
 IDLE = "idle"
@@ -281,7 +281,7 @@ def _losses(measured: Measured) -> list[str]:
     return [
         f"{row.what}: {row.ours:.3g} {row.unit}, {row.against} {row.reference:.3g} {row.unit}"
         for row in rows
-        if row.falls_short and row.what not in COMPARED
+        if row.is_short and row.what not in COMPARED
     ]
 
 

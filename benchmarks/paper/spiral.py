@@ -1,4 +1,4 @@
-"""Experiment 4, the spiral: robots are driven along it without looking; where they end tells how well they were led.
+"""Experiment 4, the spiral: robots are driven along it without looking; where they end shows how well they were led.
 
 The paper's five pairs end within 0.001 m in x and 0.004 m in y. Used by `python -m paper`.
 """

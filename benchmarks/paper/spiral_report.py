@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Sequence
 
-from sections import Section
+from sections import Section, quantile
 from sim_robot.kinematics import STEP_S, Pose
 
 from paper import spiral_course, spiral_ends
@@ -14,7 +14,7 @@ from paper.spiral_ends import Run, Spread
 from paper.spiral_files import files
 from paper.spiral_plan import NETWORKS, PAPER_SIGMA_X_M, PAPER_SIGMA_Y_M, PAPERS, Plan
 from paper.spiral_plots import plots
-from paper.step import Comparison, Report, Results, failures, quantile, spread
+from paper.step import Comparison, Report, Results, failures, spread
 
 # A standard deviation of fewer says nothing.
 FEWEST = 2

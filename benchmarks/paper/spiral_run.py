@@ -218,7 +218,7 @@ def outcome(
     record: Mapping[str, Any],
     wanted: Sequence[Velocity],
 ) -> Values:
-    """What the journal keeps of one pair: times in ms from the first sending, poses as seen from the robot's start."""
+    """What the results keep of one pair: times in ms from the first sending, poses as seen from the robot's start."""
     start = None if record["start"] is None else Pose(*record["start"])
     first_ns = sent_ns[0] if sent_ns else 0
     return {

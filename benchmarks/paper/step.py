@@ -6,6 +6,7 @@ part and must be pure, so that a page can be written again from what was kept.
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,16 +32,23 @@ class Scale:
     # The paper's 1000 repetitions of the start, in place of 20.
     full: bool = False
 
+    @property
+    def name(self) -> str:
+        """`quick`, `full` or `default`."""
+        if self.quick:
+            return "quick"
+        return "full" if self.full else "default"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
     """One repetition or one measured run; it succeeds or fails as a whole, and is run once."""
 
-    # Unique in its part, for the journal: a-z, 0-9 and dashes.
+    # Unique in its part.
     name: str
     # For people: "50 robots, repetition 7 of 20".
     title: str
-    # For the progress bar alone.
+    # For what is said of the time that is left.
     expected_s: float
     # Returns what was measured; any exception is this step's failure.
     run: Callable[[World], Values]
@@ -56,6 +64,12 @@ class Outcome:
     took_s: float = 0.0
     # The machine's load average over a minute, when the step began.
     load: float = 0.0
+    # RFC 3339, UTC.
+    began: str = ""
+    # `git describe` of the sources that measured it.
+    commit: str = ""
+    # When the process that measured it began.
+    sitting: str = ""
 
 
 # Outcomes by their steps' names, in the steps' order; a step that has not run is not in it.
@@ -81,8 +95,10 @@ class Comparison:
         return None if self.reference == 0 else self.ours / self.reference
 
     @property
-    def falls_short(self) -> bool:
-        """Whether ours is worse than the reference."""
+    def is_short(self) -> bool:
+        """Whether ours is worse than the reference; what is no number is."""
+        if not math.isfinite(self.ours):
+            return True
         if self.better == "lower":
             return self.ours > self.reference
         return (
@@ -127,7 +143,7 @@ class Report:
 class Part:
     """One experiment."""
 
-    # For the journal and --only: "high_rate".
+    # For the results and --only: "high_rate".
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]
@@ -143,15 +159,6 @@ def succeeded(results: Results) -> dict[str, Values]:
 def failures(results: Results) -> list[str]:
     """`NAME: WHY` of the steps that failed."""
     return [f"{name}: {one.failure}" for name, one in results.items() if one.values is None]
-
-
-def quantile(values: Sequence[float], part: float) -> float:
-    """The value that `part` (0 to 1) of them stay below or reach; linear between neighbours."""
-    ordered = sorted(values)
-    position = part * (len(ordered) - 1)
-    low = int(position)
-    high = min(low + 1, len(ordered) - 1)
-    return ordered[low] + (ordered[high] - ordered[low]) * (position - low)
 
 
 def spread(values: Sequence[float]) -> float:

@@ -1,10 +1,9 @@
-"""The stack that experiments run against: its doors, its API as an admin, its containers, and robots enrolled there.
+"""The stack that experiments run against: its ports, its API as an admin, its containers, and robots enrolled there.
 
-    with World.on_demo() as world, world.uplinks([SLOW_4G]) as [uplink]:
+    with World.own() as world, world.uplinks([SLOW_4G]) as [uplink]:
         [robot] = world.enrol(world.names("startup", 1))
 
-`World.own()` starts a stack for itself and removes it; `World.on_demo()` takes the one that `make up` or `make demo`
-started, removes the robots and the token that it made there, and must never touch others.
+`World.own()` starts a stack for itself and removes it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import docker
-from demo import Demo
 from docker.models.containers import Container
 from inside import run_inside
 from local_network import insecure_tls
@@ -44,7 +42,7 @@ HTTPS, SSH = "8443/tcp", "2222/tcp"
 ANSWERS_WITHIN_S = 30
 # A statement must fit into one argument of a command.
 ROWS_A_STATEMENT = 500
-TOKEN_DAYS = ("--days", "2")
+TOKEN = ("--user", "admin", "--name", "experiments", "--days", "2")
 _numbers = count(1)
 
 
@@ -57,13 +55,12 @@ class RefusedByServerError(Exception):
 
 
 class World:
-    """A running stack; made by `own` or `on_demo`."""
+    """A running stack; made by `own`."""
 
     def __init__(self, container: Callable[[str], Container], folder: Path) -> None:
         self._container = container
         # Robots' state and logs; gone at the end.
         self.folder = folder
-        self._enrolled: list[Enrolled] = []
 
     @classmethod
     @contextmanager
@@ -76,17 +73,6 @@ class World:
                 yield cls(stack.container, folder)
             finally:
                 stack.down()
-
-    @classmethod
-    @contextmanager
-    def on_demo(cls) -> Iterator[World]:
-        """The stack that runs on this machine already."""
-        with _on_terminate(), _folder() as folder:
-            world = cls(Demo().container, folder)
-            try:
-                yield world
-            finally:
-                world.clear()
 
     @cached_property
     def machine(self) -> str:
@@ -169,9 +155,7 @@ class World:
         """
         made = [self._robot(name) for name in names]
         for at in range(0, len(made), ROWS_A_STATEMENT):
-            rows = made[at : at + ROWS_A_STATEMENT]
-            self._announce(rows)
-            self._enrolled += rows
+            self._announce(made[at : at + ROWS_A_STATEMENT])
         if settings:
             for robot in made:
                 self.api("PATCH", f"/robots/{robot.name}", {"settings": settings})
@@ -182,30 +166,16 @@ class World:
         """Remove robots that this world has enrolled, with their rows and files; what still runs of them is cut off."""
         for robot in robots:
             self.api("DELETE", f"/robots/{robot.name}")
-            self._enrolled.remove(robot)
             shutil.rmtree(robot.folder, ignore_errors=True)
 
     def uplinks(self, profiles: Sequence[Profile]) -> AbstractContextManager[list[Uplink]]:
         """One network for each profile, all there at once, with this machine behind each."""
         return uplinks(profiles, self.machine)
 
-    def clear(self) -> None:
-        """Remove what this world has made in the database: robots, and the token."""
-        if self._enrolled:
-            self.remove(list(self._enrolled))
-        if "token" in vars(self):
-            self.exec("web", "robotether", "token", "delete", *self._token_name)
-            del self.token
-
     @cached_property
     def token(self) -> str:
-        """An API token of the admin, for this world alone."""
-        name = self._token_name
-        return self.exec("web", "robotether", "token", "create", *name, *TOKEN_DAYS).split()[-1]
-
-    @cached_property
-    def _token_name(self) -> tuple[str, ...]:
-        return "--user", "admin", "--name", f"experiments-{os.getpid()}-{next(_numbers)}"
+        """An API token of the admin."""
+        return self.exec("web", "robotether", "token", "create", *TOKEN).split()[-1]
 
     @cached_property
     def _tls(self) -> ssl.SSLContext:

@@ -7,7 +7,7 @@ import random
 
 import pytest
 from paper.numbered import FRAME_BYTES, Account, Histogram, joined, publish
-from paper.step import quantile
+from sections import quantile
 
 
 def text(pair: int, number: int, due_ns: int = 0) -> str:

@@ -69,7 +69,7 @@ def test_a_pause_at_either_end_counts() -> None:
     assert longest_pause_ms([900.0, 950.0], 1.0) == 900
 
 
-def test_a_run_comes_back_from_the_journal_as_it_was() -> None:
+def test_a_run_comes_back_from_the_results_as_it_was() -> None:
     """Through JSON, which knows no tuples."""
     run = Run(lasted_s=1.0, busy=0.5, robots=[seen(), seen(quality=None)])
     assert Run.of(json.loads(json.dumps(run.as_values()))).summary == run.summary

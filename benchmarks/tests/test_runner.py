@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from paper import __main__ as program
-from paper.runner import Runner
+from paper.runner import run_parts
 from paper.step import Comparison, Part, Report, Scale, Step
 from paper.store import ResultStore
 
@@ -25,26 +25,26 @@ class FakeWorld:
         return {"name": "admin"}
 
 
+@contextmanager
+def world() -> Iterator[FakeWorld]:
+    yield FakeWorld()
+
+
+# Without the stack of its own.
+run: Callable[..., None] = partial(
+    run_parts, open_world=world, versions=lambda _world: {"nginx": "1.2"}
+)
+
+
 class Rig:
-    """A journal in a folder, worlds that are counted, and steps that say that they ran."""
+    """Results in a folder, and steps that say that they ran."""
 
     def __init__(self, folder: Path) -> None:
         self.store = ResultStore(folder, QUICK)
         self.ran: list[str] = []
 
-    @contextmanager
-    def world(self) -> Iterator[FakeWorld]:
-        yield FakeWorld()
-
-    def runner(self, commit: str = "abc") -> Runner:
-        return Runner(
-            scale=QUICK,
-            store=self.store,
-            open_world=self.world,  # type: ignore[arg-type]
-            versions=lambda _world: {"nginx": "1.2"},
-            commit=commit,
-            answer_s=0.1,
-        )
+    def run(self, part: Part) -> None:
+        run([part], QUICK, self.store)
 
     def step(self, name: str, run: Callable[[Any], Any] | None = None) -> Step:
         def noted(world: Any) -> Any:
@@ -52,10 +52,6 @@ class Rig:
             return {"value": 1} if run is None else run(world)
 
         return Step(name=name, title=f"step {name}", expected_s=1, run=noted)
-
-    def stored(self, of: Part) -> dict[str, Any]:
-        names = [step.name for step in of.steps(QUICK)]
-        return {name: one.outcome for name, one in self.store.read(of, names).items()}
 
 
 def part(*steps: Step) -> Part:
@@ -81,12 +77,17 @@ def rig(tmp_path: Path) -> Rig:
 
 def test_failed_step_is_kept_and_the_next_one_runs(rig: Rig) -> None:
     """One failure is one failure: its reason is kept, and the others are measured."""
-    one = part(rig.step("bad", raises(RuntimeError("no tunnel"))), rig.step("good"))
-    rig.runner().run([one])
-    stored = rig.stored(one)
-    assert stored["bad"].values is None
-    assert stored["bad"].failure == "RuntimeError: no tunnel"
-    assert stored["good"].values == {"value": 1}
+    one = part(
+        rig.step("bad", raises(RuntimeError("no tunnel"))),
+        rig.step("no-json", lambda _world: {"value": float("nan")}),
+        rig.step("good"),
+    )
+    rig.run(one)
+    kept = rig.store.outcomes(one, QUICK)
+    assert kept["bad"].values is None
+    assert kept["bad"].failure == "RuntimeError: no tunnel"
+    assert kept["no-json"].failure.startswith("ValueError")
+    assert kept["good"].values == {"value": 1}
     assert "no tunnel" in rig.store.log.read_text()
 
 
@@ -101,22 +102,32 @@ def test_interrupted_run_goes_on_and_runs_nothing_twice(rig: Rig) -> None:
 
     one = part(rig.step("bad", raises(ValueError("bad"))), rig.step("cut", once), rig.step("last"))
     with pytest.raises(KeyboardInterrupt):
-        rig.runner("abc").run([one])
-    assert list(rig.stored(one)) == ["bad"]
-    rig.runner("def").run([one])
+        rig.run(one)
+    assert list(rig.store.outcomes(one, QUICK)) == ["bad"]
+    rig.run(one)
     assert rig.ran == ["bad", "cut", "cut", "last"]
-    stored = rig.store.read(one, ["bad", "cut", "last"])
-    assert [step.commit for step in stored.values()] == ["abc", "def", "def"]
+    assert list(rig.store.outcomes(one, QUICK)) == ["bad", "cut", "last"]
+
+
+def test_finished_run_starts_anew_and_loses_nothing(rig: Rig) -> None:
+    """What was measured goes to a file of its own, and other parts stay."""
+    one, other = part(rig.step("one")), replace(part(rig.step("two")), name="other")
+    run([one, other], QUICK, rig.store)
+    before = rig.store.path.read_text()
+    rig.run(one)
+    assert rig.ran == ["one", "two", "one"]
+    assert list(rig.store.outcomes(other, QUICK)) == ["two"]
+    [aside] = rig.store.path.parent.glob("quick-*.jsonl")
+    assert aside.read_text() == before
 
 
 def test_failed_step_or_unmet_figure_fails_the_command(
     rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Continuous integration reads the exit status alone; the page is written all the same."""
-    monkeypatch.setattr(program, "STORES", tmp_path / "journals")
+    monkeypatch.setattr(program, "STORES", tmp_path / "results")
     monkeypatch.setattr(program, "QUICK_PAGE", tmp_path / "page")
-    monkeypatch.setattr(program, "world_of", lambda _on_demo: rig.world())
-    monkeypatch.setattr(program, "Runner", partial(Runner, versions=lambda _world: {}))
+    monkeypatch.setattr(program, "run_parts", run)
     lost = Comparison(
         what="success", against="paper", reference=100, ours=99.9, unit="%", better="equal"
     )
@@ -128,4 +139,5 @@ def test_failed_step_or_unmet_figure_fails_the_command(
     chosen = program.arguments(["--quick"])
     chosen.only = ["test"]
     assert [program.run(chosen, {"test": one}) for one in parts] == [0, 1, 1]
-    assert (tmp_path / "page" / "index.html").exists()
+    page = (tmp_path / "page" / "index.md").read_text()
+    assert "| A test | success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in page

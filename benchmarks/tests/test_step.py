@@ -1,7 +1,8 @@
 """What parts share: quantiles, and comparisons with paper and peers."""
 
 import pytest
-from paper.step import Comparison, Outcome, failures, quantile, spread, succeeded
+from paper.step import Comparison, Outcome, failures, spread, succeeded
+from sections import quantile
 
 
 def comparison(reference: float, ours: float, better: str) -> Comparison:
@@ -21,13 +22,14 @@ def comparison(reference: float, ours: float, better: str) -> Comparison:
         (100, 100, "equal", False),
         (100, 99.9, "equal", True),
         (0, 1, "equal", True),
+        (2, float("nan"), "lower", True),
     ],
 )
 def test_falls_short_where_ours_is_worse(
     reference: float, ours: float, better: str, short: bool
 ) -> None:
     """As good as the reference is good enough."""
-    assert comparison(reference, ours, better).falls_short is short
+    assert comparison(reference, ours, better).is_short is short
 
 
 def test_ratio_is_ours_divided_by_the_reference() -> None:

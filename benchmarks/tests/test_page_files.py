@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 
-from paper.csv_files import LARGEST, text
+from paper.page_files import LARGEST, csv_text
 from paper.step import Data
 
 
@@ -15,7 +15,7 @@ def data(rows: list[tuple[object, ...]], name: str = "latency") -> Data:
 def test_large_file_has_counts_in_place_of_messages() -> None:
     """Each message is still counted, and the first line says how."""
     rows = [(1, 0.5 + index % 100 / 1000) for index in range(100_000)]
-    written = text(data(list(rows)))
+    written = csv_text(data(list(rows)))
     assert len(written) < LARGEST
     first, *lines = written.splitlines()
     assert "rounded to 2 decimals" in first
