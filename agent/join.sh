@@ -2,7 +2,7 @@
 # Makes this machine a robot of a Robotether server: installs the agent, joins, and starts the boot service.
 # The server serves it as /join.sh; `robotether robot invite` and the admin page print the line that runs it:
 #   curl -fsSk --pinnedpubkey 'sha256//...' https://HOST/join.sh | sudo sh -s -- --server HOST --token rj_...
-# It looks at everything before it changes anything. What fails later undoes what this run made, and the same line
+# It checks everything before it changes anything. What fails later undoes what this run made, and the same line
 # may be run again: it finishes the work, upgrades the agent, or finds nothing to do.
 # It is long for one file, because one file is what a pipe carries.
 
@@ -24,8 +24,8 @@ usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of t
        join.sh --uninstall [--yes]                remove all that it installed, the robot's key too
 
   --tls-fingerprint HEX64  trust the server's certificate with this SHA-256, and no other
-  --token rj_...           join token: lets the robot in without an approval
-  --name NAME              name that a new robot would like to have; needs a token
+  --token rj_...           join token: admits the robot without an approval
+  --name NAME              name that a new robot asks for; needs a token
   --interface IF           network interface whose MAC names the robot (usually found by itself)
   --mac MAC                the MAC that names the robot
   --allow-local-mac        a locally administered MAC may name it
@@ -247,8 +247,8 @@ check_mac() {
 import sys
 
 from robotether_agent.enrolment.identity import find_interface
+from robotether_agent.fields import MacError, normalise_mac
 from robotether_agent.problems import InterfaceMissing
-from robotether_agent.setting_values import MacError, normalise_mac
 
 mac, interface, allow_local = sys.argv[1], sys.argv[2] or None, sys.argv[3] == "true"
 try:

@@ -1,7 +1,8 @@
 """Typed getters for every field that comes from outside (join answers, session lines, own JSON files).
 
 Each names the field in its error, so that a wrong answer can be understood from one log line.
-Never hands on a value that was not checked. `line_of` writes the lines that the other side reads so.
+Never hands on a value that was not checked. `line_of` writes the lines that the other side reads so. What settings hold
+too is spelt here: hosts, robots' names, and MAC addresses.
 """
 
 from __future__ import annotations
@@ -13,6 +14,15 @@ from collections.abc import Mapping
 from typing import cast
 
 JsonObject = Mapping[str, object]
+
+HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
+IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
+MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
+SEPARATORS = re.compile(r"[:.\-\s]")
+HEX12 = re.compile(r"[0-9a-f]{12}")
+# As some systems print it, without leading zeros.
+SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
+ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 
 
 class FieldError(ValueError):
@@ -103,6 +113,28 @@ def printable(text: str, limit: int = 500) -> str:
     """Return `text` safe for a log line: one line, no control characters, at most `limit` long."""
     clean = "".join(char if char.isprintable() else " " for char in text[: limit + 1]).strip()
     return clean if len(text) <= limit else clean[: limit - 3] + "..."
+
+
+class MacError(ValueError):
+    """The text is no MAC address that can name a robot; the message says why."""
+
+
+def normalise_mac(text: str, *, allow_local: bool = False) -> str:
+    """Return `text`, a MAC in any usual spelling, as aa:bb:cc:dd:ee:ff; raise MacError."""
+    given = text.strip().lower()
+    if SIX_PARTS.fullmatch(given):
+        given = ":".join(part.zfill(2) for part in SEPARATORS.split(given))
+    digits = SEPARATORS.sub("", given)
+    if not HEX12.fullmatch(digits):
+        raise MacError(f"{text!r} is not a MAC address such as 00:1b:44:11:3a:b7")
+    if digits == "0" * 12:
+        raise MacError(f"{text} is the zero address")
+    first = int(digits[:2], 16)
+    if first & 0x01:
+        raise MacError(f"{text} is a multicast or broadcast address")
+    if first & 0x02 and not allow_local:
+        raise MacError(f"{text} is locally administered, so another robot may have it too")
+    return ":".join(digits[at : at + 2] for at in range(0, 12, 2))
 
 
 def _present(obj: JsonObject, name: str) -> object:

@@ -1,6 +1,6 @@
 """The parsers of single settings: from a TOML value or an environment text to a checked value.
 
-Used by robotether_agent.settings only. Each raises RefusedValueError with what is allowed, and nothing else.
+Used by `settings`. Each raises RefusedValueError with what is allowed, and nothing else.
 """
 
 from __future__ import annotations
@@ -10,14 +10,8 @@ from ipaddress import IPv6Address
 from pathlib import Path
 from urllib.parse import urlsplit
 
-HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
-IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
-MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
-SEPARATORS = re.compile(r"[:.\-\s]")
-HEX12 = re.compile(r"[0-9a-f]{12}")
-# As some systems print it, without leading zeros.
-SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
-ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
+from robotether_agent.fields import HOST, IPV6, ROBOT_NAME, MacError, normalise_mac
+
 PROXY_LOGIN = re.compile(r"[A-Za-z0-9._~!$&'()*+,;=%-]+:[A-Za-z0-9._~!$&'()*+,;=:%-]*")
 INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
@@ -36,28 +30,6 @@ LOG_LEVELS = ("debug", "info", "warning", "error")
 
 class RefusedValueError(ValueError):
     """The value is not allowed; the message says what is."""
-
-
-class MacError(ValueError):
-    """The text is no MAC address that can name a robot; the message says why."""
-
-
-def normalise_mac(text: str, *, allow_local: bool = False) -> str:
-    """Return `text`, a MAC in any usual spelling, as aa:bb:cc:dd:ee:ff; raise MacError."""
-    given = text.strip().lower()
-    if SIX_PARTS.fullmatch(given):
-        given = ":".join(part.zfill(2) for part in SEPARATORS.split(given))
-    digits = SEPARATORS.sub("", given)
-    if not HEX12.fullmatch(digits):
-        raise MacError(f"{text!r} is not a MAC address such as 00:1b:44:11:3a:b7")
-    if digits == "0" * 12:
-        raise MacError(f"{text} is the zero address")
-    first = int(digits[:2], 16)
-    if first & 0x01:
-        raise MacError(f"{text} is a multicast or broadcast address")
-    if first & 0x02 and not allow_local:
-        raise MacError(f"{text} is locally administered, so another robot may have it too")
-    return ":".join(digits[at : at + 2] for at in range(0, 12, 2))
 
 
 def text(value: object) -> str:

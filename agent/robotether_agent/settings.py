@@ -14,8 +14,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from robotether_agent import setting_values as parse
+from robotether_agent.fields import MacError, normalise_mac
 from robotether_agent.problems import SettingsInvalid
-from robotether_agent.setting_values import MacError, normalise_mac
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -33,6 +33,8 @@ from robotether_agent.enrolment.join import (
 )
 from robotether_agent.enrolment.keys import HostKey, KeyPair
 from robotether_agent.fields import (
+    MAC,
+    ROBOT_NAME,
     FieldError,
     JsonObject,
     get_match,
@@ -50,7 +52,6 @@ from robotether_agent.problems import (
     StateUnusable,
     TlsUntrusted,
 )
-from robotether_agent.setting_values import MAC, ROBOT_NAME
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 

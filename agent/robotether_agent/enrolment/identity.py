@@ -12,10 +12,17 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotether_agent.fields import FieldError, get_match, get_text, parse_object
+from robotether_agent.fields import (
+    MAC,
+    FieldError,
+    MacError,
+    get_match,
+    get_text,
+    normalise_mac,
+    parse_object,
+)
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import InterfaceMissing, StateUnusable
-from robotether_agent.setting_values import MAC, MacError, normalise_mac
 from robotether_agent.settings import Settings
 
 ARPHRD_ETHER = 1

@@ -19,6 +19,9 @@ from robotether_common.join import PreviousKey
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
+    HOST,
+    IPV6,
+    ROBOT_NAME,
     FieldError,
     JsonObject,
     get_match,
@@ -41,7 +44,6 @@ from robotether_agent.problems import (
     SettingsInvalid,
     TlsUntrusted,
 )
-from robotether_agent.setting_values import HOST, IPV6, ROBOT_NAME
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 

@@ -5,12 +5,12 @@ other work nor its crash can delay a stop. docs/reference/protocols.md, "The gua
 let a drive command through that it has not checked, never move the robot by itself, and never publish where
 nobody has driven through it.
 
-    operator -> server -> client_proxy -> drive_messages -> drive_controller -> rosbridge
-                               `---- everything else, unchanged ----> rosbridge
+    operator -> server -> drive_messages -> drive_controller -> rosbridge
+                   `---- everything else, unchanged ----> rosbridge
 
     process           the parts put together; reads and answers the agent (`agent_messages`), ends stopped
-    server            lets operators in by `authorization`: key, lease, stop, session, the agent's life
-    client_proxy      an operator's WebSocket and its rosbridge connection
+    server            lets operators in by `authorization`: key, lease, stop, session, the agent's life; joins each to
+                      a rosbridge connection of its own
     drive_messages    finds what concerns drive topics, reads it field by field and limits it, or refuses it
     drive_controller  checks and sends commands, and the zeros that are due
     topics            what it knows of each topic: the command, the deadman, the file that says that the robot moves

@@ -46,7 +46,7 @@ Resolve = Callable[[str, int], Sequence[Address]]
 CONNECT_TIMEOUT_S = 3.0
 # RFC 8305 recommends it for the pause between two addresses.
 STAGGER_S = 0.25
-CHECK_NETWORK = "check this robot's network, and that the server lets this port in"
+CHECK_NETWORK = "check this robot's network, and that the server's firewall allows this port"
 
 log = logging.getLogger(__name__)
 

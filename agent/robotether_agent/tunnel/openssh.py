@@ -225,7 +225,7 @@ def _incompatible(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
 def _unreachable(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
     return ServerUnreachable(
         f"cannot reach SSH at {target}: {line}",
-        advice="check this robot's network, and that the server lets this port in",
+        advice="check this robot's network, and that the server's firewall allows this port",
     )
 
 

@@ -18,6 +18,7 @@ from robotether_common.session import MAX_FENCE, ServiceState
 
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
+    ROBOT_NAME,
     FieldError,
     JsonObject,
     get_flag,
@@ -31,7 +32,6 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
-from robotether_agent.setting_values import ROBOT_NAME
 from robotether_agent.tasks import first_of
 
 MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")

@@ -2,16 +2,16 @@
 
 Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
 
-    door = MediaDoor(settings.video_url, Own(port=frames.port, when="down"))
-    port = await door.start()                       # forward to 127.0.0.1:port in place of video_url
-    door.use(tunnel.socket)                         # for each new media connection, before or after its forward
-    door.hold()                                     # when that connection ends
-    await door.close()
+    proxy = VideoProxy(settings.video_url, LocalService(port=frames.port, when="down"))
+    port = await proxy.start()                      # forward to 127.0.0.1:port in place of video_url
+    proxy.use(tunnel.socket)                        # for each new media connection, before or after its forward
+    proxy.hold()                                    # when that connection ends
+    await proxy.close()
 
 `use` takes a socket of the media SSH connection, a duplicate that stays the caller's, or None: then video is passed on
-unpaced, as also on a kernel that tells too little. What does not fit into the uplink is not read from web_video_server,
-which keeps one frame a viewer and drops those that come meanwhile: where they are made, before they cost anything.
-(After each 0.5 s in which a viewer took nothing it queues one more, which is its own way with slow viewers.)
+unpaced, as also on a kernel that reports too little. What does not fit into the uplink is not read from
+web_video_server, which keeps one frame a viewer and drops those that come meanwhile: where they are made, before they
+cost anything. (After each 0.5 s in which a viewer took nothing it queues one more: that is how it treats slow viewers.)
 Of HTTP it knows the first words of a connection: `GET /robotether/` leads to the agent's own media service, any other
 URL passes, unchanged and at once. Never keeps more than CHUNK bytes of a stream.
 """
